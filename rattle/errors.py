@@ -10,11 +10,12 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-# a longer given text is not compared: known names are shorter, and the time of a comparison grows as the length squared
+# a given text longer than this is not compared: known names are shorter, and the time of a comparison grows as the
+# square of the length
 LONGEST_NAME = 80
 # a known name that contains the given text, not at its beginning, is suggested only if the text is at least this long
-LEAST_PART = 3
-MOST_MEANT = 3  # a message suggests at most this many names
+LEAST_PART_LENGTH = 3
+MOST_SUGGESTED = 3  # a message suggests at most this many names
 MAY_BE_ZERO = ("epsilon", "load")  # parameters that may be 0; all others must be greater than 0
 AT_MOST = {"restitution": (1.0, "1 is an elastic impact")}
 
@@ -75,9 +76,9 @@ def did_you_mean(name: object, known: Iterable[str]) -> str:
         return ""
     names = {each.lower(): each for each in known}
     typed = name.lower()
-    close = [each for each in names if each.startswith(typed) or (len(typed) >= LEAST_PART and typed in each)]
+    close = [each for each in names if each.startswith(typed) or (len(typed) >= LEAST_PART_LENGTH and typed in each)]
     close = sorted(close, key=len) + difflib.get_close_matches(typed, names)
-    meant = [names[each] for each in dict.fromkeys(close)][:MOST_MEANT]
+    meant = [names[each] for each in dict.fromkeys(close)][:MOST_SUGGESTED]
     return f": did you mean {' or '.join(meant)}?" if meant else ""
 
 
@@ -150,7 +151,8 @@ def broadcast_parameters(
 ) -> list[NDArray[np.float64]]:
     """Broadcast parameters to one shape, and check that they are finite and inside their domains.
 
-    A parameter must be > 0, or ≥ 0 if `MAY_BE_ZERO` has its name, and at most the value of its name in `AT_MOST`.
+    A parameter must be > 0, or ≥ 0 if `MAY_BE_ZERO` has its name. If `AT_MOST` has its name, the parameter must be at
+    most the number there.
 
     Returns
     -------

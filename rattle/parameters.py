@@ -89,7 +89,7 @@ class Parameter:
 
     @property
     def advice(self) -> str:
-        """A suggestion for the value in words, such as "such as 0.6"."""
+        """A suggestion for the value, for example the words "such as 0.6"."""
         return f"such as {self.example:g}"
 
     @property
@@ -197,9 +197,9 @@ class Parameters:
         """Return the values at point number `number`, by name."""
         return {name: float(x[number]) for name, x in self.values_by_name.items()}
 
-    def _map_arrays(self, change: Any) -> Parameters:
+    def _map_arrays(self, function: Any) -> Parameters:
         """Return the points with a function applied to each array."""
-        added = {name: change(x) for name, x in self.added.items()}
+        added = {name: function(x) for name, x in self.added.items()}
         return Parameters(
-            self.model, change(self.delta), change(self.epsilon), change(self.beta), added, self.harmonics
+            self.model, function(self.delta), function(self.epsilon), function(self.beta), added, self.harmonics
         )

@@ -19,7 +19,7 @@ from rattle.numerics.compile import compile_apart
 DELTA, EPSILON = 0.6, 0.1
 HIGHEST = 0.25  # upper end in ε of the window in which an example of a bifurcation curve is traced
 COUNT = 16  # number of samples of an example cell
-SURVEY, OPTIONAL_QUANTITIES = f"{__name__}:survey_steps", f"{__name__}:optional_steps"
+SURVEY, OPTIONAL_QUANTITIES = f"{__name__}:survey_steps", f"{__name__}:optional_quantity_steps"
 Steps = dict[str, Callable[[], object]]
 
 
@@ -73,7 +73,8 @@ def survey_steps(name: str) -> Steps:
         if Capability.BALANCE in model.has:
             model.impulse_balance_errors(delta, epsilon, table)
 
-    def compile_rare_cases() -> None:  # the example's samples may not need these kernels: call them with no samples
+    def compile_rare_cases() -> None:
+        # samples of the example may not need these kernels, so they are called without samples
         none, nothing, seen = np.zeros(0, np.int64), np.zeros(0), empty_record(0)
         states = np.zeros((delta.size, 1)), np.full((delta.size, 1), 5.0)
         of = model.classify_states(model.parameters_at(delta, epsilon), *states)
@@ -87,7 +88,7 @@ def survey_steps(name: str) -> Steps:
     return first | {"attractors": compile_attractors, "rare cases": compile_rare_cases}
 
 
-def optional_steps(name: str) -> Steps:
+def optional_quantity_steps(name: str) -> Steps:
     """Return {quantity: function} for the model `name`: each function runs, and so compiles, the quantity's kernels."""
     model, delta, epsilon, few = _example_cells(name)
 

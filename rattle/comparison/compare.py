@@ -19,10 +19,10 @@ from rattle.models import AnyGear, model_at
 
 #: Default of the argument `tolerance` of `compare`.
 TOLERANCE = 0.05
-#: Forcing periods for which a chaotic attractor is followed.
-WATCHED = 1000.0
+#: Number of forcing periods for which a chaotic attractor is followed.
+CHAOS_PERIODS = 1000.0
 MOST_BINS = 10_000
-#: Distance, in forcing periods, that an impact adds if only one of two motions has it.
+#: Distance, in forcing periods, that is added for each impact that only one of two motions has.
 FARTHEST = 0.5
 #: Number of phases at which the distribution functions of two sets of impacts are compared.
 GRID = 720
@@ -143,46 +143,47 @@ def compare(
     point = gear.delta, gear.epsilon, gear.beta
     fitting = FitProblem(measured, gear, float(speed_unit(*point)), model_at(gear).dwell)
     attractors = gear.attractors(count, NATURAL, seed)
-    known = [_follow_attractor(each, gear, bins) for each in attractors if each.kind != "undecided"]
+    followed = [_follow_attractor(each, gear, bins) for each in attractors if each.kind != "undecided"]
     if offset is not None:
         given = fit_at_offset(fitting, offset)
-        return _compare_fit(measured, given, known, bins, tolerance)
-    found = [(_compare_fit(measured, each, known, bins, tolerance), each) for each in find_fits(fitting)]
+        return _compare_fit(measured, given, followed, bins, tolerance)
+    found = [(_compare_fit(measured, each, followed, bins, tolerance), each) for each in find_fits(fitting)]
     best, chosen = min(found, key=lambda each: _badness(each[0]))
     near = [each for one, each in found if one is not best and _badness(one) <= _badness(best) + FIT_MARGIN[1]]
     return _with_offset_intervals(fitting, best, [chosen, *near])
 
 
-def _badness(found: Comparison) -> float:
-    """Return how badly the offset of a comparison fits: the misfit plus the nearest attractor's distance, if any."""
-    return found.misfit + (found.near[0].distance if found.near else 0.0)
+def _badness(comparison: Comparison) -> float:
+    """Return the misfit of a comparison plus its nearest attractor's distance (0 if there is no attractor)."""
+    return comparison.misfit + (comparison.near[0].distance if comparison.near else 0.0)
 
 
-def _with_offset_intervals(fitting: FitProblem, found: Comparison, near: list[Fit]) -> Comparison:
+def _with_offset_intervals(fitting: FitProblem, comparison: Comparison, fits: list[Fit]) -> Comparison:
     """Return the comparison with the intervals of its offset and of other offsets, and with `is_sure`.
 
-    near: the comparison's own fit, followed by the other fits that are about as good.
+    fits: the comparison's own fit, followed by the other fits that are about as good.
 
     Returns
     -------
     Comparison
         A copy with these fields set.
     """
-    own, *others = (interval_of_offset(fitting, each) for each in near)
-    sharp = fitting._replace(unit=near[0].unit)
-    walls = [fit_at_offset(sharp, end).wall for end in own] + [each.wall for each in near]
+    own, *others = (interval_of_offset(fitting, each) for each in fits)
+    sharp = fitting._replace(unit=fits[0].unit)
+    walls = [fit_at_offset(sharp, end).wall for end in own] + [each.wall for each in fits]
     return replace(
-        found,
+        comparison,
         offset_interval=own,
-        other_offsets=tuple((each.offset, ends) for each, ends in zip(near[1:], others, strict=True)),
-        is_sure=(found.wall != 0) & np.all([found.wall == wall for wall in walls], axis=0),
+        other_offsets=tuple((each.offset, ends) for each, ends in zip(fits[1:], others, strict=True)),
+        is_sure=(comparison.wall != 0) & np.all([comparison.wall == wall for wall in walls], axis=0),
     )
 
 
 class _AttractorImpacts(NamedTuple):
     """An attractor with the sorted phases of its impacts on Σ⁺ and Σ⁻.
 
-    rate: the weight of each phase in impacts per forcing period: 1 over the forcing periods that were followed.
+    rate: the weight of each phase, in impacts per forcing period. If the attractor was followed for n forcing periods,
+    it is 1/n.
     """
 
     attractor: Attractor
@@ -194,16 +195,16 @@ class _AttractorImpacts(NamedTuple):
 
 def _follow_attractor(attractor: Attractor, gear: AnyGear, bins: int) -> _AttractorImpacts:
     """Compute the impacts and the intensity of an attractor."""
-    periods = None if attractor.kind == "periodic" else WATCHED
+    periods = None if attractor.kind == "periodic" else CHAOS_PERIODS
     impacts, rate = gear.impacts(attractor, periods), 1.0 / (attractor.m if periods is None else periods)
     phases = _phases_by_wall(impacts.time, impacts.wall)
     return _AttractorImpacts(attractor, gear.intensity(attractor), phases, rate, _histogram(phases, rate, bins))
 
 
 def _compare_fit(
-    measured: MeasuredImpacts, fit: Fit, known: list[_AttractorImpacts], bins: int, tolerance: float
+    measured: MeasuredImpacts, fit: Fit, attractors: list[_AttractorImpacts], bins: int, tolerance: float
 ) -> Comparison:
-    """Compare the measured impacts, with the walls and the offset of a fit, with all known attractors."""
+    """Compare measured impacts, which have the walls and the offset of a fit, with the attractors of the gear."""
     true = fit.wall != 0
     time, wall, number = measured.time[true], fit.wall[true], int(np.count_nonzero(true))
     label = repeating_label(time, wall, tolerance)
@@ -216,7 +217,7 @@ def _compare_fit(
             each.histogram,
             sum(_distance(a, rate, b, each.rate) for a, b in zip(here, each.phases, strict=True)),
         )
-        for each in known
+        for each in attractors
     ]
     return Comparison(
         impacts=impacts,
@@ -263,7 +264,7 @@ def _distance(a: Array, rate_a: float, b: Array, rate_b: float) -> float:
     Returns
     -------
     float
-        The sum of the shifts in forcing periods. An impact that is only in one of the distributions adds FARTHEST.
+        The sum of the shifts in forcing periods, plus FARTHEST for each impact that only one of `a` and `b` has.
     """
     here, there = rate_a * a.size, rate_b * b.size
     unmatched = FARTHEST * abs(here - there)

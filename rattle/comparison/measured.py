@@ -12,17 +12,17 @@ from numpy.typing import ArrayLike, NDArray
 from rattle.errors import real_array, require
 from rattle.numerics.tables import read_columns
 
-#: Least number of impacts.
-LEAST = 8
+#: Least number of measured impacts.
+LEAST_IMPACTS = 8
 #: Least time between the first and the last impact, in forcing periods.
-SHORTEST = 1e-9
+SHORTEST_SPAN = 1e-9
 #: Most impacts in one period of a repeating motion.
-LONGEST = 512
-#: Least number of repetitions of a period in the data.
-REPEATS = 3
-#: A longer period is preferred if the scatter of the shorter one is more than CLOSER times as large. All scatters below
-#: SAME times the allowed scatter count as equal.
-CLOSER, SAME = 1.5, 1e-3
+MOST_REPEATED = 512
+#: A period is accepted only if the data contain at least this number of its repetitions.
+LEAST_REPETITIONS = 3
+#: A longer period is preferred to a shorter period if the scatter of the shorter period is more than CLOSER times as
+#: large. All scatters below EQUAL_SHARE times the allowed scatter count as equal.
+CLOSER, EQUAL_SHARE = 1.5, 1e-3
 COLUMNS = ("time", "speed", "wall")
 Array = NDArray[np.float64]
 
@@ -80,13 +80,13 @@ def measured(time: ArrayLike, speed: ArrayLike | None = None, wall: ArrayLike | 
     """
     times = real_array("time", time)
     require(times.ndim == 1, f"time must be a list of times, got an array of shape {times.shape}")
-    require(times.size >= LEAST, f"there are {times.size} impacts: give at least {LEAST}")
+    require(times.size >= LEAST_IMPACTS, f"there are {times.size} impacts: give at least {LEAST_IMPACTS}")
     require(
         bool(np.isfinite(times).all() and (np.diff(times) > 0).all()),
         "times must be finite and increase: leave out impacts without a time, and sort the others by time",
     )
     require(
-        times[-1] - times[0] > SHORTEST,
+        times[-1] - times[0] > SHORTEST_SPAN,
         f"all impacts are within {times[-1] - times[0]:g} forcing periods: give the times in forcing periods",
     )
     speeds, walls = None, None
@@ -147,12 +147,12 @@ def repeating_label(time: Array, wall: NDArray[np.int64], tolerance: float) -> t
     """
     allowed = tolerance * float(time[-1] - time[0]) / (time.size - 1)
     found = []
-    for n in range(1, min(LONGEST, time.size // REPEATS) + 1):
+    for n in range(1, min(MOST_REPEATED, time.size // LEAST_REPETITIONS) + 1):
         later = time[n:] - time[:-n]
         m = round(float(later.mean()))
         off = math.sqrt(float(np.mean((later - m) ** 2)))
         if m >= 1 and off <= allowed and np.array_equal(wall[n:], wall[:-n]):
             n_plus = int(np.count_nonzero(wall[:n] > 0))
-            found.append((max(off, SAME * allowed), (m, n_plus, n - n_plus)))
+            found.append((max(off, EQUAL_SHARE * allowed), (m, n_plus, n - n_plus)))
     closest = min((off for off, _ in found), default=0.0)
     return next((label for off, label in found if off <= CLOSER * closest), None)

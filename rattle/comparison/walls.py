@@ -23,22 +23,22 @@ from rattle.flight.law import speed_unit, wrapped
 from rattle.models import AnyGear
 from rattle.numerics.compile import inline, kernel
 
-#: Number of offsets that are tried in the first search; the FEW best offsets are refined.
+#: Number of offsets that are tried in the first search. Each search keeps at most MOST_REFINED offsets, of least cost.
 PHASES = 96
-FEW = 8
+MOST_REFINED = 8
 #: A second search has FINER_PHASES offsets and a speed tolerance smaller by the factor FINER.
 FINER, FINER_PHASES = 16.0, 384
-#: Number of offsets that are tried with the walls of each of the MOST_TWINNED best fits, because the same walls may fit
+#: SCAN_OFFSETS offsets are tried with the walls of each of the MOST_SCANNED best fits, because the same walls may fit
 #: at several offsets: impacts of A and C, for example, meet the walls in the same order.
-TWINS, MOST_TWINNED = 1024, 3
-#: Misfit above which the impacts are not impacts of this gear.
+SCAN_OFFSETS, MOST_SCANNED = 1024, 3
+#: If the misfit of a fit is larger than this, the measured impacts are not impacts of this gear.
 POOR = 0.25
 #: Offsets that differ by at most this count as the same, in forcing periods.
 SAME_OFFSET = 1e-4
-#: Intervals in each refinement of an offset, and the number of refinements.
-REFINEMENT_INTERVALS, ROUNDS = 16, 4
+#: Number of intervals in each refinement of an offset, and number of refinements.
+REFINEMENT_INTERVALS, REFINEMENTS = 16, 4
 #: Accuracy of an offset in forcing periods.
-RESOLUTION = (2.0 / REFINEMENT_INTERVALS) ** ROUNDS / PHASES
+RESOLUTION = (2.0 / REFINEMENT_INTERVALS) ** REFINEMENTS / PHASES
 #: The offset is found from this number of impacts, counted from the first one.
 FIRST_IMPACTS = 256
 #: (factor, summand): fits are kept if their misfit is at most factor · least misfit + summand. ROUGH_MARGIN is used
@@ -52,14 +52,15 @@ SHARPENINGS, SHARPER, FINEST = 5, 4.0, 1e-3
 SCATTER = 4.0
 #: Largest cost of an error of a speed. It is also the cost of each end of a flight at which the velocity has the wrong
 #: direction.
-WORST = 4.0
-#: Cost of a false impact, and most false impacts in a row.
-FALSE, MOST_FALSE = 6.0, 2
-#: Misfit of a false impact.
-AT_RANDOM = 0.5
-#: Largest distance from an offset within which its interval is searched, in forcing periods, and the number of steps.
+LARGEST_COST = 4.0
+#: Cost of a false impact, and largest number of false impacts in a row.
+FALSE_COST, MOST_FALSE = 6.0, 2
+#: Value of a false impact in the mean `Fit.misfit`, in which a true impact has a value from 0 to 1.
+FALSE_MISFIT = 0.5
+#: The ends of an offset's interval are searched in STEPS steps, up to the distance FARTHEST in forcing periods.
 FARTHEST, STEPS = 0.25, 128
-#: Number of successive impacts whose costs count as one in a standard error: one wrong time changes several costs.
+#: A standard error is computed from sums of costs over this number of successive impacts, because one wrong time
+#: changes the costs of neighbouring impacts.
 CORRELATED_IMPACTS = 4
 #: The walls at which a flight may begin and end.
 ENDS = np.array([(1, 1), (1, -1), (-1, 1), (-1, -1)])
@@ -77,8 +78,9 @@ class Fit(NamedTuple):
     offset
         The time of phase 0, in [0, 1).
     misfit
-        The mean of |w₀ + w₁|/(|w₀| + |w₁|) over the impacts, where w₁ and w₀ are the velocities before and after an
-        impact. A false impact counts as 1/2. The misfit is 0 for motions of the gear.
+        The mean over the impacts of |w₀ + w₁|/(|w₀| + |w₁|), where w₁ and w₀ are the velocities before and after an
+        impact. A false impact has the value 1/2; the first and the last true impact are left out. The misfit is 0 for
+        motions of the gear.
     unit
         The speed tolerance, by which errors of speeds are divided.
     """
@@ -129,10 +131,10 @@ def find_fits(fitting: FitProblem) -> list[Fit]:
         )
     sharp = _best_fits([_fit_with_smaller_tolerance(few._replace(unit=each.unit), each) for each in rough], FIT_MARGIN)
     offsets = [each.offset for each in sharp]
-    for each in [found for found in sharp if found.misfit < POOR][:MOST_TWINNED]:
-        costs = _impact_costs(few, each.wall, np.arange(TWINS) / TWINS).sum(axis=1)
-        for offset in _lowest_minima(costs) / TWINS:
-            if all(abs(wrapped(offset - other)) > 2.0 / TWINS for other in offsets):
+    for each in [found for found in sharp if found.misfit < POOR][:MOST_SCANNED]:
+        costs = _impact_costs(few, each.wall, np.arange(SCAN_OFFSETS) / SCAN_OFFSETS).sum(axis=1)
+        for offset in _lowest_minima(costs) / SCAN_OFFSETS:
+            if all(abs(wrapped(offset - other)) > 2.0 / SCAN_OFFSETS for other in offsets):
                 offsets.append(float(offset))
                 sharp.append(
                     _fit_with_smaller_tolerance(few._replace(unit=each.unit), each._replace(offset=float(offset)))
@@ -145,13 +147,13 @@ def find_fits(fitting: FitProblem) -> list[Fit]:
 
 
 def _lowest_minima(costs: Array) -> NDArray[np.int64]:
-    """Return the indices of the FEW lowest local minima of costs around a circle."""
+    """Return the indices of at most MOST_REFINED local minima of costs around a circle, the lowest minimum first."""
     found = np.flatnonzero((costs <= np.roll(costs, 1)) & (costs <= np.roll(costs, -1)))
-    return found[np.argsort(costs[found], kind="stable")][:FEW]
+    return found[np.argsort(costs[found], kind="stable")][:MOST_REFINED]
 
 
-def _best_fits(found: list[Fit], margin: tuple[float, float]) -> list[Fit]:
-    """Return the fits whose misfit is at most factor · least misfit + summand, the best first.
+def _best_fits(fits: list[Fit], margin: tuple[float, float]) -> list[Fit]:
+    """Return the fits whose misfit is at most factor · (least misfit of all fits) + summand.
 
     margin: (factor, summand).
 
@@ -160,68 +162,76 @@ def _best_fits(found: list[Fit], margin: tuple[float, float]) -> list[Fit]:
     list[Fit]
         The fits by rising misfit.
     """
-    found = sorted(found, key=lambda each: each.misfit)
+    fits = sorted(fits, key=lambda each: each.misfit)
     times, more = margin
-    return [each for each in found if each.misfit <= times * found[0].misfit + more]
+    return [each for each in fits if each.misfit <= times * fits[0].misfit + more]
 
 
-def _fit_with_smaller_tolerance(few: FitProblem, found: Fit) -> Fit:
+def _fit_with_smaller_tolerance(fitting: FitProblem, fit: Fit) -> Fit:
     """Repeat a fit with smaller and smaller speed tolerances, down to the scatter of the speeds.
 
-    The smaller the tolerance, the more a false impact costs that is taken for a true one.
+    With a small tolerance it costs much to take a false impact for a true one.
 
-    few: the first measured impacts, and the speed tolerance to begin with. found: the fit to begin with.
+    fitting: the first measured impacts, with the tolerance that is reduced first. fit: the fit that is improved first.
 
     Returns
     -------
     Fit
         The last fit.
     """
-    finest = min(few.unit, FINEST * float(speed_unit(few.gear.delta, few.gear.epsilon, few.gear.beta)))
+    finest = min(fitting.unit, FINEST * float(speed_unit(fitting.gear.delta, fitting.gear.epsilon, fitting.gear.beta)))
     for _ in range(SHARPENINGS):
-        leaves, arrives = _velocities(few, found.wall, np.array([found.offset]))
-        scatter = SCATTER * float(np.median(np.abs(leaves + arrives))) if leaves.size else few.unit
-        few = few._replace(unit=min(max(few.unit / SHARPER, scatter, finest), few.unit))
-        found = fit_at_offset(few, _refine_offset(few, found.offset))
-    return found
+        leaves, arrives = _velocities(fitting, fit.wall, np.array([fit.offset]))
+        scatter = SCATTER * float(np.median(np.abs(leaves + arrives))) if leaves.size else fitting.unit
+        fitting = fitting._replace(unit=min(max(fitting.unit / SHARPER, scatter, finest), fitting.unit))
+        fit = fit_at_offset(fitting, _refine_offset(fitting, fit.offset))
+    return fit
 
 
-def _refine_offset(few: FitProblem, offset: float, width: float = 1.0 / PHASES) -> float:
-    """Return the offset of least cost among those at most `width` forcing periods from the given offset."""
-    for _ in range(ROUNDS):
+def _refine_offset(fitting: FitProblem, offset: float, width: float = 1.0 / PHASES) -> float:
+    """Return the offset of least cost within `width` forcing periods of the given offset, by repeated grid search.
+
+    The cost of an offset is that of its best walls.
+
+    Returns
+    -------
+    float
+        The offset, accurate to RESOLUTION if `width` is 1/PHASES.
+    """
+    for _ in range(REFINEMENTS):
         near = offset + width * np.linspace(-1.0, 1.0, REFINEMENT_INTERVALS + 1)
-        offset = float(near[np.argmin(_find_best_walls(few, near)[0])])
+        offset = float(near[np.argmin(_find_best_walls(fitting, near)[0])])
         width *= 2.0 / REFINEMENT_INTERVALS
     return offset
 
 
 def fit_at_offset(fitting: FitProblem, offset: float) -> Fit:
-    """Return the fit of impacts to a gear if phase 0 is at the time `offset`, with the walls of least cost."""
+    """Return the fit of impacts to a gear with phase 0 at the time `offset` and the walls of least cost."""
     wall = _find_best_walls(fitting, np.array([offset]))[1]
     leaves, arrives = _velocities(fitting, wall, np.array([offset]))
     off = np.abs(leaves + arrives) / (np.abs(leaves) + np.abs(arrives))
     false = wall.size - np.count_nonzero(wall)
-    misfit = (float(off.sum()) + AT_RANDOM * false) / (off.size + false)
+    misfit = (float(off.sum()) + FALSE_MISFIT * false) / (off.size + false)
     return Fit(wall, offset % 1.0, misfit, fitting.unit)
 
 
-def interval_of_offset(fitting: FitProblem, found: Fit) -> tuple[float, float]:
+def interval_of_offset(fitting: FitProblem, fit: Fit) -> tuple[float, float]:
     """Return the 95 % interval of the offset of a fit.
 
-    The interval ends where the cost exceeds the cost of the fit by more than the standard error of this difference. The
-    standard error follows from the scatter of the difference over the impacts. If the cost is a parabola of the offset,
-    the ends are two standard errors of the offset away from it.
+    The interval ends where the cost exceeds the cost of the fit by more than the standard error of this excess, but at
+    most FARTHEST from the offset. The standard error follows from the scatter of the excess over the impacts. If the
+    cost is a parabola of the offset, the distance from the offset to each end is two standard errors of the offset.
 
     Returns
     -------
     tuple[float, float]
         Both ends of the interval.
     """
-    few, offset = fitting.with_first_impacts._replace(unit=found.unit), found.offset
+    few, offset = fitting.with_first_impacts._replace(unit=fit.unit), fit.offset
     steps = np.geomspace(RESOLUTION, FARTHEST, STEPS)
     ends = []
     for side in (-1.0, 1.0):
-        costs = _impact_costs(few, found.wall[:FIRST_IMPACTS], offset + side * np.append(0.0, steps))
+        costs = _impact_costs(few, fit.wall[:FIRST_IMPACTS], offset + side * np.append(0.0, steps))
         higher = costs[1:] - costs[0]
         blocks = np.add.reduceat(higher, np.arange(0, higher.shape[1], CORRELATED_IMPACTS), axis=1)
         beyond = blocks.sum(axis=1) > np.sqrt((blocks**2).sum(axis=1))
@@ -240,10 +250,10 @@ def _impact_costs(fitting: FitProblem, wall: Walls, offsets: Array) -> Array:
         Costs (k, n − 2), where n is the number of impacts that are not false.
     """
     leaves, arrives = _velocities(fitting, wall, offsets)
-    costs = np.minimum(((leaves + arrives) / fitting.unit) ** 2, WORST)
+    costs = np.minimum(((leaves + arrives) / fitting.unit) ** 2, LARGEST_COST)
     if fitting.measured.speed is not None:
         speed = fitting.measured.speed[wall != 0][1:-1]
-        costs += np.minimum(((np.abs(arrives) - speed) / fitting.unit) ** 2, WORST)
+        costs += np.minimum(((np.abs(arrives) - speed) / fitting.unit) ** 2, LARGEST_COST)
     return costs
 
 
@@ -283,14 +293,15 @@ def _find_best_walls(fitting: FitProblem, offsets: Array) -> tuple[Array, Walls]
 
 @inline
 def _flight_ends(t0, t1, dwell):
-    """Return when the flight between impacts at t0 and t1 begins and ends, and sine and cosine of the phase then.
+    """Return the times at which the flight between impacts at t0 and t1 begins and ends, and the phases then.
 
-    The flight begins when the contact after the impact ends: `dwell` after t0, but at the latest half way to t1.
+    The contact after the first impact ends `dwell` after t0, or half way to t1 if that is earlier. Then the flight
+    begins.
 
     Returns
     -------
     tuple
-        Both times, and (sine, cosine) at each.
+        Both times as complex numbers, then (sine, cosine) of the phase at the beginning and at the end.
     """
     a = complex(min(t0 + dwell, 0.5 * (t0 + t1)))  # the contact must end before t1
     b = complex(t1)
@@ -313,10 +324,10 @@ def _write_flight_velocities(time, gaps, offsets, dwell, delta, epsilon, w0, w1)
 
 
 @inline
-def _capped_square(off):
-    """Return the cost of an error of a speed, which is at most WORST. off: the error over the speed tolerance."""
-    cost = off * off
-    return cost if cost < WORST else WORST  # an error that is not finite costs WORST too
+def _capped_square(error):
+    """Return the smaller of error² and LARGEST_COST. error: the error of a speed divided by the speed tolerance."""
+    cost = error * error
+    return cost if cost < LARGEST_COST else LARGEST_COST  # an error that is not finite costs LARGEST_COST too
 
 
 @kernel
@@ -347,12 +358,13 @@ def _write_least_costs(time, speed, known, offsets, dwell, delta, epsilon, beta,
                     gap = beta * (end - begin)
                     found = flight_between(a, b, turn0, turn1, gap, complex(delta), complex(epsilon))
                     w0, w1 = found[0].real, found[1].real
-                    alone = FALSE * skipped + WORST * ((begin * w0 >= 0.0) + (end * w1 <= 0.0))
+                    alone = FALSE_COST * skipped + LARGEST_COST * ((begin * w0 >= 0.0) + (end * w1 <= 0.0))
                     if not math.isnan(speed[i]):
                         alone += _capped_square((abs(w1) - speed[i]) / unit)
                     least, which = np.inf, -1
                     if k <= MOST_FALSE:
-                        least = FALSE * k  # one choice: this flight is the first, and all k impacts before it are false
+                        # one choice: this flight is the first, and all k impacts before it are false
+                        least = FALSE_COST * k
                     for way in range(ways):
                         step, other = way // before.shape[2], way % before.shape[2]
                         if k > 0 and ENDS[other, 1] == begin:
@@ -361,7 +373,7 @@ def _write_least_costs(time, speed, known, offsets, dwell, delta, epsilon, beta,
                                 least, which = joined, way
                     total[i, skipped, ends], arrives[i, skipped, ends] = least + alone, w1
                     before[i, skipped, ends] = which
-                    whole = total[i, skipped, ends] + FALSE * (n - 1 - i)
+                    whole = total[i, skipped, ends] + FALSE_COST * (n - 1 - i)
                     if i >= n - 1 - MOST_FALSE and whole < cost[j]:
                         cost[j] = whole
                         last[0], last[1] = i, skipped * before.shape[2] + ends

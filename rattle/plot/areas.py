@@ -13,7 +13,7 @@ from rattle.proof.areas.shares import REGION, shares_of_claims
 from rattle.proof.certificate import Ends
 
 #: Colour of the parts on which nothing is proved.
-LEFT = "#222222"
+UNPROVED = "#222222"
 UNSTABLE, POSSIBLE, NOTHING = "#c9bfe0", "#a1d99b", REGION_COLOURS[1]
 #: The panels: for each a title, and the claims that the panel shows, with their colours.
 PANELS = (
@@ -30,14 +30,14 @@ def areas_figure(blocks: Sequence[ProvedBlock], delta: Ends, epsilon: Ends) -> D
     proved_regions = next(
         share
         for share in shares_of_claims(blocks, (delta[1] - delta[0]) * (epsilon[1] - epsilon[0]))
-        if share.what == REGION
+        if share.statement == REGION
     )
     for axes, (name, inks) in zip(figure.subplots(2, 2).ravel(), PANELS, strict=True):
         _draw_claims(axes, [block for block in blocks if block.claim in inks], inks)
         if QUIET in inks:
             _draw_capture_speeds(axes, [block for block in blocks if block.claim == CAPTURED])
         title = f"{name}: {proved_regions.proved:.1%} proved" if name == "regions" else name
-        axes.set(title=title, xlabel="damping δ", ylabel="eccentricity ε", facecolor=LEFT)
+        axes.set(title=title, xlabel="damping δ", ylabel="eccentricity ε", facecolor=UNPROVED)
         axes.set(xlim=[float(x) for x in delta], ylim=[float(x) for x in epsilon])
     return Drawing(figure)
 
@@ -52,7 +52,7 @@ def _draw_claims(axes: Axes, blocks: Sequence[ProvedBlock], inks: dict[str, str]
     """Draw blocks as rectangles in the colours of their claims, with a legend."""
     colours = [inks[block.claim] for block in blocks]
     axes.add_collection(PolyCollection(_corners(blocks), facecolors=colours, edgecolors=colours, linewidths=0.1))
-    keys = [Patch(color=ink, label=claim) for claim, ink in [*inks.items(), ("not proved", LEFT)]]
+    keys = [Patch(color=ink, label=claim) for claim, ink in [*inks.items(), ("not proved", UNPROVED)]]
     axes.legend(handles=keys, fontsize=8, loc="lower right", framealpha=0.9)
 
 

@@ -49,11 +49,11 @@ MANIFOLDS = {"A": "#ff4df0", "B": "#12c040"}
 CROSSES = {True: ("+", "attractor"), False: ("x", "saddle")}
 DOWNWARDS = "impact speed v, downwards"
 #: Points around the centre of a marker, as offsets in (τ, v); labels do not cover these points.
-AROUND = np.array([[0.0, 0.0], [0.01, 0.08], [-0.01, 0.08], [-0.01, -0.08], [0.01, -0.08]])
+MARKER_OFFSETS = np.array([[0.0, 0.0], [0.01, 0.08], [-0.01, 0.08], [-0.01, -0.08], [0.01, -0.08]])
 #: Two states belong to the same orbit if τ and v each differ by less than this.
 SAME_ORBIT = 1e-6
 #: Colour of the edges of white lines and marks.
-DIM = "0.25"
+EDGE_COLOUR = "0.25"
 
 
 def largest_drawn_speed(gear: AnyGear) -> float:
@@ -106,7 +106,7 @@ def draw_gamma(axes: Axes, gear: Any, width: float, v_max: float) -> Array:
     """Draw the grazing curve Γ in white, and return its line (k, 2), which is empty if there is no Γ."""
     line = gamma_line(gear, v_max)
     if len(line):
-        add_outline(axes.plot(*line.T, color="white", linewidth=width, zorder=2)[0], DIM, 0.3)
+        add_outline(axes.plot(*line.T, color="white", linewidth=width, zorder=2)[0], EDGE_COLOUR, 0.3)
     return line
 
 
@@ -152,7 +152,7 @@ def _orbit_marker(stable: bool, orbit: Orbit | None = None) -> Line2D:
 
 def _gamma_legend_line(width: float) -> Line2D:
     """Return the line that stands for Γ in the legend."""
-    return add_outline(Line2D([], [], color="white", linewidth=width, label="grazing curve Γ"), DIM, 0.6)
+    return add_outline(Line2D([], [], color="white", linewidth=width, label="grazing curve Γ"), EDGE_COLOUR, 0.6)
 
 
 def panels(
@@ -351,22 +351,22 @@ def _write_labels(
     axes: Axes, basins: Basins, orbits: dict[str, Orbit], manifolds: dict[str, Array], gamma: Array
 ) -> None:
     """Write the names of orbits, of manifolds and Γ, and of those basins that have enough room for a name."""
-    around = AROUND * [1.0, basins.v_max / PAPER_SPEED]
+    around = MARKER_OFFSETS * [1.0, basins.v_max / PAPER_SPEED]
     marks = [np.array([orbit.tau, orbit.v]) + around for orbit in orbits.values()]
     labels = Labels(axes, [*manifolds.values(), gamma, *marks])
     for name, orbit in orbits.items():
-        labels.add(name, (orbit.tau, orbit.v), size=12, edged=True)
+        labels.add(name, (orbit.tau, orbit.v), size=12, white_edge=True)
     for i, attractor in enumerate(basins.attractors):
         symbol = _basin_symbol(attractor, orbits)
         if symbol and not labels.add_within(symbol, basins.labels[::-1] == i, size=13):
             place, room = labels.widest_place(basins.labels[::-1] == i)
             if room > 2.0:
-                labels.add(symbol, place, size=13, edged=True)
+                labels.add(symbol, place, size=13, white_edge=True)
     for name, line in (*((_stable_manifold_label(name), line) for name, line in manifolds.items()), ("Γ", gamma)):
         inside = line[~np.isnan(line[:, 0]) & (line[:, 1] < basins.v_max)]
         if len(inside):
             chosen = inside[:: max(1, len(inside) // 60)]
-            labels.add(name, *((float(tau), float(v)) for tau, v in chosen), size=12, room=3 * ROOM, edged=True)
+            labels.add(name, *((float(tau), float(v)) for tau, v in chosen), size=12, room=3 * ROOM, white_edge=True)
 
 
 def _basin_symbol(attractor: Attractor, orbits: dict[str, Orbit]) -> str | None:

@@ -40,19 +40,19 @@ REGION_COLOURS = (
     "#e8e8e8", "#f4efe3", "#bfdcec", "#60b8a8", "#f2c879", "#d88870", "#5999d9", "#bf73a6", "#59e5e5", "#998c59",
     "#599999", "#d9b2f2", "#59ccf2", "#bfcc7f", "#8c8c7f", "#f28ca6", "#7f8ca6", "#669959",
 )  # fmt: skip
-#: Ranges of hues in degrees for all types that are not in NAMED: green to teal, and purple to pink. No colour of NAMED
-#: has such a hue.
+#: Ranges of hues in degrees for all types that are not in NAMED: green to teal, and purple to pink. In NAMED only the
+#: colour of (3, 3, 3) has such a hue.
 HUES = ((100.0, 175.0), (265.0, 335.0))
 SATURATION, LIGHTNESS = 0.65, (0.25, 0.75)
 #: Changes of hue and of lightness per unit of m, n₊ and n₋, as shares of the ranges of hue and lightness. They were
 #: found by trial, so that the types of Figure 4 and the types at 500 random points of the plane differ most.
 HUE_STEPS, LIGHTNESS_STEPS = (0.753, 0.439, 0.588), (0.127, 0.726, 0.28)
-#: Largest accepted m, n₊ and n₋.
-MOST = 10**9
+#: Largest accepted number m, n₊ or n₋ of a label.
+LARGEST_LABEL_NUMBER = 10**9
 #: Distance in CIELAB below which two colours look alike.
 ALIKE = 15.0
 #: Least distance in CIELAB of a spare colour from the colour of quiet motion.
-FROM_QUIET = 75.0
+LEAST_QUIET_DISTANCE = 75.0
 #: Spare colours (hue, lightness, saturation), for types whose own colour looks like another colour in the picture.
 SPARE = tuple(product(np.arange(0.0, 360.0, 12.0), (0.28, 0.42, 0.56, 0.7, 0.82), (0.35, 0.6, 0.9)))
 
@@ -78,9 +78,9 @@ def _type_of(motion: Motion) -> str | Label:
     )
     m, n_plus, n_minus = motion
     return (
-        require_integer("m", m, 1, MOST),
-        require_integer("n_plus", n_plus, 1, MOST),
-        require_integer("n_minus", n_minus, 0, MOST),
+        require_integer("m", m, 1, LARGEST_LABEL_NUMBER),
+        require_integer("n_plus", n_plus, 1, LARGEST_LABEL_NUMBER),
+        require_integer("n_minus", n_minus, 0, LARGEST_LABEL_NUMBER),
     )
 
 
@@ -200,9 +200,9 @@ class Palette:
 @cache
 def _spare_colours() -> tuple[tuple[str, NDArray[np.float64]], ...]:
     """Return the spare colours that differ from the colour of quiet motion, as "#rrggbb" and in CIELAB."""
-    found = (_hex(hue, lightness, saturation) for hue, lightness, saturation in SPARE)
+    found = (_hex_colour(hue, lightness, saturation) for hue, lightness, saturation in SPARE)
     every, quiet = [(each, _cielab(each)) for each in found], _cielab(KIND_COLOURS["quiet"])
-    return tuple((each, lab) for each, lab in every if np.hypot.reduce(lab - quiet) >= FROM_QUIET)
+    return tuple((each, lab) for each, lab in every if np.hypot.reduce(lab - quiet) >= LEAST_QUIET_DISTANCE)
 
 
 def _cielab(shade: str) -> NDArray[np.float64]:
@@ -230,10 +230,10 @@ def _colour_by_rule(label: Label) -> str:
             break
         hue -= high - low
     dark, light = LIGHTNESS
-    return _hex(low + hue, dark + _fractional_sum(label, LIGHTNESS_STEPS) * (light - dark), SATURATION)
+    return _hex_colour(low + hue, dark + _fractional_sum(label, LIGHTNESS_STEPS) * (light - dark), SATURATION)
 
 
-def _hex(hue: float, lightness: float, saturation: float) -> str:
+def _hex_colour(hue: float, lightness: float, saturation: float) -> str:
     """Return a colour as "#rrggbb"; the hue is in degrees."""
     rgb = colorsys.hls_to_rgb(hue / 360, lightness, saturation)
     return "#" + "".join(f"{round(255 * part):02x}" for part in rgb)

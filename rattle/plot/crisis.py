@@ -22,8 +22,8 @@ MANIFOLD_MARGIN = 0.25
 def crisis_figure(beta: float = 0.6, resolution: float = 0.02) -> Drawing:
     """Draw the crisis curve, its end at COD22, and the manifolds W^u(A) and W^s(A) at two points of the curve.
 
-    At the paper's β the manifolds touch in a tangency at one of these points, in a corner of W^u(A) at the other. The
-    arguments and errors are those of `rattle.crisis.crisis_curve`.
+    At the paper's β the manifolds are tangent at one of the two points; at the other point a corner of W^u(A) touches
+    W^s(A). The arguments and errors are those of `rattle.crisis.crisis_curve`.
 
     Returns
     -------

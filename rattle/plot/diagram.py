@@ -32,17 +32,18 @@ FORWARD, BACKWARD = "#8fc7ee", "#e8862e"
 MARKS = {Kind.SADDLE_NODE: "o", Kind.FLIP: "D", Kind.GRAZING: "s"}
 MEANINGS = {Kind.SADDLE_NODE: "SN: saddle-node", Kind.FLIP: "PD: flip", Kind.GRAZING: "G: graze"}
 STYLES = {True: "-", False: (0, (4.0, 2.0))}
-#: Line width and colour: NAMED for the branches of A to D; OTHER for other branches, where stable and where unstable.
+#: Line width and colour: NAMED for the branches of A to D, OTHER[True] for stable parts of other branches and
+#: OTHER[False] for their unstable parts.
 NAMED, OTHER = (1.3, "black"), {True: (0.8, "#333333"), False: (0.5, "#777777")}
 Limits = tuple[float, float] | None
 ALL_PHASES = (0.0, 1.0)
 #: A note about omitted branches names at most this many of them.
 NAMED_LEFT_OUT = 4
-#: Margin of the v axis above and below a branch: as a share of the branch's range of v, and the least margin.
+#: Margin of the v axis above and below a branch, as a share of the branch's range of v; least margin, as a speed.
 MARGIN, LEAST_MARGIN = 0.1, 0.01
 #: Size of labels in points, and the number of points along a curve that are tried for its name.
 SIZE, ANCHORS = 10, 40
-#: Steps of the sweeps for the impacting and for the stiff gear.
+#: Number of steps of each sweep for the impacting gear and for the stiff gear.
 STEPS, STIFF_STEPS = 500, 250
 #: Steps of the sweeps, and limits of v and τ, of the paper's Figures 5 and 9.
 WINDOWS: dict[tuple[float, tuple[float, float], float], tuple[int, Limits, Limits]] = {
@@ -54,9 +55,9 @@ WINDOWS: dict[tuple[float, tuple[float, float], float], tuple[int, Limits, Limit
 class ImpactCurve(NamedTuple):
     """One impact on Σ⁺ along a branch.
 
-    x, v, tau: the parameter on the axis, the impact speed and the phase, at the points of the branch and at the events
-    between points. stable, admissible and name describe the piece from each point to the next; name is one of A to D,
-    or "" for other motions.
+    x, v, tau: the value on the parameter axis, the impact speed and the phase, at the points of the branch and at the
+    events between these points. stable, admissible: flags of the piece between a point and the next point. name: the
+    name A to D of the motion on this piece, or "" for other motions.
     """
 
     x: Array
@@ -87,8 +88,8 @@ def diagram_figure(diagram: Diagram[Any, Any], v: Limits = None, tau: Limits = A
     return _draw_diagram(diagram, v, tau or ALL_PHASES)
 
 
-def _draw_diagram(diagram: Diagram[Any, Any], v: Limits, tau: tuple[float, float], aside: float = 0.0) -> Figure:
-    """Return the figure of a diagram. aside: the margin at both ends of the parameter axis, as a share of its range."""
+def _draw_diagram(diagram: Diagram[Any, Any], v: Limits, tau: tuple[float, float], margin: float = 0.0) -> Figure:
+    """Return the figure of a diagram. margin: margin at both ends of the parameter axis, as a share of its range."""
     figure = new_figure(7.2, 7.9)
     upper, lower = figure.subplots(2, 1, sharex=True)
     axis, scale, offset = parameter_axis(diagram)
@@ -99,13 +100,13 @@ def _draw_diagram(diagram: Diagram[Any, Any], v: Limits, tau: tuple[float, float
             for curve in parts:
                 _draw_impact_curve(panel, curve, getattr(curve, which), branch.label[:2] == (1, 1))
         panel.set_ylabel(label)
-        panel.set_xlim(*sorted((offset - aside * scale, offset + (1.0 + aside) * scale)))
+        panel.set_xlim(*sorted((offset - margin * scale, offset + (1.0 + margin) * scale)))
         panel.set_ylim(*(limits or _speed_limits(diagram)))
         panel.tick_params(direction="in", top=True, right=True)
     upper.set_title(_fixed_parameters(diagram), fontsize=10)
     lower.set_xlabel(axis)
     lower.locator_params(axis="x", nbins=6)
-    _add_diagram_legend(figure, followed=diagram.points.step.size > 0)
+    _add_diagram_legend(figure, has_sweeps=diagram.points.step.size > 0)
     for letter, panel, which in (("(a)", upper, "v"), ("(b)", lower, "tau")):
         panel.annotate(letter, (0.0, 1.0), (6, -6), "axes fraction", "offset points", va="top", fontsize=10)
         lines = [
@@ -116,7 +117,7 @@ def _draw_diagram(diagram: Diagram[Any, Any], v: Limits, tau: tuple[float, float
         ]
         labels = Labels(panel, lines)
         _mark_events(panel, labels, diagram, which, scale, offset)
-        _write_orbit_names(panel, labels, curves, which, one=which == "v" and not diagram.added)
+        _write_orbit_names(panel, labels, curves, which, has_common_curve=which == "v" and not diagram.added)
     figure.set_layout_engine("none")  # a later layout would move the axes, but not the labels that are placed
     return figure
 
@@ -178,13 +179,13 @@ def draw_stiff_along_epsilon(delta: float, epsilon: tuple[float, float], beta: f
     return Drawing(diagram_figure(found, *limits), _left_out_note(found))
 
 
-def _left_out_note(found: Diagram[Any, Any]) -> tuple[str, ...]:
-    """Return a note that names the branches that the diagram leaves out, if any."""
-    if not found.left_out:
+def _left_out_note(diagram: Diagram[Any, Any]) -> tuple[str, ...]:
+    """Return a note that names the branches that the diagram leaves out, or no note if it leaves out none."""
+    if not diagram.left_out:
         return ()
-    some, more = found.left_out[:NAMED_LEFT_OUT], len(found.left_out) - NAMED_LEFT_OUT
+    some, more = diagram.left_out[:NAMED_LEFT_OUT], len(diagram.left_out) - NAMED_LEFT_OUT
     names = ", ".join(map(name_of_type, some)) + (f" and {more} more" if more > 0 else "")
-    return (f"{len(found.left_out)} branches left out, which are too long or too many: {names}",)
+    return (f"{len(diagram.left_out)} branches left out, which are too long or too many: {names}",)
 
 
 def _fixed_parameters(diagram: Diagram[Any, Any]) -> str:
@@ -311,11 +312,11 @@ def _mark_events(
 
 
 def _write_orbit_names(
-    panel: Axes, labels: Labels, curves: list[tuple[Any, list[ImpactCurve]]], which: str, *, one: bool
+    panel: Axes, labels: Labels, curves: list[tuple[Any, list[ImpactCurve]]], which: str, *, has_common_curve: bool
 ) -> None:
     """Write the names A to D beside their curves in the panel of `which`, "v" or "tau".
 
-    one: whether A and C share one curve in this panel, which then gets the one name "A, C".
+    has_common_curve: whether A and C have the same curve in this panel. Then the curve gets the name "A, C".
     """
     places: dict[str, list[tuple[float, float]]] = {}
     for _, parts in curves:
@@ -325,7 +326,7 @@ def _write_orbit_names(
                 on = np.flatnonzero(_is_visible(panel, curve.x, y) & curve.admissible & (np.array(curve.name) == name))
                 on = on[:: max(1, on.size // ANCHORS)]
                 places.setdefault(name, []).extend(zip(curve.x[on].tolist(), y[on].tolist(), strict=True))
-    if one and {"A", "C"} <= set(places):
+    if has_common_curve and {"A", "C"} <= set(places):
         places["A, C"] = places.pop("C")
         del places["A"]
     for name, points in places.items():
@@ -340,14 +341,14 @@ def _is_visible(panel: Axes, x: Array, y: Array) -> NDArray[np.bool_]:
 
 
 def _visible_lines(panel: Axes, curve: ImpactCurve, y: Array) -> list[Array]:
-    """Return the admissible parts of a curve inside the panel as one line (k, 2) in a list, which is empty if none is.
+    """Return a list with one line, the admissible parts of a curve inside the panel; without such parts an empty list.
 
     y: v or τ of the points of the curve.
 
     Returns
     -------
     list[Array]
-        The line, with NaN between its parts; or an empty list.
+        At most one line (k, 2), with NaN between its parts.
     """
     on = _is_visible(panel, curve.x, y) & curve.admissible
     return [np.column_stack([curve.x, np.where(on, y, np.nan)])] if on.any() else []
@@ -360,8 +361,8 @@ def _speed_limits(diagram: Diagram[Any, Any]) -> tuple[float, float]:
     return 0.0, 1.05 * top
 
 
-def _add_diagram_legend(figure: Figure, followed: bool) -> None:
-    """Add the legend of lines and marks. followed: whether the legend also explains the points of attractors."""
+def _add_diagram_legend(figure: Figure, has_sweeps: bool) -> None:
+    """Add the legend of lines and marks. has_sweeps: whether the diagram also has points of attractors to explain."""
     (width, colour), (thin, dark), (thinnest, grey) = NAMED, OTHER[True], OTHER[False]
     entries = [
         Line2D([], [], color=colour, lw=width, label="A to D, stable"),
@@ -375,7 +376,7 @@ def _add_diagram_legend(figure: Figure, followed: bool) -> None:
     entries.append(
         Line2D([], [], ls="", marker="o", mfc="white", mec="black", mew=0.5, ms=3, label="white: on no named curve")
     )
-    if followed:
+    if has_sweeps:
         sweeps = (FORWARD, 6, "attractors, followed forward"), (BACKWARD, 4, "followed backward")
         entries += [Line2D([], [], ls="", marker="o", color=ink, ms=size, label=name) for ink, size, name in sweeps]
     figure.legend(handles=entries, loc="outside upper center", ncols=3, frameon=False, fontsize=8)

@@ -23,12 +23,12 @@ ROOM = 3.0
 ANCHORS = 24
 #: Number of cells that are tried as the centre of a label inside a part of the axes.
 CANDIDATES = 400
-#: If other lines are at least this far from a label along a line, in pixels, it is clear which line the label names.
-CLEAR = 45.0
-#: WRONG is the cost of each serious fault, such as covering a label or a marker; OUTSIDE that of leaving the axes.
-WRONG, OUTSIDE = 1000.0, 1e5
-#: Largest cost of covering lines. It is below WRONG, so a label covers lines rather than a label or a marker.
-MOST_HIDDEN = 800.0
+#: A label beside a line clearly names this line if all other lines are at least this far from the label, in pixels.
+CLEAR_DISTANCE = 45.0
+#: FAULT_COST: cost of each serious fault, such as covering a label or a marker. OUTSIDE_COST: cost of leaving the axes.
+FAULT_COST, OUTSIDE_COST = 1000.0, 1e5
+#: Largest cost of covering lines. It is below FAULT_COST, so a label covers lines rather than labels or markers.
+MOST_LINE_COST = 800.0
 
 
 class Labels:
@@ -64,12 +64,12 @@ class Labels:
         size: float = 8,
         colour: str = "black",
         room: float = ROOM,
-        edged: bool = False,
+        white_edge: bool = False,
     ) -> Annotation:
         """Write a name near one of several points, where the name covers least, with a line to that point.
 
-        points: (x, y) in data coordinates. room: the free space around the label in pixels. edged: the line has a
-        white edge.
+        points: (x, y) in data coordinates. room: the free space around the label in pixels. white_edge: whether the
+        line gets a white edge.
 
         Returns
         -------
@@ -91,7 +91,7 @@ class Labels:
                 "shrinkA": 0,
                 "shrinkB": 3,
                 "color": colour,
-                "path_effects": HALO if edged else None,
+                "path_effects": HALO if white_edge else None,
             },
             path_effects=HALO,
             zorder=5,
@@ -105,7 +105,7 @@ class Labels:
         for point in points:
             origin = self.axes.transData.transform(point)
             for offset in offsets:
-                cost = self._cost(origin, origin + pixels * offset, half, least)
+                cost = self._label_cost(origin, origin + pixels * offset, half, least)
                 if cost < least:
                     least, best = cost, (origin, point, offset)
         origin, text.xy, offset = best
@@ -132,17 +132,17 @@ class Labels:
         others = self.covered[_distances(self.covered, fine[:: max(1, len(fine) // 2000)]) > 6.0]
         stretch = max(2, int(2 * half[0] / 4))
         places = [
-            (self._cost_along(centre, angle, bend, half, others), centre, angle)
+            (self._parallel_label_cost(centre, angle, bend, half, others), centre, angle)
             for start in range(0, max(len(fine) - stretch, 0), max(1, stretch // 6))
             for centre, angle, bend in _places_beside(fine[start : start + stretch], half[1])
         ]
-        cost, centre, angle = min(places, key=lambda place: place[0], default=(OUTSIDE, np.zeros(2), 0.0))
-        if cost >= WRONG:
+        cost, centre, angle = min(places, key=lambda place: place[0], default=(OUTSIDE_COST, np.zeros(2), 0.0))
+        if cost >= FAULT_COST:
             text.remove()
             inside = line[~np.isnan(line[:, 0])]
             chosen = inside[:: max(1, len(inside) // ANCHORS)]
             return self.add(name, *((float(x), float(y)) for x, y in chosen), size=size, colour=colour)
-        self._move(text, centre)
+        self._move_text(text, centre)
         text.set_rotation(np.degrees(angle))
         self.boxes.append(_turned_box(centre, half, angle))
         return text
@@ -162,15 +162,15 @@ class Labels:
             False if there is no room; then nothing is written.
         """
         text = self.axes.text(0, 0, name, ha="center", va="center", weight="bold", path_effects=HALO, zorder=5)
-        cells, room = self._free_space(inside)
+        cells, room = self._cells_and_distances(inside)
         roomiest = np.argsort(-room, kind="stable")[:CANDIDATES]
         for smaller in (1.0, 0.75):
             text.set_fontsize(smaller * size)
             half = np.array(Text.get_window_extent(text, self.renderer).size) / 2 + ROOM
             for centre in cells[roomiest]:
                 box = _box(centre, half)
-                if not (self._misplacement_cost(box) or self._count_hidden(centre, half)):
-                    self._move(text, centre)
+                if not (self._misplacement_cost(box) or self._count_covered_points(centre, half)):
+                    self._move_text(text, centre)
                     self.boxes.append(box)
                     return True
         text.remove()
@@ -186,12 +186,12 @@ class Labels:
         tuple[Point, float]
             The centre in data coordinates, and its distance in pixels.
         """
-        cells, room = self._free_space(inside)
+        cells, room = self._cells_and_distances(inside)
         best = int(np.argmax(room))
         x, y = self.axes.transData.inverted().transform(cells[best])
         return (float(x), float(y)), float(room[best])
 
-    def _free_space(self, inside: NDArray[np.bool_]) -> tuple[Array, Array]:
+    def _cells_and_distances(self, inside: NDArray[np.bool_]) -> tuple[Array, Array]:
         """Return the centres (n, 2) of a part's cells in pixels, and their distances from lines, labels and edges."""
         rows, columns = inside.shape
         i, j = np.nonzero(inside)
@@ -204,16 +204,16 @@ class Labels:
             room = np.minimum(room, np.hypot(*away.T))
         return cells, room
 
-    def _move(self, text: Text, centre: Array) -> None:
+    def _move_text(self, text: Text, centre: Array) -> None:
         """Move a text so that its centre is at `centre`, in pixels."""
         x, y = self.axes.transData.inverted().transform(centre)
         text.set_position((float(x), float(y)))
 
-    def _count_hidden(self, centre: Array, half: Array) -> int:
+    def _count_covered_points(self, centre: Array, half: Array) -> int:
         """Return the number of points of lines that a label would cover; half: half of its width and height."""
         return int(np.all(np.abs(self.covered - centre) < half, axis=1).sum())
 
-    def _cost(self, origin: Array, centre: Array, half: Array, most: float) -> float:
+    def _label_cost(self, origin: Array, centre: Array, half: Array, most: float) -> float:
         """Return the cost of a label at `centre` for a point at `origin`.
 
         half: half of the label's width and height. most: the cost at which the computation stops.
@@ -221,20 +221,22 @@ class Labels:
         Returns
         -------
         float
-            The cost if it is below `most`, else a number from `most` up to the cost.
+            The cost, if it is below `most`. Otherwise any number that is at least `most` and at most the cost.
         """
         cost = float(np.hypot(*(centre - origin)))
         if cost >= most:
             return cost
-        cost += self._misplacement_cost(_box(centre, half)) + min(20 * self._count_hidden(centre, half), MOST_HIDDEN)
+        cost += self._misplacement_cost(_box(centre, half)) + min(
+            20 * self._count_covered_points(centre, half), MOST_LINE_COST
+        )
         if cost >= most:
             return cost
         leader = np.array([origin, centre])
         dense = _dense_points(leader)
         crossed = sum(_is_crossing(leader, other) for other in self.leaders)
-        return cost + WRONG * (crossed + sum(other.count_contains(dense) > 0 for other in self.boxes))
+        return cost + FAULT_COST * (crossed + sum(other.count_contains(dense) > 0 for other in self.boxes))
 
-    def _cost_along(self, centre: Array, angle: float, bend: float, half: Array, others: Array) -> float:
+    def _parallel_label_cost(self, centre: Array, angle: float, bend: float, half: Array, others: Array) -> float:
         """Return the cost of a label along a line.
 
         centre, angle: centre and direction of the label. bend: how far the line beside the label deviates from a
@@ -243,12 +245,12 @@ class Labels:
         Returns
         -------
         float
-            The cost; WRONG or more if the label must not be there.
+            The cost; FAULT_COST or more if the label must not be there.
         """
         turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
         hidden = np.all(np.abs((self.covered - centre) @ turn) < half, axis=1).sum()
-        near = float(_distances(centre[None], others)[0]) if len(others) else CLEAR
-        cost = WRONG * (hidden > 0) + 4 * max(0.0, CLEAR - near) + 10 * bend + 20 * abs(np.sin(angle))
+        near = float(_distances(centre[None], others)[0]) if len(others) else CLEAR_DISTANCE
+        cost = FAULT_COST * (hidden > 0) + 4 * max(0.0, CLEAR_DISTANCE - near) + 10 * bend + 20 * abs(np.sin(angle))
         # among places of equal cost, the place nearest to the middle of the picture is best
         middle = float(np.abs((centre - self.frame.min) / self.frame.size - 0.5).max())
         return float(cost + 30 * middle) + self._misplacement_cost(_turned_box(centre, half, angle))
@@ -256,31 +258,31 @@ class Labels:
     def _misplacement_cost(self, box: Bbox) -> float:
         """Return the cost of covering other labels and of leaving the axes."""
         outside = not (self.frame.contains(*box.min) and self.frame.contains(*box.max))
-        return WRONG * sum(box.overlaps(other) for other in self.boxes) + OUTSIDE * outside
+        return FAULT_COST * sum(box.overlaps(other) for other in self.boxes) + OUTSIDE_COST * outside
 
 
-def _places_beside(stretch: Array, height: float) -> list[tuple[Array, float, float]]:
-    """Return the places (centre, angle, bend) of a label on both sides of a part of a line.
+def _places_beside(part: Array, half_height: float) -> list[tuple[Array, float, float]]:
+    """Return two places for a label, one on each side of a part of a line; no place if the part has a row of NaN.
 
-    stretch: the points (k, 2) of the part, in pixels. height: half of the label's height.
+    part: the points (k, 2) of the part, in pixels. half_height: half of the label's height, in pixels.
 
     Returns
     -------
     list[tuple[Array, float, float]]
-        The centre and direction of the label, and how far the part deviates from a straight line; empty if the part
-        contains a row of NaN.
+        (centre, angle, bend) of each place: the centre of the label in pixels, its direction in radians, and how far
+        the part deviates from a straight line in pixels.
     """
-    if np.isnan(stretch).any():
+    if np.isnan(part).any():
         return []
-    chord = stretch[-1] - stretch[0]
+    chord = part[-1] - part[0]
     angle = float(np.arctan2(chord[1], chord[0]))
     angle = (angle + np.pi / 2) % np.pi - np.pi / 2  # at most a quarter turn, so that the label is not upside down
     normal = np.array([-np.sin(angle), np.cos(angle)])
-    off = (stretch - stretch[0]) @ normal
+    off = (part - part[0]) @ normal
     bend = float(np.ptp(off))
-    middle = 0.5 * (stretch[0] + stretch[-1])
+    middle = 0.5 * (part[0] + part[-1])
     return [
-        (middle + normal * (extreme + side * height), angle, bend)
+        (middle + normal * (extreme + side * half_height), angle, bend)
         for side, extreme in ((1, float(off.max())), (-1, float(off.min())))
     ]
 
@@ -324,9 +326,9 @@ def _dense_points(line: Array) -> Array:
     return np.column_stack([np.interp(fine, number, column) for column in line.T])
 
 
-def _is_crossing(one: Array, other: Array) -> bool:
-    """Return whether two segments cross."""
-    (a, b), (c, d) = one, other
+def _is_crossing(first: Array, second: Array) -> bool:
+    """Return whether two line segments, each the points (2, 2) of its ends, cross."""
+    (a, b), (c, d) = first, second
     return (
         _turn_direction(a, b, c) * _turn_direction(a, b, d) < 0
         and _turn_direction(c, d, a) * _turn_direction(c, d, b) < 0

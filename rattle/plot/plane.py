@@ -53,7 +53,7 @@ INSET_POINTS = 60
 #: An inset is drawn only in windows up to this wide along δ, in units of the distance from COD21 to COD23.
 WIDEST_WINDOW = 200.0
 #: Style of the lines that mark the ranges of the paper's other figures.
-MARKED: dict[str, Any] = {"color": "0.35", "linestyle": (0, (5, 3)), "linewidth": 1.0}
+MARKED_RANGE: dict[str, Any] = {"color": "0.35", "linestyle": (0, (5, 3)), "linewidth": 1.0}
 
 
 def polyline(curve: Curve) -> Array:
@@ -160,7 +160,7 @@ def plane_figure(delta: Range, epsilon: Range, beta: float = BETA) -> Drawing:
     axes.set(xlim=delta, ylim=epsilon)
     marks = _draw_paper_marks(axes) if beta == BETA else {}
     axes.set_title(f"half-backlash β = {beta:g}", fontsize=10)
-    _explain_widths(axes, lines)
+    _add_width_legend(axes, lines)
     points = codimension_two(beta)
     covered = _draw_inset(axes, curves, lines, {point.name: point for point in points})
     taken = [*lines.values(), *marks.values(), *([] if covered is None else _lines_over_box(covered))]
@@ -169,12 +169,12 @@ def plane_figure(delta: Range, epsilon: Range, beta: float = BETA) -> Drawing:
     for name, line in lines.items():
         labels.add_along(name.replace("_", " "), line, 10 if name in IN_PAPER else 8, STYLES[name][0])
     for name, line in marks.items():
-        labels.add_along(name, line, 7, MARKED["color"])
+        labels.add_along(name, line, 7, MARKED_RANGE["color"])
     figure.set_layout_engine("none")  # a later layout would move the axes, but not the labels that are placed
     return Drawing(figure, tuple(notes))
 
 
-def _explain_widths(axes: Axes, lines: Mapping[str, Array]) -> None:
+def _add_width_legend(axes: Axes, lines: Mapping[str, Array]) -> None:
     """Add a legend of thick and thin lines below the axes, if both kinds of lines are drawn."""
     widths = ((True, THICK, "curves of the paper"), (False, THIN, "other curves"))
     entries = [
@@ -196,9 +196,9 @@ def _draw_inset(
     Returns
     -------
     Box | None
-        The box of the inset in data coordinates. None if nothing is drawn: because a curve or COD21 is missing, COD23
-        or the δ that the inset shows are outside the window, the window is wider along δ than WIDEST_WINDOW times the
-        distance from COD21 to COD23, or no corner is free.
+        The box of the inset in data coordinates, or None if no inset is drawn. An inset needs the curves SN2, PD1 and
+        G1, the points COD21 and COD23, and a free corner. The window must contain COD23 and the δ range of the inset,
+        and its width along δ must be at most WIDEST_WINDOW times the distance from COD21 to COD23.
     """
     (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
     if not {"COD21", "COD23"} <= set(points) or not {"SN2", "PD1", "G1"} <= set(curves):
@@ -269,10 +269,10 @@ def _draw_paper_marks(axes: Axes) -> dict[str, Array]:
         low, high = max(low, bottom), min(high, top)
         if left < delta < right and high - low > (top - bottom) / 20:
             marks[name] = np.array([[delta, low], [delta, high]])
-            axes.plot(*marks[name].T, **MARKED, zorder=1)
+            axes.plot(*marks[name].T, **MARKED_RANGE, zorder=1)
     (low, high), (floor, ceiling) = FIGURE_8
     if left < low and high < right and bottom < floor and ceiling < top:
-        axes.add_patch(Rectangle((low, floor), high - low, ceiling - floor, fill=False, **MARKED, zorder=1))
+        axes.add_patch(Rectangle((low, floor), high - low, ceiling - floor, fill=False, **MARKED_RANGE, zorder=1))
         marks["Figure 8"] = np.array([[low, floor], [high, floor], [high, ceiling], [low, ceiling], [low, floor]])
     return marks
 

@@ -33,12 +33,12 @@ SHOWN = {
     "with contact phases": "#3f9b63",
     "undecided": KIND_COLOURS["undecided"],
 }
-QUIET_ALONE, ONE, BOTH, OTHER, CONTACT, UNDECIDED, CHAOTIC = range(7)
+QUIET_ALONE, P_110, P_111, OTHER_PERIODIC, CONTACT, UNDECIDED, CHAOTIC = range(7)
 #: Colour scale of the largest Lyapunov exponent of chaos, per forcing period; larger exponents have the last colour.
 EXPONENTS = Normalize(0.0, 1.6)
 CHAOS = ListedColormap(colormaps["Reds"](np.linspace(0.35, 1.0, 256)), name="chaos")
 #: Restitutions r at which a marker is drawn on the curves.
-MARKED = (1.0, 0.95, 0.9, 0.8, 0.6, 0.4, 0.2)
+MARKED_RESTITUTIONS = (1.0, 0.95, 0.9, 0.8, 0.6, 0.4, 0.2)
 POINT_COLOURS = {"COD20": "#7b3294", "COD21": "#c51b1b", "COD23": "#1f5fa8", "COD22": "black"}
 
 
@@ -86,9 +86,10 @@ class RestitutionPlane:
 
     @property
     def dominant_types(self) -> NDArray[np.int64]:
-        """The type (m, n) of the attractor with the most samples of each cell, quiet running left out.
+        """For each cell the type of the attractor with the most samples among those that are not quiet running.
 
-        The type is an index of SHOWN, or CHAOTIC; it is QUIET_ALONE where quiet running is the only attractor.
+        The shape is (m, n) = (epsilon.size, delta.size). A type is an index of SHOWN, or CHAOTIC. Cells in which quiet
+        running is the only attractor have the type QUIET_ALONE.
         """
         found = np.full(self.epsilon.size * self.delta.size, QUIET_ALONE)
         most = np.zeros(found.size, np.int64)
@@ -99,12 +100,12 @@ class RestitutionPlane:
         return found.reshape(self.epsilon.size, self.delta.size)
 
     def _type_of_row(self, row: int) -> int:
-        """Return the type of the attractor in a row, which is not quiet: an index of SHOWN, or CHAOTIC."""
+        """Return the type of a row's attractor, which must not be quiet: an index of SHOWN, or CHAOTIC."""
         if self.table.kind[row] != Outcome.PERIODIC:
             return CHAOTIC if self.table.kind[row] == Outcome.CHAOTIC else UNDECIDED
         if self.table.contacts[row] > 0:
             return CONTACT
-        return {(1, 1, 0): ONE, (1, 1, 1): BOTH}.get(self.table.label(row), OTHER)
+        return {(1, 1, 0): P_110, (1, 1, 1): P_111}.get(self.table.label(row), OTHER_PERIODIC)
 
 
 def restitution_plane(
@@ -202,7 +203,7 @@ def codimension_two_figure(beta: float = 0.6) -> Drawing:
     curves = {name: follow_codimension_two(name, beta) for name in POINT_COLOURS}
     for name, curve in curves.items():
         places.plot(curve.delta, curve.epsilon, color=POINT_COLOURS[name], label=name, lw=1.4)
-        for r in MARKED:
+        for r in MARKED_RESTITUTIONS:
             try:
                 point = curve.at(r)
             except RattleError:

@@ -77,26 +77,26 @@ def _draw_motions(distances: Axes, multipliers: Axes, motions: dict[str, Periodi
         (distances, "motions A to D", "distance in (τ, v) from the impacting model"),
         (multipliers, "their multipliers", "change of the sum of both"),
     ):
-        _draw_slope(axes, 1e3, -0.5, "κ$^{-1/2}$")
+        _draw_power_law(axes, 1e3, -0.5, "κ$^{-1/2}$")
         axes.set(xlabel="stiffness κ", ylabel=label, title=title)
         axes.legend(fontsize=8, frameon=False)
 
 
-def _draw_bifurcations(axes: Axes, limit: PeriodicOrbit) -> None:
+def _draw_bifurcations(axes: Axes, motion_d: PeriodicOrbit) -> None:
     """Draw how far SN1, SN2, PD1 and the quiet limit are from those of the impacting model.
 
-    limit: the motion D of the impacting model.
+    motion_d: the motion D of the impacting model, from which SN2 and PD1 are reached along ε.
     """
-    delta, beta = limit.delta, limit.beta
-    span = 0.5 * limit.epsilon, 1.6 * limit.epsilon
-    truth = {str(event.kind): event.epsilon for event in branch(limit, "epsilon", span).events}
+    delta, beta = motion_d.delta, motion_d.beta
+    span = 0.5 * motion_d.epsilon, 1.6 * motion_d.epsilon
+    truth = {str(event.kind): event.epsilon for event in branch(motion_d, "epsilon", span).events}
     found: dict[str, list[tuple[float, float]]] = {"SN1": [], "SN2": [], "PD1": [], "quiet limit": []}
     for kappa in STIFFNESSES:
         found["SN1"].append((kappa, saddle_node_1(delta, float(kappa), beta).epsilon - float(sn1_formula(delta))))
         found["quiet limit"].append((kappa, float(stiff_quiet_limit(delta, kappa) - quiet_limit(delta))))
         if kappa < 1e3:
             continue
-        events = stiff_branch(from_limit(limit, float(kappa)), "epsilon", span).events
+        events = stiff_branch(from_limit(motion_d, float(kappa)), "epsilon", span).events
         for kind, name in (("SN", "SN2"), ("PD", "PD1")):
             near = [event.orbit.epsilon for event in events if event.kind == kind]
             if near and kind in truth:
@@ -105,13 +105,13 @@ def _draw_bifurcations(axes: Axes, limit: PeriodicOrbit) -> None:
         if points:
             kappas, off = np.array(points).T
             axes.loglog(kappas, np.abs(off), ".-", color=colour, label=name)
-    _draw_slope(axes, 1e3, -0.5, "κ$^{-1/2}$")
-    _draw_slope(axes, 1e3, -1.0, "κ$^{-1}$")
+    _draw_power_law(axes, 1e3, -0.5, "κ$^{-1/2}$")
+    _draw_power_law(axes, 1e3, -1.0, "κ$^{-1}$")
     axes.set(xlabel="stiffness κ", ylabel="distance in ε from the impacting model", title="curves and quiet limit")
     axes.legend(fontsize=8, frameon=False)
 
 
-def _draw_slope(axes: Axes, start: float, power: float, label: str) -> None:
+def _draw_power_law(axes: Axes, start: float, power: float, label: str) -> None:
     """Draw a reference line proportional to κ^power that is above all curves at κ = `start`."""
     lines = [np.asarray(line.get_xydata()) for line in axes.get_lines()]
     heights = [float(line[np.searchsorted(line[:, 0], start), 1]) for line in lines]

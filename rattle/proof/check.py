@@ -60,10 +60,12 @@ def sine_and_cosine(x: Interval) -> tuple[Interval, Interval]:
 class CertifiedMotion:
     """The motion that a certificate states.
 
-    itinerary: the walls of its impacts or contacts, 1 for Σ⁺ and −1 for Σ⁻. walls: the wall of each event, which is an
-    impact, or the beginning or the end of a contact. m: the forcing periods. k: the stiffness between events, in turn:
-    [0], or [2κ, 0] for a contact and a flight. turns: the factor by which an event multiplies the velocity, −1 at an
-    impact and 1 at the beginning or the end of a contact.
+    itinerary: the walls of its impacts or contacts, 1 for Σ⁺ and −1 for Σ⁻.
+    walls: the wall of each event, which is an impact, or the beginning or the end of a contact.
+    m: the number of forcing periods.
+    k: the stiffness after each event: [0] for the impacting gear, whose events are followed by flights; [2κ, 0] for the
+    stiff gear, whose contacts and flights alternate.
+    turns: the factor by which an event multiplies the velocity, −1 for the impacting gear and 1 for the stiff gear.
     centre, radii: the centre and the half-widths of the box of the unknowns x.
     """
 
@@ -219,7 +221,8 @@ class MotionPiece:
         c, kept = ZERO + 1, IV.exp(-self.delta * u / 2) * (1 + SLACK)
         s = (1 - kept**2) / self.delta
         if self.k != 0:
-            rate = IV.sqrt(self.k - self.delta**2 / 4)  # raises ValueError if overdamped; `check` then refuses
+            # raises ValueError for an overdamped contact; `check` then refuses
+            rate = IV.sqrt(self.k - self.delta**2 / 4)
             sine, cosine = sine_and_cosine(rate * u / TWO_PI)
             c, s = kept * (cosine + self.delta * sine / (2 * rate)), kept * sine / rate
         return c, s, -self.k * s, c - self.delta * s

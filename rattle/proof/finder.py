@@ -44,7 +44,7 @@ MOST_IMPACTS_AT_BITS = 16
 class MotionEnclosures(EvaluatedEquations, Protocol):
     """Enclosures of the flights of a periodic motion, and of its contacts in the stiff gear, between given times.
 
-    These are `ImpactEnclosures` or `StiffEnclosures`.
+    Both `ImpactEnclosures` and `StiffEnclosures` have these methods.
     """
 
     @property

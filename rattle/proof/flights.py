@@ -50,7 +50,7 @@ class ModelPoint:
 
     @cached_property
     def force_zero_phases(self) -> tuple[arb, ...]:
-        """The two phases at which the contact force is 0; none below the quiet limit. NotProvedError if undecided."""
+        """The two phases at which the contact force is 0, or () below the quiet limit. NotProvedError if undecided."""
         share = 2 * self.delta / (self.epsilon * (4 * PI() ** 2 + self.delta**2).sqrt())
         if share > 1:
             return ()
@@ -186,7 +186,7 @@ def extrema(flight: FlightEnclosure, name: str) -> Iterator[tuple[int, arb]]:
     for time in [*force_zero_times(flight), flight.t1]:
         if places[-1] < time:
             places.append(time)
-        else:  # the balls overlap, so the order of both times is unknown: Φ' must have one sign over their union
+        else:  # the balls of two times overlap, so the order of the times is unknown: Φ' must have one sign over both
             places[-1] = places[-1].union(time)
     signs = [sign(flight.state_at(place)[1]) for place in places]
     if not all(signs):

@@ -49,7 +49,10 @@ class ImpactEnclosures:
 
     @property
     def trace(self) -> arb:
-        """The trace of the product of the flights' tangent maps in (t, w²/2), each with determinant e^(−δ duration)."""
+        """The trace of the product of the tangent maps of all flights in the variables (t, w²/2).
+
+        The tangent map of a flight of duration T has the determinant e^(−δT).
+        """
         product = arb_mat([[1, 0], [0, 1]])
         for each in self.flights:
             # dw0 = w0_t0 dt0 + w0_t1 dt1 determines dt1; then dw1 = w1_t0 dt0 + w1_t1 dt1

@@ -17,7 +17,7 @@ from rattle.proof.balls import arb, arb_mat, ball, interval_ball, rounded_midpoi
 RADII = tuple(Fraction(1, 10**k) for k in (11, 13, 15, 17, 20))
 #: Decimals to which the centre of a box is rounded.
 PLACES = 28
-#: Most times that the operator is applied to its own result, which makes the enclosure narrower.
+#: Largest number of times that the operator is applied to its own result to make the enclosure narrower.
 MOST_REPETITIONS = 12
 #: Largest distance between a computed motion and the proved zero that rounding can explain.
 MOST_MOVED = 1e-9
@@ -71,19 +71,18 @@ def enclose_zero(equations: Equations, start: NDArray[np.float64]) -> Enclosure:
     NotProvedError
         If no box is mapped into itself, or if the proved zero is farther from `start` than MOST_MOVED.
     """
-    about, centre = refined_zero(equations, start)
+    inverse, centre = refined_zero(equations, start)
     x = [ball(each) for each in centre]
-    step, small = about * column_vector(equations(x).residual), tight_radius()
+    step, small = inverse * column_vector(equations(x).residual), tight_radius()
     for radius in RADII:
         limit = ball(radius)
-        moved = _krawczyk_image(equations, x, step, about, [interval_ball(Fraction(0), radius)] * len(x))
+        moved = _krawczyk_image(equations, x, step, inverse, [interval_ball(Fraction(0), radius)] * len(x))
         if all(abs(each) < limit for each in moved):
             for _ in range(MOST_REPETITIONS):
                 if all(each.rad() < small for each in moved):
                     break
-                moved = _krawczyk_image(
-                    equations, x, step, about, moved
-                )  # the image contains the zero, because the box does
+                # the image contains the zero, because the box does
+                moved = _krawczyk_image(equations, x, step, inverse, moved)
             return Enclosure(centre, radius, [a + b for a, b in zip(x, moved, strict=True)])
     raise NotProvedError(
         "no box around the computed solution is proved to contain exactly one solution: its equations are almost "
@@ -108,16 +107,16 @@ def refined_zero(equations: Equations, start: NDArray[np.float64]) -> tuple[arb_
     """
     x = [arb(float(each)) for each in start]
     here = equations(x)
-    about = approximate_inverse(here.jacobian)
-    step = (about * column_vector(here.residual)).entries()
+    inverse = approximate_inverse(here.jacobian)
+    step = (inverse * column_vector(here.residual)).entries()
     moved = max(abs(float(each)) for each in step)
     if not moved < MOST_MOVED:
         raise NotProvedError(
             f"the nearest exact solution is {moved:.1e} away from the computed motion: compute the motion again"
         )
     x = [(a - b).mid() for a, b in zip(x, step, strict=True)]
-    step = (about * column_vector(equations(x).residual)).entries()
-    return about, [rounded_midpoint(a - b, PLACES) for a, b in zip(x, step, strict=True)]
+    step = (inverse * column_vector(equations(x).residual)).entries()
+    return inverse, [rounded_midpoint(a - b, PLACES) for a, b in zip(x, step, strict=True)]
 
 
 def approximate_inverse(matrix: arb_mat) -> arb_mat:
@@ -138,11 +137,11 @@ def column_vector(entries: Sequence[arb]) -> arb_mat:
 
 
 def _krawczyk_image(
-    equations: Equations, x: Sequence[arb], step: arb_mat, about: arb_mat, box: Sequence[arb]
+    equations: Equations, x: Sequence[arb], step: arb_mat, inverse: arb_mat, box: Sequence[arb]
 ) -> list[arb]:
     """Return K(x + box) − x for Krawczyk's operator K, which `enclose_zero` defines.
 
-    about: the matrix C of K. step: C R(x), with the residual R.
+    inverse: the matrix C of K, an approximate inverse of the Jacobian. step: C R(x), with the residual R.
 
     Returns
     -------
@@ -152,4 +151,4 @@ def _krawczyk_image(
     n = len(x)
     unit = arb_mat(n, n, [int(i == j) for i in range(n) for j in range(n)])
     jacobian = equations([a + b for a, b in zip(x, box, strict=True)]).jacobian
-    return ((unit - about * jacobian) * column_vector(box) - step).entries()
+    return ((unit - inverse * jacobian) * column_vector(box) - step).entries()

@@ -42,7 +42,7 @@ class StiffParameters:
 
     @cached_property
     def steady_mean(self) -> arb:
-        """The mean 4πδ/2κ of the steady motion, the permanent contact."""
+        """4πδ/2κ, the mean penetration y in the steady motion (permanent contact)."""
         return self.point.delta * self.point.drift / (2 * self.kappa)
 
     @cached_property
@@ -131,7 +131,7 @@ class StiffEnclosures:
 
     @property
     def jacobian(self) -> arb_mat:
-        """The Jacobian ∂R/∂t (2c, 2c)."""
+        """The Jacobian ∂R/∂t (2c, 2c) of the residual R with respect to the times of the contacts."""
         n, delta = 2 * len(self.itinerary), self.parameters.point.delta
         matrix = [[arb(0)] * n for _ in range(n)]
         for i, (contact, after) in enumerate(zip(self.contacts, self.flights, strict=True)):

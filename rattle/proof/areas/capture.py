@@ -24,7 +24,7 @@ GROWTH_SHARE = 0.95
 
 
 def require_captures(piece: PlanePiece, speed: Fraction) -> None:
-    """Raise NotProvedError unless all motions that leave Σ⁺ slower than `speed` are proved to become quiet."""
+    """Raise NotProvedError unless all motions that leave Σ⁺ slower than `speed` provably become quiet on the piece."""
     share = piece.epsilon / quiet_limit_enclosure(arb_series([piece.delta]))[0]
     if not share < 1:
         raise NotProvedError("the block is not proved to be below the quiet limit: choose a smaller ε")
@@ -34,11 +34,13 @@ def require_captures(piece: PlanePiece, speed: Fraction) -> None:
     longest = _half_duration_bound(piece, share, invariant)
     h = longest / (1 - piece.delta * longest)
     if not piece.delta * h < 1:
-        raise NotProvedError("a bounce may last too long for Lemma 20: claim a smaller speed")
+        raise NotProvedError("a bounce may last too long for Lemma 20 of docs/proofs.md: claim a smaller speed")
     for i in range(PARTS):
         here = hull(arb(i) / PARTS, arb(i + 1) / PARTS)
         if not h * h * _growth_coefficient(here, h, piece.delta, share) < 2 * GROWTH_SHARE * piece.delta:
-            raise NotProvedError("v³/g may grow from one impact to the next: claim a smaller speed")
+            raise NotProvedError(
+                "v³/g (v: speed, g: contact force) may grow from one impact to the next: claim a smaller speed"
+            )
 
 
 def _scaled_force(t: arb, share: arb) -> tuple[arb, arb, arb, arb]:
@@ -84,7 +86,7 @@ def _half_duration_bound(piece: PlanePiece, share: arb, invariant: arb) -> arb:
             time = upper(-(1 - 2 * h * piece.delta).log() / piece.delta)
             least = _scaled_force(hull(here, here + time), share)[0].lower()
             if not least > 0:
-                raise NotProvedError("g may vanish during a bounce: claim a smaller speed")
+                raise NotProvedError("the contact force may vanish during a bounce: claim a smaller speed")
             if v < h * least:
                 h = upper(v / least) * (1 + arb(2.0**-20))
         if not (v < h * least and v * v * mean < 4 * piece.beta * least):

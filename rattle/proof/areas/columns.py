@@ -32,7 +32,8 @@ BITS = 64
 #: For each kind of claim the number of narrower columns into which a column is cut. Claims about C take little time, so
 #: their columns can be narrow.
 COLUMN_DIVISIONS = {"region": 1, QUIET: 1, "D": 1, "C": 4}
-#: Margins in ε that are left at the boundaries of a claim. The smallest margin with which a proof succeeds is used.
+#: Margins in ε between the boundaries of a claim and the proved range. The smallest margin with which a proof succeeds
+#: is used.
 MARGINS = tuple(Fraction(k, 10**6) for k in (40, 160, 640, 2560))
 #: Upper ends in ε of the blocks with the claim "quiet captures", as shares of the quiet limit.
 CAPTURE_SHARES = (0.3, 0.5, 0.65, 0.76, 0.84, 0.89, 0.925, 0.95, 0.965, 0.975, 0.98)
@@ -41,19 +42,20 @@ CAPTURE_SHARES = (0.3, 0.5, 0.65, 0.76, 0.84, 0.89, 0.925, 0.95, 0.965, 0.975, 0
 SPEED_FACTOR, MOST_SPEED_CUTS = Fraction(3, 4), 12
 #: A block states this share of its proved speed, so that programs with other rounding can confirm the block.
 PUBLISHED_SHARE = Fraction(85, 100)
-#: Number of ε at which claims are computed in doubles; number of bisections of each interval in which claims change.
+#: Number of ε at which claims are computed in doubles, and number of bisections of an interval between two ε with
+#: different claims.
 GRID_POINTS, BISECTIONS = 301, 24
 #: Claims are also computed at this relative distance in ε on both sides of bifurcation curves.
 CURVE_DISTANCE = 1e-6
 #: Decimals of the ends of a block in ε.
 PLACES = 6
 #: Most times that the ε range of a claim is halved.
-DEEPEST = 2
+EPSILON_HALVINGS = 2
 
 Span = tuple[str, float, float]  # (claim, low, high): the claim holds for low < ε < high
 
 
-def columns(delta: Ends, number: int) -> list[Ends]:
+def cut_into_columns(delta: Ends, number: int) -> list[Ends]:
     """Cut an interval of δ into `number` columns of equal width."""
     low, high = delta
     places = [low + (high - low) * i / number for i in range(number + 1)]
@@ -65,9 +67,9 @@ def prove_column(beta: Fraction, delta: Ends, epsilon: Ends) -> list[ProvedBlock
     prover, found = Prover(beta), []
     with precision(BITS):
         for kind, parts in COLUMN_DIVISIONS.items():
-            for part in columns(delta, parts):
+            for part in cut_into_columns(delta, parts):
                 for claim, low, high in expected_spans(kind, float(beta), part, epsilon):
-                    limits = _rounded_inwards(low, high, epsilon)
+                    limits = _round_inwards(low, high, epsilon)
                     found += [
                         ProvedBlock(claim, beta, part, ends) for ends in _prove_ranges(prover, claim, part, limits)
                     ]
@@ -101,15 +103,23 @@ def _prove_captures(beta: Fraction, delta: Ends, epsilon: Ends) -> Iterator[Prov
         low = high
 
 
-def _rounded_inwards(low: float, high: float, plane: Ends) -> Ends:
-    """Return the ε range from low to high, rounded inwards to PLACES decimals; edges of the plane stay exact."""
+def _round_inwards(low: float, high: float, plane: Ends) -> Ends:
+    """Round an ε range inwards to PLACES decimals, but replace ends at or beyond an end of the plane by this end."""
     unit = Fraction(1, 10**PLACES)
     least = plane[0] if low <= float(plane[0]) else (floor(Fraction(low) / unit) + 1) * unit
     return least, plane[1] if high >= float(plane[1]) else floor(Fraction(high) / unit) * unit
 
 
 def _prove_ranges(prover: Prover, claim: str, delta: Ends, limits: Ends, depth: int = 0) -> list[Ends]:
-    """Return the ε ranges within `limits` on which a claim is proved for all δ of a column; there may be none."""
+    """Return the ε ranges within `limits` on which a claim is proved for all δ of a column; there may be none.
+
+    depth: how often the ε range of the claim has been halved already.
+
+    Returns
+    -------
+    list[Ends]
+        The ranges in rising order.
+    """
 
     def is_proved(low: Fraction, high: Fraction) -> bool:
         try:
@@ -129,7 +139,7 @@ def _prove_ranges(prover: Prover, claim: str, delta: Ends, limits: Ends, depth: 
         return []
     if is_proved(begin, end):
         return [(begin, end)]
-    if depth == DEEPEST:
+    if depth == EPSILON_HALVINGS:
         return []
     middle = floor((begin + end) / 2 * 10**PLACES) * Fraction(1, 10**PLACES)
     halves = ((begin, middle), (middle, end))

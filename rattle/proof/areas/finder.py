@@ -13,7 +13,7 @@ from rattle.proof.balls import ball
 from rattle.proof.certificate import Ends
 
 #: Most times that the δ interval of a block is halved before the proof is given up.
-DEEPEST = 3
+DELTA_HALVINGS = 3
 
 
 @dataclass
@@ -29,7 +29,8 @@ class Prover:
     def require_claim(self, claim: str, delta: Ends, epsilon: Ends, depth: int = 0) -> None:
         """Prove that the claim holds at all points with δ and ε in these intervals.
 
-        The block is tried as a whole; where this fails, its halves in δ are tried, down to DEEPEST halvings.
+        The block is tried as a whole. If this fails, its halves in δ are tried, and so on up to DELTA_HALVINGS times.
+        depth: how often the block has been halved already.
 
         Raises
         ------
@@ -40,7 +41,7 @@ class Prover:
         try:
             self._require_on_whole_piece(piece, claim, delta)
         except NotProvedError:
-            if depth == DEEPEST:
+            if depth == DELTA_HALVINGS:
                 raise
             middle = (delta[0] + delta[1]) / 2
             self.require_claim(claim, (delta[0], middle), epsilon, depth + 1)
@@ -54,7 +55,7 @@ class Prover:
             return
         states = CLAIMS[claim]
         for letter in states.keys() & {"A", "C"}:
-            require_state(letter, states[letter], *_find_one_impact(piece, letter, states[letter]))
+            require_state(letter, states[letter], *_find_number_and_stability(piece, letter, states[letter]))
         for letter in states.keys() & {"B", "D"}:
             if delta not in self._cells:
                 self._cells[delta] = two_impacts.initial_cells(piece)
@@ -64,14 +65,14 @@ class Prover:
             require_state(letter, state, len(runs), attracts)
 
 
-def _find_one_impact(piece: PlanePiece, letter: str, state: ClaimedState) -> tuple[int | None, bool | None]:
+def _find_number_and_stability(piece: PlanePiece, letter: str, state: ClaimedState) -> tuple[int | None, bool | None]:
     """Return how many motions A (or C) exist, and whether the motion attracts.
 
     Returns
     -------
     tuple[int | None, bool | None]
-        The number, None if undecided. The stability, None if undecided, if no motion exists, or if the claimed `state`
-        says nothing about stability.
+        The number of motions; None if it is undecided. Then True if the motion attracts, False if it is a saddle; None
+        if this is undecided, if no motion exists, or if the claimed `state` says nothing about stability.
     """
     exists = one_impact.exists(piece, letter)
     if exists and state is not ClaimedState.THERE:

@@ -11,8 +11,8 @@ from rattle.proof.areas.block import ABSENT, ATTRACTING, CAPTURED, LOUD, QUIET, 
 
 #: The statement that the region of a point, one of I to V, is proved. Blocks of all five regions count.
 REGION = "the region"
-#: {statement: (claims that prove it, claims that disprove it)}. At all other points the statement is open.
-_KINDS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
+#: {statement: (claims that prove it, claims that disprove it)}. Where no such claim is proved, the statement is open.
+_CLAIMS_BY_STATEMENT: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "A is there, a saddle": (("II", "III", "IV", "V"), ("I",)),
     "B is there, a saddle": (("III", "IV"), ("I", "II", "V")),
     "C is there": ((ATTRACTING["C"], SADDLE["C"]), (ABSENT["C"],)),
@@ -28,18 +28,20 @@ _KINDS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
 class Share:
     """The share of a plane on which a statement is proved.
 
-    what: the statement.
+    statement: the statement in words, such as "C attracts".
     proved: the proved area over the area of the plane.
     proved_where_true: a lower bound of the ratio of the proved area to the area on which the statement holds.
     """
 
-    what: str
+    statement: str
     proved: float
     proved_where_true: float
 
     def __str__(self) -> str:
         """Return the statement and its shares in per cent."""
-        return f"{self.what}: {self.proved:.2%} of the plane, at least {self.proved_where_true:.2%} of where it holds"
+        return (
+            f"{self.statement}: {self.proved:.2%} of the plane, at least {self.proved_where_true:.2%} of where it holds"
+        )
 
 
 def shares_of_claims(blocks: Iterable[ProvedBlock], area: Fraction) -> list[Share]:
@@ -62,8 +64,8 @@ def shares_of_claims(blocks: Iterable[ProvedBlock], area: Fraction) -> list[Shar
         areas[block.claim] += block.area
     regions = sum((areas[region] for region in REGIONS), Fraction(0))
     found = [Share(REGION, float(regions / area), float(regions / area))]
-    for what, (there, absent) in _KINDS.items():
+    for statement, (there, absent) in _CLAIMS_BY_STATEMENT.items():
         proved = sum((areas[claim] for claim in there), Fraction(0))
         possible = area - sum((areas[claim] for claim in absent), Fraction(0))
-        found.append(Share(what, float(proved / area), float(proved / possible) if possible else 1.0))
+        found.append(Share(statement, float(proved / area), float(proved / possible) if possible else 1.0))
     return found

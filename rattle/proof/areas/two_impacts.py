@@ -121,7 +121,7 @@ class SolutionCell:
 
     @cached_property
     def halves(self) -> tuple[SolutionCell, SolutionCell]:
-        """Return the two halves of the cell. Raises NotProvedError if the cell is as narrow as NARROWEST."""
+        """The two halves of the cell. Raises NotProvedError if the cell is as narrow as NARROWEST."""
         middle = (self.start + self.end) / 2
         if not self.end - self.start > NARROWEST:
             raise NotProvedError(
@@ -141,7 +141,7 @@ class SolutionCell:
 
     @cached_property
     def equations(self) -> tuple[EnclosedFunctions, EnclosedFunctions]:
-        """Enclosures of (16.2) and (16.3), docs/proofs.md: of the factors of X and of Y and the right side of each."""
+        """Enclosures of the factor of X, the factor of Y and the right side of (16.2) and of (16.3), docs/proofs.md."""
         s, delta, beta = self.s, self.delta, self.beta
         at_centre = closure_equations(arb_series([s.mid()]), arb_series([delta.mid()]), beta)
         along_s = closure_equations(arb_series([s, 1]), arb_series([delta]), beta)
@@ -156,7 +156,7 @@ class SolutionCell:
 
     @cached_property
     def least_epsilon(self) -> arb:
-        """Return a lower bound of ε for all solutions of the cell, by (16.8) of docs/proofs.md."""
+        """A lower bound of ε for all solutions of the cell, by (16.8) of docs/proofs.md."""
         bounds = []
         for equation in self.equations:
             factor_x, factor_y, right = equation.over
@@ -256,7 +256,7 @@ class SolutionCell:
         low, high = square_range(epsilon)
         if v < 0 or u < 0 or self.epsilon_squared < low or self.epsilon_squared > high:
             return True
-        # a motion has u > 0, so ±ε² ≤ ±ε² + λu: an upper bound of the sum may prove its ε outside the ball `epsilon`
+        # a motion has u > 0, so ±ε² ≤ ±ε² + λu: an upper bound of this sum may prove ε to be outside the ball `epsilon`
         return bool(self.square_plus_speed(1) < low or self.square_plus_speed(-1) < -high)
 
     def all_solutions_are(self, letter: str, epsilon: arb) -> bool | None:
@@ -280,8 +280,8 @@ class SolutionCell:
             return None
         low, high = square_range(epsilon)
         reaches_sigma_minus = self.solution.over[3] > 0
-        # a motion needs u > 0. Where u ≤ 0, ±ε² ≥ ±ε² + λu: a lower bound of the sum may prove ε outside the ball
-        # `epsilon` there; then all solutions with an ε in the ball have u > 0
+        # a motion needs u > 0. Solutions with u ≤ 0 have ±ε² ≥ ±ε² + λu. If a lower bound of this sum proves that their
+        # ε is outside the ball `epsilon`, all solutions with an ε in the ball have u > 0
         reaches_sigma_minus = (
             reaches_sigma_minus or self.square_plus_speed(1) > high or self.square_plus_speed(-1) > -low
         )
@@ -444,8 +444,9 @@ def attracts(piece: PlanePiece, run: Iterable[SolutionCell]) -> bool:
 def _crosses_block(piece: PlanePiece, run: list[SolutionCell], letter: str) -> bool:
     """Return whether ε(s) takes each ε of the piece exactly once along a run of cells, at every δ of the piece.
 
-    ε(s) is monotone along the run, and the cells next to the run have no motion with an ε of the piece. So at both ends
-    of the run ε(s) is below or above all ε of the piece, by continuity the same at every δ; the middle δ decides which.
+    ε(s) is monotone along the run, and the cells next to the run have no motion with an ε of the piece. So at each end
+    of the run ε(s) is either below or above all ε of the piece. By continuity ε(s) is on the same side at every δ, so
+    the side is computed at the middle δ alone.
 
     Returns
     -------
@@ -455,12 +456,14 @@ def _crosses_block(piece: PlanePiece, run: list[SolutionCell], letter: str) -> b
     Raises
     ------
     NotProvedError
-        If the side is undecided at one end.
+        If it is undecided at an end of the run whether ε(s) is below or above all ε of the piece.
     """
     (low, high), sides = square_range(piece.epsilon), []
     for s in (run[0].start, run[-1].end):
         square = SolutionCell(s, s, piece.delta.mid(), piece.beta).epsilon_squared
         sides.append(1 if square > high else -1 if square < low else 0)
     if 0 in sides:
-        raise NotProvedError(f"it is undecided where the solutions {letter} leave the block: try a smaller block")
+        raise NotProvedError(
+            f"the curve of solutions {letter} is not proved to leave the block in ε: try a smaller block"
+        )
     return sides == [-SLOPE_SIGN[letter], SLOPE_SIGN[letter]]

@@ -33,7 +33,7 @@ from rattle.proof.check import (
 
 #: Half-width, in times and parameters, of the box in which one zero is proved.
 RADIUS = IV.mpf(10) ** -16
-#: Half-width of this box in velocities, as a multiple of its half-width in times.
+#: Half-width of the box in velocities, divided by its half-width in times.
 VELOCITY_FACTOR = 1000
 #: Parameters that may be unknowns.
 FREE = ("delta", "epsilon")
@@ -154,9 +154,9 @@ class Bifurcation:
             "`times` must have one number for each wall, and the known parameters must be positive",
         )
 
-    def parameters(self, at: Sequence[Any]) -> list[Any]:
-        """Return [δ, ε]; a parameter that is not known exactly is taken from the unknowns `at`."""
-        free = iter(at[2 * self.n :])
+    def parameters(self, unknowns: Sequence[Any]) -> list[Any]:
+        """Return [δ, ε]; a parameter that is not known exactly is taken from `unknowns`."""
+        free = iter(unknowns[2 * self.n :])
         return [self.known[name] if name in self.known else next(free) for name in FREE]
 
     def box_centre(self) -> list[Interval]:
@@ -197,16 +197,17 @@ class Bifurcation:
         return [each.value for each in values], [each.slopes for each in values]
 
     def bifurcation_condition(self, pieces: Sequence[Any], delta: ParameterJet) -> ParameterJet:
-        """Return a number that is 0 if the motion bifurcates as stated: its condition on the tangent map of (Φ, Φ').
+        """Return a number that is 0 if the motion bifurcates as stated: a condition on the tangent map of (Φ, Φ').
 
-        The tangent map covers the period from the grazing impact on, or from the first impact if none grazes. pieces: a
-        tuple for each flight, in order: (1 − e^(−δt))/δ and e^(−δt) with its duration t; −2g at its end, g being the
-        contact force (None if it ends at the graze); the velocity after its end.
+        The tangent map covers one period. It begins at the grazing impact, or at the first impact if no impact grazes.
+        pieces: for each flight in order a tuple of four numbers. With the duration t of the flight the first two
+        numbers are (1 − e^(−δt))/δ and e^(−δt). The third number is −2g with the contact force g at the end of the
+        flight, or None if this end is the graze. The fourth number is the velocity after the end of the flight.
 
         Returns
         -------
         ParameterJet
-            The number, times the product of the velocities after all impacts but the graze.
+            The condition multiplied by the velocities after all impacts but the graze.
         """
         a, b, c, d, speeds = as_jet(1), as_jet(0), as_jet(0), as_jet(1), as_jet(1)
         first = self.impact or 0

@@ -19,22 +19,26 @@ from rattle.proof.balls import PI, arb_series
 Series = arb_series
 
 
-def _flip_residual(delta: Series, x: Series, _s: Series, end: Series) -> Series:
-    return delta * delta * 2 * (1 + end) - 4 * PI() * (1 - end) * x
+def _flip_residual(delta: Series, x: Series, _s: Series, decay: Series) -> Series:
+    """Return 2δ² (1 + E) − 4π (1 − E) X, which is 0 at a flip of C; `decay` is E = e^(−δ)."""
+    return delta * delta * 2 * (1 + decay) - 4 * PI() * (1 - decay) * x
 
 
-def _double_multiplier_residual(delta: Series, x: Series, _s: Series, _end: Series) -> Series:
+def _double_multiplier_residual(delta: Series, x: Series, _s: Series, _decay: Series) -> Series:
+    """Return δ² (1 − √E) − 4π (1 + √E) X, which is 0 at a double multiplier of C."""
     root = (-delta / 2).exp()
     return delta * delta * (1 - root) - 4 * PI() * (1 + root) * x
 
 
-def _cod23_residual(delta: Series, x: Series, s: Series, end: Series) -> Series:
+def _cod23_residual(delta: Series, x: Series, s: Series, decay: Series) -> Series:
+    """Return a number that is 0 at COD23; s is the time from Σ⁺ to the graze, and `decay` is E = e^(−δ)."""
     early, late = (-delta * s).exp(), (-delta * (1 - s)).exp()
     impacts = 1 / (1 - early) + late / (1 - late)
-    return delta * delta * (2 * (1 + end) / (1 - end) - impacts) - 4 * PI() * x
+    return delta * delta * (2 * (1 + decay) / (1 - decay) - impacts) - 4 * PI() * x
 
 
-def _birth_residual(_delta: Series, x: Series, _s: Series, _end: Series) -> Series:
+def _birth_residual(_delta: Series, x: Series, _s: Series, _decay: Series) -> Series:
+    """Return X = ε cos 2πτ, which is 0 where A and C are born."""
     return x
 
 

@@ -77,55 +77,55 @@ class ExtendedSystem:
     known: dict[str, arb]
     side: Sequence[float] = ()
 
-    def __call__(self, at: Sequence[arb]) -> EvaluatedSystem:
+    def __call__(self, unknowns: Sequence[arb]) -> EvaluatedSystem:
         """Evaluate the equations at the unknowns (N,): the impact times, the unknown ones of δ and ε, then φ."""
-        return EvaluatedSystem(self, at)
+        return EvaluatedSystem(self, unknowns)
 
-    def parameters(self, at: Sequence[Any]) -> tuple[Any, Any]:
-        """Return δ and ε: a known parameter as a ball, an unknown parameter as its entry in the unknowns `at`."""
-        free = iter(at[self.motion.n :])
+    def parameters(self, unknowns: Sequence[Any]) -> tuple[Any, Any]:
+        """Return δ and ε: a known parameter as a ball, an unknown parameter as its entry in `unknowns`."""
+        free = iter(unknowns[self.motion.n :])
         delta, epsilon = (self.known[name] if name in self.known else next(free) for name in FREE)
         return delta, epsilon
 
-    def model_point(self, at: Sequence[arb]) -> ModelPoint:
-        """Return the parameter point: δ, ε and β as balls; unknown parameters are taken from the unknowns `at`."""
-        return ModelPoint(*self.parameters(at), self.beta)
+    def model_point(self, unknowns: Sequence[arb]) -> ModelPoint:
+        """Return the parameter point: δ, ε and β as balls; unknown parameters are taken from `unknowns`."""
+        return ModelPoint(*self.parameters(unknowns), self.beta)
 
 
 @dataclass(frozen=True)
 class EvaluatedSystem:
-    """An extended system, evaluated at its unknowns `at`."""
+    """An extended system, evaluated at the values `unknowns` (N,) of its unknowns."""
 
     system: ExtendedSystem
-    at: Sequence[arb]
+    unknowns: Sequence[arb]
 
     @property
     def residual(self) -> list[arb]:
         """The values (N,) of all equations."""
-        return [each[0] for each in self._equation_values([arb_series([x]) for x in self.at])]
+        return [each[0] for each in self._equation_values([arb_series([x]) for x in self.unknowns])]
 
     @cached_property
     def jacobian(self) -> arb_mat:
         """The Jacobian (N, N) of all equations; each column comes from series of first order."""
         columns = []
-        for k in range(len(self.at)):
-            moved = [arb_series([x, 1] if j == k else [x]) for j, x in enumerate(self.at)]
+        for k in range(len(self.unknowns)):
+            moved = [arb_series([x, 1] if j == k else [x]) for j, x in enumerate(self.unknowns)]
             columns.append([each[1] for each in self._equation_values(moved)])
         return arb_mat(columns).transpose()
 
-    def _equation_values(self, at: list[Series]) -> list[Series]:
+    def _equation_values(self, unknowns: list[Series]) -> list[Series]:
         """Return the values of all equations: the residuals R of the impacts, then the conditions of the bifurcation.
 
-        For a graze the conditions are w₁, the velocity at which the grazing impact is reached, and at a codimension-two
-        point one more; otherwise J(μ) φ and ⟨l, φ⟩ − 1.
+        A saddle-node or a flip has the conditions J(μ) φ and ⟨l, φ⟩ − 1. A graze has the condition w₁, the velocity at
+        which the grazing impact is reached. A codimension-two point has w₁ and the condition of `codimension_two`.
 
         Returns
         -------
         list[Series]
             The values (N,).
         """
-        motion, (delta, epsilon) = self.system.motion, self.system.parameters(at)
-        n, times = motion.n, at[: motion.n]
+        motion, (delta, epsilon) = self.system.motion, self.system.parameters(unknowns)
+        n, times = motion.n, unknowns[: motion.n]
         zero = arb_series([0])
         flights = [
             flight_series(
@@ -140,16 +140,19 @@ class EvaluatedSystem:
         if motion.point is not None:
             values.append(_codimension_two_condition(motion.point, delta, epsilon, times))
         if motion.kind is not Kind.GRAZING:
-            phi, turn = at[-n:], int(MULTIPLIER[motion.kind])
-            values += [_entry_of_product(flights, phi, i, turn) for i in range(n)]
+            phi, turn = unknowns[-n:], int(MULTIPLIER[motion.kind])
+            values += [_jacobian_product_entry(flights, phi, i, turn) for i in range(n)]
             values.append(sum((x * side for x, side in zip(phi, self.system.side, strict=True)), zero) - 1)
         return values
 
 
-def _entry_of_product(flights: Sequence[FlightVelocities], phi: Sequence[Series], i: int, turn: int) -> Series:
-    """Return entry i of J(μ) φ, with J(μ) the Jacobian of the impact equations for perturbations φ.
+def _jacobian_product_entry(
+    flights: Sequence[FlightVelocities], phi: Sequence[Series], i: int, multiplier: int
+) -> Series:
+    """Return entry i of J(μ) φ.
 
-    turn: the multiplier μ = 1 or −1, by which φ is multiplied over the period of the motion.
+    J(μ) is the Jacobian of the impact equations for perturbations that grow by the factor μ over the period.
+    flights: the n flights of the motion. phi: φ (n,). multiplier: μ = 1 or −1.
 
     Returns
     -------
@@ -157,8 +160,8 @@ def _entry_of_product(flights: Sequence[FlightVelocities], phi: Sequence[Series]
         The entry.
     """
     n, here, before = len(flights), flights[i], flights[i - 1]
-    after = phi[(i + 1) % n] * (turn if i + 1 == n else 1)
-    earlier = phi[i - 1] * (turn if i == 0 else 1)
+    after = phi[(i + 1) % n] * (multiplier if i + 1 == n else 1)
+    earlier = phi[i - 1] * (multiplier if i == 0 else 1)
     return (here.w0_t0 + before.w1_t1) * phi[i] + here.w0_t1 * after + before.w1_t0 * earlier
 
 
@@ -188,7 +191,7 @@ def flight_series(delta: Series, epsilon: Series, t0: Series, t1: Series, distan
 
 
 def require_admissible_at(system: ExtendedSystem, zero: Sequence[arb]) -> None:
-    """Raise NotProvedError unless the motion at the solution `zero` is proved to meet exactly its walls.
+    """Raise NotProvedError unless the motion at the solution `zero` is proved to meet its walls and no others.
 
     All speeds must be proved not to be 0, except at the grazing impact, where the motion touches the wall from inside.
     """
@@ -208,7 +211,7 @@ def require_admissible_at(system: ExtendedSystem, zero: Sequence[arb]) -> None:
             require_first_impact(each, walls[i], target, name)
 
 
-def require_only_graze(each: FlightEnclosure, wall: int, target: int, touched: int, time: arb, name: str) -> None:
+def require_only_graze(flight: FlightEnclosure, wall: int, target: int, touched: int, time: arb, name: str) -> None:
     """Prove that a flight from `wall` to `target` grazes the wall `touched`, and touches no other point of the walls.
 
     `time` is the time of the graze, at which Φ' = 0. The contact force must point away from the wall then, so that Φ
@@ -219,10 +222,10 @@ def require_only_graze(each: FlightEnclosure, wall: int, target: int, touched: i
     NotProvedError
         If the proof fails; the flight may touch a wall at another time.
     """
-    push = each.point.force(*(2 * time).sin_cos_pi())
-    if not (-touched * push > 0 and each.t0 < time < each.t1 and -wall * each.w0 > 0 and target * each.w1 > 0):
+    push = flight.point.force(*(2 * time).sin_cos_pi())
+    if not (-touched * push > 0 and flight.t0 < time < flight.t1 and -wall * flight.w0 > 0 and target * flight.w1 > 0):
         raise NotProvedError(f"{name} is not proved to start and end inside the walls and to turn at its graze")
-    above, below = each.point.beta * (1 - wall), -each.point.beta * (1 + wall)
-    close = [turn for turn, height in extrema(each, name) if not (height > below if turn == UP else height < above)]
+    above, below = flight.point.beta * (1 - wall), -flight.point.beta * (1 + wall)
+    close = [turn for turn, height in extrema(flight, name) if not (height > below if turn == UP else height < above)]
     if close != [-touched]:
-        raise NotProvedError(f"{name} is not proved to touch a wall at its graze alone")
+        raise NotProvedError(f"{name} is not proved to touch a wall only at its graze")

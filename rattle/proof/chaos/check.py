@@ -99,9 +99,11 @@ class CheckedBundle:
         for _ in range(5):
             y, v = self.flight_state(self.middle, time)
             time = IV.mpf((time - (y - end) / v).mid)
-        delay = self.enclose_delay(self.flight_state(self.middle, time)[0] - end, time, IV.mpf(10) ** -30, middle=True)
+        delay = self.enclose_delay(
+            self.flight_state(self.middle, time)[0] - end, time, IV.mpf(10) ** -30, only_middle=True
+        )
         landing = time + delay  # arrival time of the flight from the middle
-        delay = self.enclose_delay(self.state_at(landing)[0] - end, time, IV.mpf(10) ** -20, middle=False)
+        delay = self.enclose_delay(self.state_at(landing)[0] - end, time, IV.mpf(10) ** -20, only_middle=False)
         arrival = time + delay  # arrival times of all flights
         speed = self.state_at(arrival)[1]
         require(
@@ -113,17 +115,17 @@ class CheckedBundle:
         moved = [(-h / speed, -(v - pull * h / speed)) for h, v in zip(heights, speeds, strict=True)]
         return (landing, -self.flight_state(self.middle, landing)[1]), (moved[0], moved[1])
 
-    def enclose_delay(self, missed: Interval, time: Interval, room: Interval, middle: bool) -> Interval:
+    def enclose_delay(self, missed: Interval, time: Interval, bound: Interval, only_middle: bool) -> Interval:
         """Return the delay after `time` with which flights reach their wall, by Newton's interval method.
 
         Parameters
         ----------
         missed : Interval
             Φ minus the position of the wall, at `time`.
-        room : Interval
+        bound : Interval
             First guess of a bound of the delay.
-        middle : bool
-            Whether to follow the flight from the middle alone, or all flights.
+        only_middle : bool
+            True: enclose the delay of the flight from the middle. False: enclose the delays of all flights.
 
         Returns
         -------
@@ -136,13 +138,13 @@ class CheckedBundle:
             If a flight may graze, or no bound of the delay is found.
         """
         for _ in range(8):
-            around = time + room * UNIT
-            speed = self.flight_state(self.middle, around)[1] if middle else self.state_at(around)[1]
+            around = time + bound * UNIT
+            speed = self.flight_state(self.middle, around)[1] if only_middle else self.state_at(around)[1]
             require(is_positive(speed) or is_positive(-speed), "a flight may graze")
             delay = -missed / speed
-            if is_positive(room - delay, room + delay):
+            if is_positive(bound - delay, bound + delay):
                 return delay
-            room = IV.mpf(1.3) * max(room, IV.mpf(abs(delay).b))
+            bound = IV.mpf(1.3) * max(bound, IV.mpf(abs(delay).b))
         raise Refused("the time of an impact is not enclosed")
 
     def guess_arrival(self, target: int) -> Interval:
@@ -250,24 +252,25 @@ class HorseshoeClaim:
         )  # fmt: skip
 
     def coordinates_in(
-        self, target: int, periods: int, found: tuple[Vector, tuple[Vector, Vector]]
+        self, target: int, periods: int, image: tuple[Vector, tuple[Vector, Vector]]
     ) -> tuple[Vector, list[Any]]:
-        """Return the coordinates (ξ, η) of an image in the set `target`, shifted by `periods` forcing periods.
+        """Return an image in the coordinates (ξ, η) of the set `target`, which is shifted by `periods` forcing periods.
 
-        found: the centre and the half sides of a parallelogram that contains the image.
+        image: the centre (t, v) and the two half sides of a parallelogram that contains the image.
 
         Returns
         -------
         tuple[Vector, list[Any]]
-            Intervals of ξ and η over the image; and for each half side the larger of its extents in ξ and in η.
+            Intervals of ξ and η over the image. For each half side of the parallelogram the larger of two extents, that
+            in ξ and that in η.
         """
-        (t, v, a, c, b, d), (middle, sides) = self.sets[target], found
+        (t, v, a, c, b, d), (middle, sides) = self.sets[target], image
         size = a * d - b * c
         require(is_positive(size) or is_positive(-size), "the sides of a set are parallel, so it has no area")
         away = middle[0] - t - periods, middle[1] - v
-        start, *added = (((d * x - b * y) / size, (a * y - c * x) / size) for x, y in (away, *sides))
-        xi, eta = (start[i] + UNIT * (abs(added[0][i]) + abs(added[1][i])) for i in range(2))
-        return (xi, eta), [max(float(abs(x).b) for x in each) for each in added]
+        start, *extents = (((d * x - b * y) / size, (a * y - c * x) / size) for x, y in (away, *sides))
+        xi, eta = (start[i] + UNIT * (abs(extents[0][i]) + abs(extents[1][i])) for i in range(2))
+        return (xi, eta), [max(float(abs(x).b) for x in each) for each in extents]
 
     def require_covers(self, source: int, target: int, word: int, periods: int) -> None:
         """Raise Refused unless the set `source` covers the set `target` (Lemma 11 of docs/proofs.md).
@@ -276,49 +279,51 @@ class HorseshoeClaim:
         source to target. In the target's coordinates Π maps one edge ξ = ±1 of the source to ξ < −1 and the other to
         ξ > 1, and no point of the source to |ξ| ≤ 1 ≤ |η|.
         """
-        went = [self.sides_of_parts(source, target, word, periods, edge, inside=False) for edge in EDGES]
+        went = [self.sides_of_parts(source, target, word, periods, edge, inside_allowed=False) for edge in EDGES]
         require(
             went in ([{-1}, {1}], [{1}, {-1}]),
             f"the edges of set {source} are not mapped to both sides of set {target}",
         )
-        self.sides_of_parts(source, target, word, periods, WHOLE, inside=True)
+        self.sides_of_parts(source, target, word, periods, WHOLE, inside_allowed=True)
 
-    def sides_of_parts(self, source: int, target: int, word: int, periods: int, part: Part, inside: bool) -> set[int]:
+    def sides_of_parts(
+        self, source: int, target: int, word: int, periods: int, part: Part, inside_allowed: bool
+    ) -> set[int]:
         """Return the sides of the set `target` to which Π maps a part of the set `source`.
 
-        The part is halved until the side is proved for each of its pieces. The target is shifted by `periods` forcing
-        periods, and `word` is the number of impacts on Σ⁻ in the step from source to target.
+        The part is halved until a side is proved for each of the smaller parts. The target is shifted by `periods`
+        forcing periods, and `word` is the number of impacts on Σ⁻ in the step from source to target.
 
         Returns
         -------
         set[int]
-            1 if a piece is mapped to ξ > 1, −1 if one is mapped to ξ < −1, and, only if `inside`, 0 if one is mapped to
-            |η| < 1, in the coordinates (ξ, η) of the target.
+            In the coordinates (ξ, η) of the target: 1 if Π maps a smaller part to ξ > 1, −1 if it maps one to ξ < −1.
+            If `inside_allowed`, also 0 if it maps one to |η| < 1.
 
         Raises
         ------
         Refused
-            If the side stays undecided for a piece.
+            If the side of a smaller part stays undecided.
         """
         parts, sides = [part], set()
         for _ in range(MOST_PARTS):
-            here, added = parts.pop(), [1.0, 1.0]
+            here, extents = parts.pop(), [1.0, 1.0]
             try:
-                (xi, eta), added = self.coordinates_in(target, periods, self.image(source, here, word))
+                (xi, eta), extents = self.coordinates_in(target, periods, self.image(source, here, word))
                 if is_positive(xi - 1) or is_positive(-1 - xi):
                     sides.add(1 if is_positive(xi) else -1)
-                elif inside and is_positive(1 - eta, 1 + eta):
+                elif inside_allowed and is_positive(1 - eta, 1 + eta):
                     sides.add(0)
                 else:
-                    parts += halves(here, added)
+                    parts += halve_part(here, extents)
             except Refused:
-                parts += halves(here, added)
+                parts += halve_part(here, extents)
             if not parts:
                 return sides
         raise Refused(f"set {source} is not proved to cover set {target}")
 
     def require_disjoint(self, one: int, other: int) -> None:
-        """Raise Refused unless two sets are proved to be disjoint, with times taken modulo 1."""
+        """Raise Refused unless the sets with these two numbers are proved to be disjoint, with times taken modulo 1."""
         for periods in (-2, -1, 0, 1, 2):
             a, b = self.corners(one, 0), self.corners(other, periods)
             normals = [(c[i][1] - c[0][1], c[0][0] - c[i][0]) for c in (a, b) for i in (1, 2)]
@@ -327,7 +332,7 @@ class HorseshoeClaim:
             require(ok, f"sets {one} and {other} may meet")
 
     def corners(self, number: int, periods: int) -> list[tuple[Fraction, Fraction]]:
-        """Return the corners of a set, shifted by a number of forcing periods."""
+        """Return the corners (t, v) of set `number`, shifted by `periods` forcing periods."""
         t, v, *along = self.numbers[number]
         require(
             abs(t) + abs(along[0]) + abs(along[2]) < 1.5,
@@ -337,10 +342,10 @@ class HorseshoeClaim:
         return [(t + periods + x * along[0] + y * along[2], v + x * along[1] + y * along[3]) for x, y in signs]
 
 
-def halves(part: Part, added: list[float]) -> list[Part]:
-    """Return both halves of a part, cut across its more stretched side. Raises Refused if the part is too small.
+def halve_part(part: Part, extents: list[float]) -> list[Part]:
+    """Cut a part in two across the side that Π stretches more. Raises Refused if the part is too small.
 
-    added: for each side of the part the extent of its image, from `coordinates_in`.
+    extents: for each side of the part the extent of its image, from `coordinates_in`.
 
     Returns
     -------
@@ -349,7 +354,7 @@ def halves(part: Part, added: list[float]) -> list[Part]:
     """
     xi, eta, width, height = part
     require(max(width, height) > 2.0**-14, "a set is not proved to be stretched across the next set")
-    if width and (not height or (added[0], width) >= (added[1], height)):
+    if width and (not height or (extents[0], width) >= (extents[1], height)):
         return [(xi + side * width / 2, eta, width / 2, height) for side in (-1, 1)]
     return [(xi, eta + side * height / 2, width, height / 2) for side in (-1, 1)]
 

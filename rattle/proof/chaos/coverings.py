@@ -68,7 +68,7 @@ class HSet:
         return arb_mat(2, 1, [ball(x) for x in self.centre])
 
     def corners(self) -> Iterator[Pair]:
-        """Yield the corners of the set."""
+        """Yield the four corners (t, v) of the set."""
         for x in (-1, 1):
             for y in (-1, 1):
                 t, v = (c + x * u + y * s for c, u, s in zip(self.centre, self.unstable, self.stable, strict=True))
@@ -112,30 +112,30 @@ class MappedSet:
         right = self._side_of_edge(target, periods, EDGES[1])
         if left == right:
             raise NotProvedError("both edges of a set are mapped to the same side of the next set")
-        for _ in self._sides_of_parts(target, periods, WHOLE, inside=True):
+        for _ in self._sides_of_parts(target, periods, WHOLE, inside_allowed=True):
             pass
 
     def _side_of_edge(self, target: HSet, periods: int, edge: SetPart) -> int:
         """Return the side of `target` to which an edge is mapped: 1 (ξ > 1) or −1 (ξ < −1). Raises NotProvedError."""
-        sides = set(self._sides_of_parts(target, periods, edge, inside=False))
+        sides = set(self._sides_of_parts(target, periods, edge, inside_allowed=False))
         if len(sides) != 1:
             raise NotProvedError("an edge of a set is mapped to both sides of the next set")
         return sides.pop()
 
-    def _sides_of_parts(self, target: HSet, periods: int, part: SetPart, inside: bool) -> Iterator[int]:
+    def _sides_of_parts(self, target: HSet, periods: int, part: SetPart, inside_allowed: bool) -> Iterator[int]:
         """Cut a part until the position of each image relative to `target` is proved, and yield these positions.
 
-        inside: whether images between the edges ξ = ±1 are allowed.
+        inside_allowed: whether an image may lie at |ξ| ≤ 1, if it has |η| < 1.
 
         Yields
         ------
         int
-            1 if the image of a part has ξ > 1, −1 if it has ξ < −1, and 0 if it has |η| < 1 (only if `inside`).
+            1 for a part whose image has ξ > 1, −1 for ξ < −1, and, if `inside_allowed`, 0 for |η| < 1.
 
         Raises
         ------
         NotProvedError
-            If a part stays undecided, or its image is where it must not be.
+            If the position of an image stays undecided, or an image lies where the covering forbids it.
         """
         parts, number = [part], 0
         while parts:
@@ -143,52 +143,53 @@ class MappedSet:
             if number > MOST_PIECES:
                 raise NotProvedError(f"a covering stays undecided with {MOST_PIECES:,} parts of a set")
             found = self.image(here)
-            grown = [1.0, 1.0]
+            extents = [1.0, 1.0]
             if found is not None:
-                (xi, eta), grown = _coordinates_in(target, periods, found)
+                (xi, eta), extents = _coordinates_in(target, periods, found)
                 if xi > 1 or xi < -1:
                     yield 1 if xi > 1 else -1
                     continue
-                if inside and abs(eta) < 1:
+                if inside_allowed and abs(eta) < 1:
                     yield 0
                     continue
-                if _is_cutting_useless(xi, eta, grown, inside):
+                if _is_cutting_useless(xi, eta, extents, inside_allowed):
                     raise NotProvedError("a set is not proved to be stretched across the next set")
-            parts += _halves(here, grown)
+            parts += _halve_part(here, extents)
 
 
-def _coordinates_in(target: HSet, periods: int, found: Image) -> tuple[tuple[arb, arb], list[float]]:
-    """Return an image in the coordinates (ξ, η) of the target, which is shifted by `periods` forcing periods.
+def _coordinates_in(target: HSet, periods: int, part_image: Image) -> tuple[tuple[arb, arb], list[float]]:
+    """Return a part's image in the coordinates (ξ, η) of the target, which is shifted by `periods` forcing periods.
 
     Returns
     -------
     tuple[tuple[arb, arb], list[float]]
-        Balls of ξ and η over the image; and for each half side of the image the larger of its extents in ξ and in η.
+        Balls of ξ and η over the image. For each half side of the image the larger of two extents, that in ξ and that
+        in η.
     """
-    away = arb_mat(2, 1, [found.middle[0] - periods, found.middle[1]]) - target.centre_column
-    start, slope = target.inverse_matrix * away, target.inverse_matrix * found.slope
+    away = arb_mat(2, 1, [part_image.middle[0] - periods, part_image.middle[1]]) - target.centre_column
+    start, slope = target.inverse_matrix * away, target.inverse_matrix * part_image.slope
     xi, eta = (start[i, 0] + arb(0, 1) * sum((abs(slope[i, j]) for j in range(2)), arb(0)) for i in range(2))
     return (xi, eta), [max(float(abs(slope[i, j]).upper()) for i in range(2)) for j in range(2)]
 
 
-def _is_cutting_useless(xi: arb, eta: arb, grown: Sequence[float], inside: bool) -> bool:
-    """Return whether a covering cannot be proved by cutting a part further.
+def _is_cutting_useless(xi: arb, eta: arb, extents: Sequence[float], inside_allowed: bool) -> bool:
+    """Return whether it is useless to cut a part further to prove a covering.
 
-    xi, eta: the part's image in the target's coordinates. grown: for each side of the part the extent of its image.
-    inside: whether the image may have |ξ| < 1 if |η| < 1.
+    xi, eta: the part's image in the target's coordinates. extents: for each side of the part the extent of its image.
+    inside_allowed: whether the image may lie at |ξ| < 1, if it has |η| < 1.
 
     Returns
     -------
     bool
-        True if the image is where it must not be, or is tiny and its position is still undecided.
+        True if the image lies where the covering forbids it, or is so small that cutting would not decide its position.
     """
-    return max(grown) < FINEST * 8 or bool(abs(xi) < 1 and (abs(eta) > 1 or not inside))
+    return max(extents) < FINEST * 8 or bool(abs(xi) < 1 and (abs(eta) > 1 or not inside_allowed))
 
 
-def _halves(part: SetPart, grown: Sequence[float]) -> list[SetPart]:
-    """Return both halves of a part, cut across the side whose image is longer.
+def _halve_part(part: SetPart, extents: Sequence[float]) -> list[SetPart]:
+    """Cut a part in two across the side whose image is longer.
 
-    grown: for each side of the part the extent of its image, from `_coordinates_in`.
+    extents: for each side of the part the extent of its image, from `_coordinates_in`.
 
     Returns
     -------
@@ -203,6 +204,6 @@ def _halves(part: SetPart, grown: Sequence[float]) -> list[SetPart]:
     xi, eta, width, height = part
     if max(width, height) < FINEST:
         raise NotProvedError("a covering stays undecided even for the smallest parts of a set: use a smaller set")
-    if (grown[0] * (width > 0), width) >= (grown[1], height):
+    if (extents[0] * (width > 0), width) >= (extents[1], height):
         return [SetPart(xi + side * width / 2, eta, width / 2, height) for side in (-1, 1)]
     return [SetPart(xi, eta + side * height / 2, width, height / 2) for side in (-1, 1)]

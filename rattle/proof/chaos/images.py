@@ -99,7 +99,7 @@ def arrival(point: ModelPoint, middle: tuple[arb, arb], sides: arb_mat, wall: in
     bundle = FlightBundle(point, middle, sides)
     at_middle = bundle.middle_flight(time)
     by_t0, by_w0 = _flight_derivatives(at_middle, time)
-    guess = abs(spread_of_sides(sides, by_t0[0], by_w0[0]) / at_middle.w1) + arb(1e-25)
+    guess = abs(largest_over_sides(sides, by_t0[0], by_w0[0]) / at_middle.w1) + arb(1e-25)
     missed = bundle.height(time) - distance
     for _ in range(MOST_WIDENINGS):
         guess = guess.upper() * WIDENING
@@ -122,7 +122,7 @@ def arrival(point: ModelPoint, middle: tuple[arb, arb], sides: arb_mat, wall: in
     return Arrival(time, at_middle.w1, slope)
 
 
-def spread_of_sides(sides: arb_mat, by_t0: arb, by_w0: arb) -> arb:
+def largest_over_sides(sides: arb_mat, by_t0: arb, by_w0: arb) -> arb:
     """Return the largest by_t0 dt₀ + by_w0 dw₀ for (dt₀, dw₀) in sides [−1, 1]²."""
     return sum((abs(by_t0 * sides[0, j] + by_w0 * sides[1, j]) for j in range(2)), arb(0))
 
@@ -161,14 +161,16 @@ class FlightBundle:
     def _state_component(self, t: arb, which: int) -> arb:
         """Return Φ(t) − Φ(t₀) if `which` is 0, Φ'(t) if it is 1, over all flights that start in the set."""
         by_t0, by_w0 = _flight_derivatives(self.enclosing_flight(t), t)
-        return self.middle_flight(t).state_at(t)[which] + arb(0, 1) * spread_of_sides(
+        return self.middle_flight(t).state_at(t)[which] + arb(0, 1) * largest_over_sides(
             self.sides, by_t0[which], by_w0[which]
         )
 
-    def require_no_other_impact(self, here: FlightEnclosure, wall: int, target: int, name: str) -> None:
-        """Prove that all flights that start in the set, enclosed in `here`, meet no wall before their end on `target`.
+    def require_no_other_impact(self, enclosure: FlightEnclosure, wall: int, target: int, name: str) -> None:
+        """Prove that all flights from the set meet no wall between their start on `wall` and their end on `target`.
 
-        Their extrema are tried first (Lemma 3 of docs/proofs.md). If these do not decide, the time is bisected until
+        enclosure: an enclosure of all these flights. name: their name in messages.
+
+        The extrema of Φ are tried first (Lemma 3 of docs/proofs.md). If they do not decide, the time is bisected until
         in each part Φ' has one sign or Φ is strictly between the walls (Lemma 6).
 
         Raises
@@ -177,14 +179,14 @@ class FlightBundle:
             If a flight may meet a wall before its end.
         """
         try:
-            require_first_impact(here, wall, target, name)
+            require_first_impact(enclosure, wall, target, name)
         except NotProvedError:
-            if sign(here.w0) != -wall or sign(here.w1) != target or not here.t1 > here.t0:
+            if sign(enclosure.w0) != -wall or sign(enclosure.w1) != target or not enclosure.t1 > enclosure.t0:
                 raise
         else:
             return
-        above, below = here.point.beta * (1 - wall), -here.point.beta * (1 + wall)
-        parts = [(here.t0.lower(), here.t1.upper())]
+        above, below = enclosure.point.beta * (1 - wall), -enclosure.point.beta * (1 + wall)
+        parts = [(enclosure.t0.lower(), enclosure.t1.upper())]
         for _ in range(MOST_PARTS):
             start, end = parts.pop()
             part = start.union(end)
@@ -206,13 +208,13 @@ def _flight_from_start(point: ModelPoint, t0: arb, w0: arb, t1: arb) -> FlightEn
     return FlightEnclosure(point, t0, t1, rest, cos0, w0, w1, decay, none, none, none, none)
 
 
-def _flight_derivatives(here: FlightEnclosure, t: arb) -> tuple[tuple[arb, arb], tuple[arb, arb]]:
-    """Return the derivatives of Φ − Φ(t₀) and Φ' at the time t: both with respect to t₀, then both to w₀."""
-    point, (sin0, _) = here.point, (2 * here.t0).sin_cos_pi()
-    kept = (-point.delta * (t - here.t0)).exp()
+def _flight_derivatives(flight: FlightEnclosure, t: arb) -> tuple[tuple[arb, arb], tuple[arb, arb]]:
+    """Return the derivatives of (Φ − Φ(t₀), Φ') at the time t with respect to t₀, then those with respect to w₀."""
+    point, (sin0, _) = flight.point, (2 * flight.t0).sin_cos_pi()
+    kept = (-point.delta * (t - flight.t0)).exp()
     reach = (1 - kept) / point.delta
-    push = point.delta * here.w0 - point.force(sin0, here.cos0)
-    return (reach * push - here.w0, kept * push), (reach, kept)
+    push = point.delta * flight.w0 - point.force(sin0, flight.cos0)
+    return (reach * push - flight.w0, kept * push), (reach, kept)
 
 
 def _middle_arrival_time(point: ModelPoint, middle: tuple[arb, arb], wall: int, target: int) -> arb:
@@ -221,7 +223,8 @@ def _middle_arrival_time(point: ModelPoint, middle: tuple[arb, arb], wall: int, 
     t0, w0, delta, epsilon, beta = numbers
     status, length, met, _ = first_impact.first_impact(wall, float(law.folded(t0)), w0, delta, epsilon, beta, DRIFT)[:4]
     if status != first_impact.OK or met != target:
-        raise NotProvedError("the motion from the middle of a set is not found to meet the stated walls")
+        wall_name = "Σ⁺" if target > 0 else "Σ⁻"
+        raise NotProvedError(f"the flight from the middle of a set is not found to end on {wall_name}")
     time, distance = (middle[0] + arb(float(length))).mid(), point.beta * (target - wall)
     for _ in range(MOST_NEWTON):
         height, speed = _flight_from_start(point, *middle, time).state_at(time)

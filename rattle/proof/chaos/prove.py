@@ -21,8 +21,8 @@ from rattle.proof.flights import ModelPoint
 
 #: Number of found horseshoes that are tried; the one with the largest entropy is kept.
 CANDIDATES_TRIED = 3
-#: The part of a set that is its middle alone.
-POINT = SetPart(0.0, 0.0, 0.0, 0.0)
+#: The part of a set that contains its middle alone.
+MIDDLE_PART = SetPart(0.0, 0.0, 0.0, 0.0)
 #: Unit to which the published entropy is rounded down.
 ENTROPY_UNIT = Fraction(1, 10**4)
 
@@ -71,13 +71,13 @@ def certify_chaos(delta: Exact, epsilon: Exact, beta: Exact = "0.6") -> Horsesho
 
 
 def _prove_loops(
-    point: ModelPoint, parameters: dict[str, Fraction], found: search.HorseshoeCandidate
+    point: ModelPoint, parameters: dict[str, Fraction], candidate: search.HorseshoeCandidate
 ) -> HorseshoeCertificate | None:
     """Return the certificate of those loops of a candidate that are proved, or None if fewer than two are proved."""
-    hub = _exact_set(found.hub)
+    hub = _exact_set(candidate.hub)
     sets, loops = [hub], list[Loop]()
     sources: dict[tuple[int, int], MappedSet] = {}  # all loops share the images of the parts of set 0
-    for each in found.loops:
+    for each in candidate.loops:
         new = [_exact_set(box) for box in each.boxes]
         numbers = range(len(sets), len(sets) + len(new))
         try:
@@ -122,9 +122,11 @@ def _prove_chain(
         mapped = MappedSet(point, source, (-1,) * word)
         if i == 0:
             mapped = sources.setdefault((0, word), mapped)
-        middle = mapped.image(POINT)
+        middle = mapped.image(MIDDLE_PART)
         if middle is None:
-            raise NotProvedError("the motion from the middle of a set is not proved to meet the stated walls")
+            raise NotProvedError(
+                "the motion from the middle of a set is not proved to make the stated number of impacts on Σ⁻"
+            )
         periods.append(round(float(middle.middle[0]) - float(target.centre[0])))
         mapped.require_covers(target, periods[-1])
     return tuple(periods)
@@ -137,10 +139,10 @@ def _exact_set(box: search.StateBox) -> HSet:
     return HSet((t, v), (unstable[0], unstable[1]), (stable[0], stable[1]))
 
 
-def require_disjoint_sets(some: Sequence[HSet], others: Sequence[HSet]) -> None:
-    """Raise NotProvedError unless no set of `some` meets a set of `others`, with times taken modulo 1."""
-    for one in some:
-        for other in others:
+def require_disjoint_sets(first: Sequence[HSet], second: Sequence[HSet]) -> None:
+    """Raise NotProvedError unless no set of `first` meets a set of `second`, with times taken modulo 1."""
+    for one in first:
+        for other in second:
             for periods in (-1, 0, 1):
                 if not are_separated(list(one.corners()), [(t + periods, v) for t, v in other.corners()]):
                     raise NotProvedError("the first sets of two loops may meet, so they do not distinguish the loops")

@@ -91,7 +91,8 @@ class HorseshoeCandidate(NamedTuple):
 class OrbitSegment(NamedTuple):
     """A motion from the hub back to the hub.
 
-    states: the states (L + 1, 2) at its impacts on Σ⁺. words: the numbers (L,) of impacts on Σ⁻ between these impacts.
+    states: the states (L + 1, 2) at its L + 1 impacts on Σ⁺. words: the numbers (L,) of impacts on Σ⁻ between
+    successive impacts on Σ⁺.
     """
 
     states: Array
@@ -107,7 +108,8 @@ class ReturnMap:
     def __call__(self, x: Array) -> tuple[Array, NDArray[np.int64]]:
         """Return the states (…, 2) at the next impact on Σ⁺, and the numbers of impacts on Σ⁻ before it.
 
-        The number is −1 where the motion sticks to a wall, or where the speed in x is not positive.
+        x: the times and speeds (…, 2) of departures from Σ⁺. The number is −1 where the motion sticks to a wall, or
+        where the speed of the departure is not positive.
 
         Returns
         -------
@@ -185,7 +187,7 @@ def _chaotic_motions(gear: Gear) -> tuple[Array, NDArray[np.int64]]:
         x = x[(seen.n_plus == TESTED_IMPACTS) & (seen.time > TESTED_IMPACTS / 4) & (seen.lyapunov[0] > LEAST_EXPONENT)]
     if not len(x):
         raise NotProvedError(
-            "no motion that seems chaotic was found at this point: choose one where a survey shows chaos"
+            "no motion that seems chaotic was found at this point: choose a point where a survey shows chaos"
         )
     path, words = [x[:MOST_MOTIONS]], []
     for _ in range(IMPACTS_PER_MOTION):
@@ -198,10 +200,14 @@ def _chaotic_motions(gear: Gear) -> tuple[Array, NDArray[np.int64]]:
 def _hub_centres(gear: Gear, pi: ReturnMap, states: Array, tangents: Array) -> Iterator[tuple[Array, Array, Array]]:
     """Yield centres of hubs, each with unit vectors along its unstable and its stable direction.
 
+    states (n + 1, k, 2): k chaotic motions of n impacts. tangents (n, k, 2, 2): the derivatives of Π at all states but
+    the last of each motion.
+
     Yields
     ------
     tuple[Array, Array, Array]
-        Centre, unstable and stable direction; first for the period-one saddles, then for some of the chaotic `states`.
+        Centre, unstable direction, stable direction. The first centres are the period-one saddles; then some of the
+        `states` follow.
     """
     for orbit in gear.orbits():
         x = np.array([orbit.tau, orbit.v])
@@ -313,7 +319,8 @@ def _loop_along(pi: ReturnMap, hub: StateBox, segment: OrbitSegment) -> LoopCand
     stable.reverse()
     lengths = np.zeros(steps)
     target = hub
-    for i in range(steps - 1, -1, -1):  # each set is so long that its image reaches beyond the next set
+    # from the last set to the first: the half length along ξ is chosen such that the image reaches beyond the next set
+    for i in range(steps - 1, -1, -1):
         reached = _least_half_length(pi, x[i], unstable[i], tangents[i] @ unstable[i], target, words[i])
         if reached is None:
             return None
@@ -321,7 +328,8 @@ def _loop_along(pi: ReturnMap, hub: StateBox, segment: OrbitSegment) -> LoopCand
         target = StateBox(x[i], np.column_stack([unstable[i] * reached, stable[i]]))
     boxes: list[StateBox] = []
     source, strip = hub, (0.0, 0.0)
-    for i in range(1, steps):  # each set is so high that it contains the image of the set before
+    # the half height along η of each set is chosen such that the set contains the image of the preceding set
+    for i in range(1, steps):
         flat = StateBox(x[i], np.column_stack([unstable[i] * lengths[i], stable[i]]))
         high, where = _image_across(pi, source, flat, words[i - 1])
         if not high < np.inf:
@@ -358,25 +366,26 @@ def _least_half_length(
 
 
 def _image_across(pi: ReturnMap, source: StateBox, target: StateBox, word: int) -> tuple[float, tuple[float, float]]:
-    """Return how high the image of `source` is where it crosses `target`, and which part of `source` crosses.
+    """Return the height of the image of `source` where it crosses `target`, and the part of `source` that crosses.
 
     word: the number of impacts on Σ⁻ that the motions must make.
 
     Returns
     -------
     tuple[float, tuple[float, float]]
-        The largest |η| of the crossing part of the image, in the target's coordinates; and the ends in ξ, on the line
-        η = 0, of the part of the source that crosses. The first number is infinite if Π does not stretch the source
-        across the target, or if a motion does not make `word` impacts.
+        The height: the largest |η| of the crossing part of the image, in the target's coordinates. It is infinite if Π
+        does not stretch the source across the target, or if a motion does not make `word` impacts. The part: both ends
+        in ξ of the crossing part of the source, on the line η = 0 of the source.
     """
     back, aims = np.linalg.inv(target.sides), np.linspace(-MARGIN_FACTOR, MARGIN_FACTOR, 25)
     coarse, eta = np.linspace(-1, 1, 41), np.linspace(-1, 1, 5)
 
-    def image_in_target(xi: Array) -> tuple[Array, bool]:
+    def image_coordinates(xi: Array) -> tuple[Array, bool]:
+        """Return the images of (xi, eta) in the target's coordinates, and whether all motions make `word` impacts."""
         after, words = pi(source.centre + np.stack([xi, np.broadcast_to(eta, xi.shape)], -1) @ source.sides.T)
         return state_difference(after, target.centre) @ back.T, bool((words == word).all())
 
-    first = image_in_target(np.repeat(coarse[:, None], eta.size, 1))[0][..., 0]
+    first = image_coordinates(np.repeat(coarse[:, None], eta.size, 1))[0][..., 0]
     rises = np.diff(first, axis=0)
     if not ((rises > 0).all(0) | (rises < 0).all(0)).all():
         return np.inf, (0.0, 0.0)
@@ -386,12 +395,12 @@ def _image_across(pi: ReturnMap, source: StateBox, target: StateBox, word: int) 
         xi[:, k] = np.interp(aims, first[order, k], coarse[order])
     for _ in range(NEWTON_STEPS):
         step = np.where(xi > 0, -DIFFERENCE_STEP, DIFFERENCE_STEP)
-        lacks = image_in_target(xi)[0][..., 0]
-        slope = (image_in_target(xi + step)[0][..., 0] - lacks) / step
+        lacks = image_coordinates(xi)[0][..., 0]
+        slope = (image_coordinates(xi + step)[0][..., 0] - lacks) / step
         if not np.abs(slope).min() > 0:
             return np.inf, (0.0, 0.0)
         xi = np.clip(xi - (lacks - aims[:, None]) / slope, -1.0, 1.0)
-    found, same = image_in_target(xi)
+    found, same = image_coordinates(xi)
     reached = np.abs(found[..., 0] - aims[:, None]).max() < 0.1
     if not (same and reached):
         return np.inf, (0.0, 0.0)

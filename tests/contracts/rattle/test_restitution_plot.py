@@ -6,7 +6,7 @@ import rattle
 from rattle.attractors.samples import Outcome
 from rattle.inelastic import NAMES
 from rattle.plot import codimension_two_figure, restitution_figure, restitution_plane
-from rattle.plot.restitution import CHAOTIC, CONTACT, ONE, QUIET_ALONE, SHOWN
+from rattle.plot.restitution import CHAOTIC, CONTACT, P_110, QUIET_ALONE, SHOWN
 
 
 def test_what_planes_show() -> None:
@@ -23,7 +23,7 @@ def test_what_planes_show() -> None:
                 assert np.isnan(plane.exponent[i, j]) == (shares["chaotic"] == 0)
     elastic, lossy = planes
     assert elastic.dominant_types[0, 1] == QUIET_ALONE
-    assert lossy.dominant_types[1, 0] == ONE
+    assert lossy.dominant_types[1, 0] == P_110
     assert elastic.dominant_types[2, 0] == CHAOTIC
     assert lossy.dominant_types[2, 0] == CONTACT
     drawn = restitution_figure(planes).figure

@@ -110,7 +110,7 @@ def test_quiet_captures_below_what_is_proved():
 
 def test_the_kept_columns_hold_what_the_whole_plane_does():
     tenth = (DELTA[1] - DELTA[0]) * (EPSILON[1] - EPSILON[0]) / 10
-    found = {share.what: share for share in shares_of_claims(BLOCKS, tenth)}
+    found = {share.statement: share for share in shares_of_claims(BLOCKS, tenth)}
     assert found["the region"].proved > 0.99
     assert all(
         found[what].proved_where_true > 0.98

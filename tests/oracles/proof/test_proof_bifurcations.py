@@ -180,7 +180,7 @@ def test_a_flight_that_turns_before_the_wall_does_not_touch_it(points):
             )
 
         touches(point.beta, touch)
-        with pytest.raises(rattle.NotProvedError, match="is not proved to touch a wall at its graze alone"):
+        with pytest.raises(rattle.NotProvedError, match="is not proved to touch a wall only at its graze"):
             touches(point.beta + arb("1e-6"), touch)
         with pytest.raises(rattle.NotProvedError, match="and to turn at its graze"):
             touches(point.beta, start - arb("0.01"))

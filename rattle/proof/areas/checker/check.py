@@ -16,9 +16,9 @@ from .one_impact import OneImpact
 from .quiet_motion import BounceBounds, require_side_of_quiet_limit
 
 #: Most times that the δ interval of a block is halved before the block is refused.
-DEEPEST = 5
+DELTA_HALVINGS = 5
 #: Most times that a block with the claim "quiet captures" is halved, in ε and δ in turn.
-DEEPEST_CAPTURE = 2
+CAPTURE_HALVINGS = 2
 NONE, THERE, ATTRACTING, SADDLE = "none", "there", "attracting", "a saddle"
 #: {region: the state of each motion A to D at all points of a block that is claimed to be in this region}.
 REGIONS = {
@@ -39,7 +39,7 @@ column = lru_cache(maxsize=64)(Column)  # claims about the same δ and β share 
 
 
 def prove_claim(claim: str, beta: Fraction, delta: Ends, epsilon: Ends, depth: int = 0) -> None:
-    """Raise BlockRefused unless a claim is proved on a block, which is halved in δ up to DEEPEST times if necessary.
+    """Raise BlockRefused unless a claim is proved on a block, which may be halved in δ up to DELTA_HALVINGS times.
 
     depth: how often the block has been halved already.
 
@@ -51,7 +51,7 @@ def prove_claim(claim: str, beta: Fraction, delta: Ends, epsilon: Ends, depth: i
     try:
         prove_on_whole_block(claim, beta, delta, epsilon)
     except BlockRefused:
-        if depth == DEEPEST:
+        if depth == DELTA_HALVINGS:
             raise
         half = (delta[0] + delta[1]) / 2
         for part in ((delta[0], half), (half, delta[1])):
@@ -73,20 +73,28 @@ def prove_on_whole_block(claim: str, beta: Fraction, delta: Ends, epsilon: Ends)
     return None
 
 
-def prove_captured(beta: Fraction, delta: Ends, epsilon: Ends, speed: Interval, depth: int = 0) -> None:
-    """Raise BlockRefused unless, on a block, motions that leave Σ⁺ slower than `speed` provably become quiet."""
+def prove_captures(beta: Fraction, delta: Ends, epsilon: Ends, speed: Interval, depth: int = 0) -> None:
+    """Raise BlockRefused unless all motions that leave Σ⁺ slower than `speed` are proved to become quiet on a block.
+
+    depth: how often the block has been halved already.
+
+    Raises
+    ------
+    BlockRefused
+        If the claim is not proved.
+    """
     try:
         BounceBounds(
             interval_between(*delta), interval_between(*epsilon), interval_between(beta, beta)
         ).require_captures_below(speed)
     except BlockRefused:
-        if depth == DEEPEST_CAPTURE:
+        if depth == CAPTURE_HALVINGS:
             raise
         cut = epsilon if depth % 2 == 0 else delta
         half = (cut[0] + cut[1]) / 2
         for part in ((cut[0], half), (half, cut[1])):
             both = (delta, part) if depth % 2 == 0 else (part, epsilon)
-            prove_captured(beta, *both, speed, depth + 1)
+            prove_captures(beta, *both, speed, depth + 1)
 
 
 def state_of_one_impact(
@@ -148,7 +156,7 @@ def check(text: str) -> str:
         if claim == CAPTURES:
             speed = number_from_text(document["speed"])
             require(speed > 0, "`speed` must be positive")
-            prove_captured(beta, delta, epsilon, interval_between(speed, speed))
+            prove_captures(beta, delta, epsilon, interval_between(speed, speed))
             claim += f" below {document['speed']}"
         else:
             require(claim in CLAIMS or claim in QUIET, f"the claim {claim!r} is not one that this program can check")

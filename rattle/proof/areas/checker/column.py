@@ -78,15 +78,16 @@ class Column:
         Raises
         ------
         BlockRefused
-            If neither is proved.
+            If it is undecided at an end of the run whether ε²(s) is below or above all these values.
         """
-        # the parts next to the run have no such motion, so at its ends ε² is outside low … high at every δ, and by
-        # continuity on the same side at every δ: computing ε² at one δ is enough
+        # the parts next to the run have no motion with low ≤ ε² ≤ high, so at each end of the run ε² is outside this
+        # range at every δ, by continuity on the same side. So ε² is computed at one δ
         sides = []
         for s in (run[0][0], run[-1][1]):
             square = Cell(interval_between(s, s), midpoint(self.d), self.beta).square.x
             require(
-                is_less(square, low) or is_less(high, square), "it is undecided where the solutions leave the block"
+                is_less(square, low) or is_less(high, square),
+                "a curve of solutions is not proved to leave the block in ε",
             )
             sides.append(1 if is_less(high, square) else -1)
         return sides == [-slope, slope]
@@ -105,7 +106,7 @@ class Column:
         Raises
         ------
         BlockRefused
-            If neither is proved.
+            If the stability is undecided or changes within the block.
         """
         verdicts, parts = set(), list(run)
         while parts:

@@ -148,14 +148,14 @@ class ParameterBox:
         self.ds, self.dd = s - midpoint(s), d - midpoint(d)
         self.jets, self.centre = (Jet(s, s=ONE), Jet(d, d=ONE)), (Jet(midpoint(s)), Jet(midpoint(d)))
 
-    def mean_value(self, centre: Interval, over: Jet) -> Interval:
+    def mean_value(self, centre: Interval, function: Jet) -> Interval:
         """Return an enclosure of a function over the rectangle.
 
-        centre: the value at the centre of the rectangle. over: the function with its derivatives over the rectangle.
+        centre: its value at the centre. function: its values and derivatives over the rectangle.
 
         Returns
         -------
         Interval
             The enclosure by the mean value theorem.
         """
-        return centre + over.s * self.ds + over.d * self.dd
+        return centre + function.s * self.ds + function.d * self.dd

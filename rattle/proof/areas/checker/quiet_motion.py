@@ -42,12 +42,13 @@ class BounceBounds:
     def require_captures_below(self, speed: Interval) -> None:
         """Raise BlockRefused unless all motions that leave Σ⁺ slower than `speed` are proved to become quiet.
 
-        By Lemma 21 of docs/proofs.md they do if v³/g falls at each of their impacts, where v is the speed after the
-        impact and g the contact force at it.
+        By Lemma 21 of docs/proofs.md a motion becomes quiet if v³/g falls at each of its impacts, where v is the speed
+        after the impact and g the contact force at the impact.
         """
         places = [interval_between(Fraction(i, PARTS), Fraction(i + 1, PARTS)) for i in range(PARTS)]
         longest = ZERO
-        for part in places:  # v³/g is largest for a departure with `speed` where g is least
+        # if v³/g falls from impact to impact, v³/g ≤ speed³/(least g), and v ≤ speed (g/(least g))^(1/3)
+        for part in places:
             v = speed / (4 * PI * self.d) * IV.exp(IV.ln(self.force_terms(part)[0].b / self.weakest) / 3) * UP
             half = self.half_duration_bound(part, v.b)
             longest = half if is_less(longest, half) else longest
@@ -55,7 +56,7 @@ class BounceBounds:
         for part in places:
             require(
                 is_less(h**2 * self.growth_coefficient(part, h), 2 * GROWTH_SHARE * self.d),
-                "v³/g may grow from one impact to the next",
+                "v³/g (v: speed, g: contact force) may grow from one impact to the next",
             )
 
     def force_terms(self, t: Interval) -> tuple[Interval, Interval, Interval]:

@@ -44,37 +44,37 @@ class Cell(ParameterBox):
         self.solvable = is_less(ZERO, a * g - c * e) or is_less(a * g - c * e, ZERO)
         if self.solvable:
 
-            def solve(right: Interval, other: Interval) -> tuple[Interval, Interval]:
-                """Return Z₁ and Z₂ for the right sides `right` and `other` of the two equations, by Cramer's rule."""
-                return (right * g - c * other) / (a * g - c * e), (a * other - e * right) / (a * g - c * e)
+            def solve_for_z(first: Interval, second: Interval) -> tuple[Interval, Interval]:
+                """Return Z₁ and Z₂ for the right sides `first` and `second` of the two equations, by Cramer's rule."""
+                return (first * g - c * second) / (a * g - c * e), (a * second - e * first) / (a * g - c * e)
 
-            z = solve(b, h)
+            z = solve_for_z(b, h)
             # the derivative of A Z = b is A Z' = b' − A' Z
             by = [[-(x * z[0] + y * z[1] - w) for x, y, w in zip(p[::3], p[1::3], p[2::3], strict=True)]
                   for p in ([o.s for o in over], [o.d for o in over])]  # fmt: skip
-            by_s, by_d = solve(*by[0]), solve(*by[1])
+            by_s, by_d = solve_for_z(*by[0]), solve_for_z(*by[1])
             a, c, b, e, g, h = (m.x for m in centre)
-            self.z0 = [Jet(x) for x in solve(b, h)]
+            self.z0 = [Jet(x) for x in solve_for_z(b, h)]
             self.z = [
                 Jet(self.mean_value(m.x, Jet(x, p, q)), p, q) for m, x, p, q in zip(self.z0, z, by_s, by_d, strict=True)
             ]
             self.v, self.u, self.square = self.enclose(speeds_and_square)
             self.middle = [each.x for each in speeds_and_square(self.mid, self.z0)]
 
-    def enclose(self, of: Callable[..., list[Jet]]) -> list[Jet]:
-        """Return enclosures over the cell of the functions that `of` computes, with their derivatives by s and δ.
+    def enclose(self, functions: Callable[..., list[Jet]]) -> list[Jet]:
+        """Return enclosures over the cell of the values that `functions` returns, with their derivatives by s and δ.
 
-        `of` takes the terms of the equations (16.10) and (16.11), docs/proofs.md, and their solution (Z₁, Z₂).
+        `functions` takes the terms of the equations (16.10) and (16.11), docs/proofs.md, and their solution (Z₁, Z₂).
 
         Returns
         -------
         list[Jet]
-            One enclosure for each function.
+            One enclosure for each value.
         """
-        if of not in self.known:
-            centre, over = of(self.mid, self.z0), of(self.over, self.z)
-            self.known[of] = [Jet(self.mean_value(m.x, o), o.s, o.d) for m, o in zip(centre, over, strict=True)]
-        return self.known[of]
+        if functions not in self.known:
+            centre, over = functions(self.mid, self.z0), functions(self.over, self.z)
+            self.known[functions] = [Jet(self.mean_value(m.x, o), o.s, o.d) for m, o in zip(centre, over, strict=True)]
+        return self.known[functions]
 
     def has_no_motion(self, low: Interval, high: Interval) -> bool:
         """Return whether it is proved that no solution of the cell has low ≤ ε² ≤ high and both speeds above 0."""
@@ -102,7 +102,7 @@ class Cell(ParameterBox):
             return False
         if not (self.solvable and is_less(ZERO, slope * self.square.s) and is_less(ZERO, self.v.x)):
             return None
-        # a motion reaches Σ⁻ with u > 0: all solutions must have u > 0, or those with u ≤ 0 an ε² outside low … high
+        # a motion needs u > 0: either all solutions have u > 0, or solutions with u ≤ 0 have ε² outside low … high
         reaches = is_less(ZERO, self.u.x) or is_less(high, self.square_plus_speed(1))
         if not (reaches or is_less(-low, self.square_plus_speed(-1))):
             return None
