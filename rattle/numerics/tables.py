@@ -25,8 +25,8 @@ def read_columns(path: str | Path, names: Iterable[str], needed: str | None = No
     Raises
     ------
     ParameterError
-        If the file does not have the column `needed` (if `needed` is None: none of the columns), one of the columns
-        appears twice, or a cell of these columns is not a number.
+        If `needed` is given and the file does not have this column, or `needed` is None and the file has none of the
+        columns. If a column appears twice, or a cell of these columns is not a number.
     RattleError
         If the file cannot be read.
     """

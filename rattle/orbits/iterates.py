@@ -28,19 +28,19 @@ class Iterates(NamedTuple):
 class StatesAfterReturn(NamedTuple):
     """States (n,) after one return to Σ⁺, and the durations of the returns.
 
-    `goes` is False for a state that never returns; such a state is left as it was, with duration 0.
+    has_returned (n,): False for a state that never returns; such a state is left unchanged, with duration 0.
     """
 
     tau: NDArray[np.float64]
     v: NDArray[np.float64]
     time: NDArray[np.float64]
-    goes: NDArray[np.bool_]
+    has_returned: NDArray[np.bool_]
 
     @classmethod
     def from_iterates(cls, found: Stretched) -> StatesAfterReturn:
         """Return the record from the results of `iterate_tangent` for one impact on Σ⁺."""
-        goes = found.n_plus > 0
-        return cls(found.tau, found.v, np.where(goes, found.time, 0.0), goes)
+        has_returned = found.n_plus > 0
+        return cls(found.tau, found.v, np.where(has_returned, found.time, 0.0), has_returned)
 
 
 class Stretched(NamedTuple):

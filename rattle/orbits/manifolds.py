@@ -18,10 +18,11 @@ from rattle.orbits.saddles import Array, LocalManifold, local_manifold
 
 # most points of an image of the fundamental domain; most images of a manifold; most refinements of an image
 MOST_POINTS, MOST_IMAGES, MOST_ROUNDS = 400_000, 2_000, 200
-ENDED = 1e-9  # length of an image below which the manifold counts as converged to an attractor
-FIRST = 9  # number of points of the fundamental domain at first
+SHORTEST_IMAGE = 1e-9  # length of an image below which the manifold counts as converged to an attractor
+DOMAIN_POINTS = 9  # number of points of the fundamental domain at first
 FINEST = 1e-6  # shortest step between points whose angle counts; angles of shorter steps are rounding errors
-JOINED = 1e-3  # two pieces share a corner if the distance of their ends, relative to the spacing, is smaller than this
+# two pieces share a corner if the distance of their ends, relative to the spacing, is smaller than this
+CORNER_GAP = 1e-3
 
 
 @dataclass(frozen=True)
@@ -63,8 +64,9 @@ class Manifold:
 class _Image:
     """The j-th image of the fundamental domain of a local manifold, as points in order away from the saddle.
 
-    t: positions in the domain of the points' j-th preimages. ok, x, word, bounces: the images of these preimages, as
-    from `LocalManifold.map`.
+    t (n,): the positions, in the domain, of the points' j-th preimages. ok, x, word, bounces: the results of
+    `LocalManifold.map` for these preimages: flags of existing images, the images (2, n), hashes of their itineraries,
+    and their numbers of impacts on Σ⁻.
     """
 
     def __init__(self, local: LocalManifold, j: int, t: Array) -> None:
@@ -74,8 +76,8 @@ class _Image:
     def _map(self, t: Array) -> tuple[NDArray[np.bool_], Array, NDArray[np.int64], NDArray[np.int64]]:
         return self.local.map(self.local.states_at(t), self.j)
 
-    def _insert(self, t: Array) -> None:
-        """Insert the images of further points t of the fundamental domain."""
+    def _insert_images(self, t: Array) -> None:
+        """Insert the j-th images of further points of the fundamental domain, at the positions t (k,)."""
         t = t[np.argsort(np.abs(t))]
         ok, x, word, bounces = self._map(t)
         at = np.searchsorted(np.abs(self.t), np.abs(t))
@@ -101,11 +103,11 @@ class _Image:
             low, high = np.where(open_ & before, middle, low), np.where(open_ & ~before, middle, high)
         new = np.setdiff1d(np.concatenate([low, high]), self.t)
         if new.size:
-            self._insert(new)
+            self._insert_images(new)
         return bool(new.size)
 
     def refine(self, spacing: float, angle: float) -> None:
-        """Insert points until, except at corners, steps are shorter than `spacing` and turns below `angle`."""
+        """Insert points until all steps and turns but those at corners are below `spacing` and `angle`."""
         for _ in range(MOST_ROUNDS):
             cornered = self._bisect_corners()
             step = _differences(self.x, self.local.unit)
@@ -118,7 +120,7 @@ class _Image:
             todo = same & ((size > spacing) | (rough & (size > FINEST)))
             todo &= (middle != self.t[1:]) & (middle != self.t[:-1])
             if todo.any():
-                self._insert(middle[todo])
+                self._insert_images(middle[todo])
             elif not cornered:
                 return
             if self.t.size > MOST_POINTS:
@@ -171,7 +173,7 @@ def manifold(
     spacing, angle = require_number("spacing", spacing, positive=True), require_number("angle", angle, positive=True)
     unit = require_number("unit", unit, positive=True)
     local = local_manifold(orbit, kind == "stable", unit)
-    t = side * local.size * local.multiplier ** np.linspace(-1.0, 0.0, FIRST)
+    t = side * local.size * local.multiplier ** np.linspace(-1.0, 0.0, DOMAIN_POINTS)
     reach = float(abs(t[0]) * np.hypot(*(local.powers[1] / [1.0, unit])) / np.hypot(*local.powers[1]))
     first = np.linspace(0.0, t[0], 2 + int(reach / spacing))[:-1]  # positions between the saddle and the domain
     zero = np.zeros(first.size)
@@ -183,9 +185,9 @@ def manifold(
         rows.append(_rows_of_image(level, end))
         more = float(np.hypot(*_differences(level.x[:, :end], unit)).sum())
         length += more
-        if length > arclength or end < t.size or more < ENDED:
+        if length > arclength or end < t.size or more < SHORTEST_IMAGE:
             break
-    return _assemble(orbit, kind, side, np.concatenate(rows, axis=1), arclength, JOINED * spacing, unit)
+    return _assemble(orbit, kind, side, np.concatenate(rows, axis=1), arclength, CORNER_GAP * spacing, unit)
 
 
 def _differences(x: Array, unit: float) -> Array:

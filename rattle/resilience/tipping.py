@@ -71,16 +71,16 @@ def tipping(
     seed: int = 0,
     states: States = None,
 ) -> Tipping:
-    """Return the attractors that a sample of states reaches before and after the parameters jump.
+    """Return the attractors that samples reach at the parameters before a jump and at the parameters after it.
 
     Parameters
     ----------
     before, after : AnyGear
         The gears at both parameter points, of the same model.
     count, v_max, seed
-        The sample, as in `before.attractors`.
+        The samples, as in `before.attractors`.
     states : States
-        Initial states (τ, v) instead of the sample.
+        Initial states (τ, v), instead of drawn samples.
 
     Returns
     -------

@@ -22,7 +22,7 @@ LOOKS = 4 * BATCHES
 
 @inline
 def add_impacts(b, groups, speeds, squares, impulses, fastest):
-    """Add the impact that ends each lane's last flight to the lane's sums, and raise its largest speed `fastest`."""
+    """Add the impact that ends each lane's last flight to the lane's sums, and update the lane's `fastest` speed."""
     for i in range(GROUP * groups):
         speed = abs(velocity_before_reflection(b.w[i]))
         speeds[i] += speed
@@ -32,8 +32,8 @@ def add_impacts(b, groups, speeds, squares, impulses, fastest):
 
 
 @kernel
-def fly_and_sum(memory, lanes, cell, tau, v, looks, cells, sums, paths):
-    """Follow motions (n,) that start at (tau, v), and sum over their impacts; motion i ends after looks[i] checks.
+def fly_and_sum(memory, lanes, cell, tau, v, checks, cells, sums, paths):
+    """Follow motions (n,) that start at (tau, v), and sum over their impacts; motion i ends after checks[i] checks.
 
     CHUNK flights pass between two checks. `sums` (n, BATCHES, COLUMNS), zero at the start, has the columns of
     `rattle.intensity.visit.sum_impacts`; each batch holds the impacts of an equal part of the checks. The sums of a
@@ -48,7 +48,7 @@ def fly_and_sum(memory, lanes, cell, tau, v, looks, cells, sums, paths):
         for i in range(GROUP * groups):
             k = b.who[i]
             if k >= 0:
-                row = sums[k, int(b.looks[i] * BATCHES / looks[k])]
+                row = sums[k, int(b.looks[i] * BATCHES / checks[k])]
                 row[TIME] += b.time[i]
                 row[ON_PLUS] += b.n_plus[i]
                 row[ON_MINUS] += b.n_minus[i]
@@ -63,7 +63,7 @@ def fly_and_sum(memory, lanes, cell, tau, v, looks, cells, sums, paths):
                     in_contact |= is_quiet(b, i, cells.quiet_invariant[cell[k]])
                 if in_contact:
                     sums[k] = math.nan
-                if in_contact or b.looks[i] >= looks[k]:
+                if in_contact or b.looks[i] >= checks[k]:
                     b.who[i], b.limit[i] = -1, -1.0
             if b.who[i] < 0 and fresh < cell.size:
                 c = cell[fresh]

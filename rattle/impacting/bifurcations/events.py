@@ -26,12 +26,13 @@ from rattle.impacting.orbits.periodic import PeriodicOrbit, first_failure, is_ad
 from rattle.numerics.complex_step import Array
 
 # where a branch turns back, its motion counts as a motion of half the period if the times of the impacts in its two
-# halves, less half the period, differ by less than this; also the largest distance in δ and in ε of the flip from there
+# halves, less half the period, differ by less than this; the flip of that shorter motion must be no farther than this,
+# in δ and in ε, from the point at which the branch turns back
 SAME_HALVES = 0.02
 # a test function is checked for two zeros within a step if the parabola through three points falls below this share of
 # the value at the middle point
 NEARLY = 0.5
-FOUND = 1e-3  # distance from an event, as a share of a step, at which Newton's method starts
+NEWTON_START = 1e-3  # distance from an event, as a share of a step, at which Newton's method starts
 SAME_PLACE = 0.5  # largest distance, as a share of a step, between a candidate and the event that it leads to
 
 
@@ -128,7 +129,7 @@ def find_events(
         found = []
         for j in np.flatnonzero((values[k] < 0) != (values[k + 1] < 0)):
             kind, impact, test = tests[j]
-            y = root_between(problem, a, b, partial(test, b - a), FOUND)
+            y = root_between(problem, a, b, partial(test, b - a), NEWTON_START)
             if y is None and kind is Kind.SADDLE_NODE:  # where branches cross, Newton's method fails
                 y = 0.5 * (a + b)
             if y is not None:

@@ -223,25 +223,39 @@ def solve_contact_at_gap(
     return _build_crisis(found, float(sn1_formula(found)) + gap, beta, window, n)
 
 
-def _find_root(m: Callable[[float], float], x: float, half: float, most: float) -> float:
-    """Return a root of m near x: the interval x ± half moves, by at most `most` · x a step, until it holds a root."""
+def _find_root(function: Callable[[float], float], x: float, half_width: float, most: float) -> float:
+    """Return a root of a function near x.
+
+    The interval from x − half_width to x + half_width is moved in steps until it contains a root. most: the longest
+    step, relative to the lower end of the interval.
+
+    Returns
+    -------
+    float
+        The root.
+
+    Raises
+    ------
+    RattleError
+        If no root is found.
+    """
     from scipy.optimize import brentq  # imported here because it takes a quarter of a second to load
 
-    low, high = x - half, x + half
-    at_low, at_high = m(low), m(high)
+    low, high = x - half_width, x + half_width
+    at_low, at_high = function(low), function(high)
     for _ in range(MOST_ROUNDS):
         if at_low * at_high <= 0.0 or not np.isfinite(at_low - at_high):
             break
         step = min(2.0 * (high - low), most * low)
         if abs(at_low) < abs(at_high):
             low, high, at_high = low - step, low, at_low
-            at_low = m(low)
+            at_low = function(low)
         else:
             low, high, at_low = high, high + step, at_high
-            at_high = m(high)
+            at_high = function(high)
     if not at_low * at_high <= 0.0:
         raise RattleError(f"no contact of a piece of W^u(A) with W^s(A) was found near the guess {x}")
-    return float(brentq(m, low, high, xtol=1e-17, rtol=4 * np.finfo(float).eps))
+    return float(brentq(function, low, high, xtol=1e-17, rtol=4 * np.finfo(float).eps))
 
 
 def _build_crisis(delta: float, epsilon: float, beta: float, window: tuple[float, float], n: int) -> Crisis:

@@ -30,8 +30,8 @@ RATIO = 0.75  # ratio of successive ε − SN1 close to COD22
 # to COD22, of the distance in δ from COD22, also relative to the guess
 WINDOW, BRACKET = 0.05, 0.01
 DOMAIN = 0.3  # widest window of s, as a share of a fundamental domain
-# distance below the contact, relative to ε − SN1, at which no piece of W^u(A) may escape; samples per unit of ln s of
-# this check
+# distance below the contact, relative to ε − SN1, at which no piece of W^u(A) may escape; number of samples per unit of
+# ln s with which W^u(A) is followed there
 MARGIN, CHECKED = 1e-3, 4000
 SMALLEST = 1e-4  # smallest step in δ, relative to the δ of COD22; the curve ends where it needs a smaller step
 WIDEST = 0.05  # widest range of δ without chaos that the curve crosses, relative to the δ of COD22

@@ -39,7 +39,7 @@ FIRST_RETURNS, RETURNS = 64, 256
 MOST_IMPACTS = 8192
 # impacts that are ignored as a transient; impacts after these over which the Lyapunov exponent is measured
 SETTLE, WATCH = 20_000, 4_000
-WATCHED = 32  # number of samples whose Lyapunov exponents are measured
+CHAOS_SAMPLES = 32  # number of samples whose Lyapunov exponents are measured
 # distances below the crisis, relative to ε − SN1, at which chaos is tested; no narrow window of periodic motion holds
 # all these points
 BELOW = (1e-4, 1e-3, 1e-5)
@@ -163,8 +163,8 @@ class FollowedManifold:
         return np.asarray(self.samples.status.reshape(self.s.shape) == Outcome.QUIET)
 
 
-def escapes(delta: float, epsilon: Array, beta: float) -> Flags:
-    """Return flags (n,) of the eccentricities at which a part of W^u(A) becomes quiet; False at undecided ones."""
+def has_escaping_part(delta: float, epsilon: Array, beta: float) -> Flags:
+    """Return flags (n,) of the eccentricities at which a part of W^u(A) becomes quiet; False where not decidable."""
     a = saddles(np.full(epsilon.size, delta), epsilon, np.full(epsilon.size, beta))
     found = a.is_decidable
     if found.any():
@@ -185,16 +185,16 @@ def saddle_at(delta: float, epsilon: float, beta: float) -> Saddles:
 
 
 def chaotic_share(delta: float, epsilon: float, beta: float, settle: int = SETTLE) -> float:
-    """Follow WATCHED samples of W^u(A); return the share of them that are chaotic after `settle` impacts."""
+    """Follow CHAOS_SAMPLES samples of W^u(A); return the share of them that are chaotic after `settle` impacts."""
     a = saddle_at(delta, epsilon, beta)
-    found = FollowedManifold(a, WATCHED, a.impacts_until_quiet_at_first_return + settle)
+    found = FollowedManifold(a, CHAOS_SAMPLES, a.impacts_until_quiet_at_first_return + settle)
     left = found.samples.status == Outcome.UNRESOLVED
     if not left.any():
         return 0.0
     watched = iterate_tangent(delta, epsilon, found.samples.tau[left], found.samples.v[left], WATCH, beta)
     nothing, once = np.zeros(watched.v.size, np.int64), np.ones(watched.v.size, np.int64)
     stay = found.classifier.outcomes_of(nothing, watched.tau, watched.v, once) == Outcome.UNRESOLVED
-    return float(np.count_nonzero(stay & (watched.lyapunov[0] > CHAOTIC))) / WATCHED
+    return float(np.count_nonzero(stay & (watched.lyapunov[0] > CHAOTIC))) / CHAOS_SAMPLES
 
 
 def is_chaotic_below(contact: Crisis) -> bool:
