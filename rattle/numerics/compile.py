@@ -285,7 +285,7 @@ def compile_apart(about: str, *works: str) -> None:
             while not try_to_lock(lock) and not all(note.exists() for note in notes):
                 time.sleep(POLL_SECONDS)
             if missing := [work for work, note in zip(works, notes, strict=True) if not note.exists()]:
-                _compile(about, *missing)
+                _compile_in_new_process(about, *missing)
 
 
 def try_to_lock(file: IO[str]) -> bool:
@@ -299,7 +299,7 @@ def try_to_lock(file: IO[str]) -> bool:
     return True
 
 
-def _compile(*work: str) -> None:
+def _compile_in_new_process(*work: str) -> None:
     pipes: Any = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True}
     said: list[str] = []
     with subprocess.Popen([sys.executable, "-c", COMPILE, *work], env=environment(), **pipes) as process:

@@ -57,7 +57,7 @@ def read_columns(path: str | Path, names: Iterable[str], needed: str | None = No
 
 
 def _header_as_text(header: list[str]) -> str:
-    """Return the names of a header as text; only the first 20 names, and 20 characters of each, are in it."""
+    """Return the first 20 names of a header as text, each cut to 20 characters."""
     shown = ", ".join(repr(name[:MOST_SHOWN]) for name in header[:MOST_SHOWN])
     return shown or "none: the table is empty"
 

@@ -98,7 +98,7 @@ def checked_states(
     Returns
     -------
     tuple
-        Flat contiguous copies of τ (folded), v, n, δ, ε, β and the values of `more`; and the broadcast shape.
+        Flat contiguous copies of τ (in [0, 1)), v, n, δ, ε, β and the values of `more`; and the broadcast shape.
 
     Raises
     ------

@@ -34,7 +34,7 @@ class Manifold:
     kind, side
         "stable" or "unstable", and +1 or −1, as in `manifold`.
     tau, v : ndarray, (n,)
-        Phase, not folded but continuous along the manifold, and speed after the impact on Σ⁺.
+        Phase, continuous along the manifold so that it may leave [0, 1), and speed after the impact on Σ⁺.
     images : ndarray of int, (n,)
         For each point a number j: the point lies in the j-th image of the fundamental domain.
     parameter : ndarray, (n,)
@@ -71,15 +71,15 @@ class _Image:
 
     def __init__(self, local: LocalManifold, j: int, t: Array) -> None:
         self.local, self.j, self.t = local, j, t
-        self.ok, self.x, self.word, self.bounces = self._map(t)
+        self.ok, self.x, self.word, self.bounces = self._images_of(t)
 
-    def _map(self, t: Array) -> tuple[NDArray[np.bool_], Array, NDArray[np.int64], NDArray[np.int64]]:
+    def _images_of(self, t: Array) -> tuple[NDArray[np.bool_], Array, NDArray[np.int64], NDArray[np.int64]]:
         return self.local.map(self.local.states_at(t), self.j)
 
     def _insert_images(self, t: Array) -> None:
         """Insert the j-th images of further points of the fundamental domain, at the positions t (k,)."""
         t = t[np.argsort(np.abs(t))]
-        ok, x, word, bounces = self._map(t)
+        ok, x, word, bounces = self._images_of(t)
         at = np.searchsorted(np.abs(self.t), np.abs(t))
         self.t, self.x = np.insert(self.t, at, t), np.insert(self.x, at, x, axis=1)
         self.ok, self.word = np.insert(self.ok, at, ok), np.insert(self.word, at, word)
@@ -99,7 +99,7 @@ class _Image:
             open_ = (middle != low) & (middle != high)
             if not open_.any():
                 break
-            before = self._map(middle)[2] == word
+            before = self._images_of(middle)[2] == word
             low, high = np.where(open_ & before, middle, low), np.where(open_ & ~before, middle, high)
         new = np.setdiff1d(np.concatenate([low, high]), self.t)
         if new.size:
@@ -187,7 +187,7 @@ def manifold(
         length += more
         if length > arclength or end < t.size or more < SHORTEST_IMAGE:
             break
-    return _assemble(orbit, kind, side, np.concatenate(rows, axis=1), arclength, CORNER_GAP * spacing, unit)
+    return _assemble_manifold(orbit, kind, side, np.concatenate(rows, axis=1), arclength, CORNER_GAP * spacing, unit)
 
 
 def _differences(x: Array, unit: float) -> Array:
@@ -212,7 +212,7 @@ def _rows_of_image(level: _Image, end: int) -> Array:
     return np.asarray(rows[:, (1 if level.j else 0) : end], np.float64)
 
 
-def _assemble(
+def _assemble_manifold(
     orbit: Periodic, kind: str, side: int, rows: Array, arclength: float, joined: float, unit: float
 ) -> Manifold:
     """Return the manifold from the rows of all its images, cut to the arclength, with each corner in both its pieces.

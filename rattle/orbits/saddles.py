@@ -61,7 +61,7 @@ class LocalManifold:
     unit: float = 1.0
 
     def states_at(self, s: Array) -> Array:
-        """Return the states (2, n) of the local manifold at positions s (n,), |s| ≤ size. τ is not folded."""
+        """Return the states (2, n) of the local manifold at positions s (n,), |s| ≤ size; τ may leave [0, 1)."""
         return np.asarray(polyval(np.asarray(s) / self.size, self.powers), np.float64)
 
     def map(self, states: Array, times: int) -> tuple[NDArray[np.bool_], Array, NDArray[np.int64], NDArray[np.int64]]:

@@ -25,7 +25,7 @@ LONGEST = 32
 FARTHEST = 0.1
 #: Where the continuation of an orbit stops, a multiplier that is closer to ±1 than this counts as ±1: the orbit ends at
 #: a saddle-node or a flip.
-AT_ONE = 0.01
+NEAR_ONE = 0.01
 #: Least ratio of the two values from which `_distance_to_zero` extrapolates; values closer together are too inexact.
 LEAST_RATIO = 1.5
 #: Distance beyond the end of an orbit, as a share of the distance between two points of the path, at which the orbit is
@@ -157,7 +157,7 @@ def _was_doubled(gear: AnyGear, orbit: TrackedOrbit) -> bool:
         return False
     m, n_plus, n_minus = (n // 2 for n in orbit.label)
     half = _orbit_near(gear, TrackedOrbit((m, n_plus, n_minus), orbit.tau, orbit.v))
-    return half is not None and bool(np.abs(np.array(half.multipliers) + 1.0).min() < 2.0 * AT_ONE)
+    return half is not None and bool(np.abs(np.array(half.multipliers) + 1.0).min() < 2.0 * NEAR_ONE)
 
 
 def _cause_of_end(
@@ -175,11 +175,11 @@ def _cause_of_end(
         The cause, and the distance to the end as a share of the way; 0 if the distance is unknown.
     """
     multipliers, share = np.array(motion.multipliers), trail[-1][0]
-    if np.abs(multipliers - 1.0).min() < AT_ONE:
+    if np.abs(multipliers - 1.0).min() < NEAR_ONE:
         if _was_doubled(gear_between(start, end, share), orbit):
             return FLIP, _distance_to_zero(trail, -1.0, 1)
         return SADDLE_NODE, _distance_to_zero(trail, -1.0, 2)
-    if np.abs(multipliers + 1.0).min() < AT_ONE:
+    if np.abs(multipliers + 1.0).min() < NEAR_ONE:
         return FLIP, _distance_to_zero(trail, 1.0, 1)
     beyond = _orbit_near(gear_between(start, end, min(share + BEYOND_END, 1.0)), orbit)
     # beyond a graze the orbit is virtual, or Newton's method does not find it because its flight meets another wall

@@ -91,17 +91,17 @@ def edge_state(gear: AnyGear, one: ArrayLike, other: ArrayLike, turns: int = MOS
         if found is not None and found[1] < EDGE_DISTANCE:
             orbit, distance = found
             return EdgeState(orbit.tau, orbit.v, orbit, distance, made)
-        while _distance(pair, unit) < FARTHEST_PAIR:
+        while _distance_of_pair(pair, unit) < FARTHEST_PAIR:
             moved = gear.iterate(pair[:, 0], pair[:, 1], 1)
             if (moved.n_plus < 1).any():
                 raise RattleError(
                     "the motion on the boundary becomes quiet, so it has no edge state: choose two other states"
                 )
             pair, made = np.column_stack([moved.tau, moved.v]), made + 1
-    return EdgeState(float(pair[0, 0]), float(pair[0, 1]), None, _distance(pair, unit), made)
+    return EdgeState(float(pair[0, 0]), float(pair[0, 1]), None, _distance_of_pair(pair, unit), made)
 
 
-def _distance(pair: Array, unit: float) -> float:
+def _distance_of_pair(pair: Array, unit: float) -> float:
     """Return the distance of two states (τ, v), with speeds in units of `unit`."""
     return float(np.hypot(wrapped(pair[1, 0] - pair[0, 0]), (pair[1, 1] - pair[0, 1]) / unit))
 
@@ -125,7 +125,7 @@ def _bisect_to_boundary(gear: AnyGear, pair: Array, unit: float) -> Array:
         require(which[0] != which[-1], "both states go to the same attractor: choose states of two basins")
         last = int(np.argmax(which != which[0]))
         pair = line[last - 1 : last + 1]
-        distance = _distance(pair, unit)
+        distance = _distance_of_pair(pair, unit)
         if distance < CLOSEST_PAIR or distance >= np.hypot(step[0], step[1] / unit):
             return pair
 

@@ -210,7 +210,7 @@ def global_continuation(
         name: accumulated_at(every, tau.ravel(), v.ravel(), make(), periods).reshape(-1, count)
         for name, make in quantities.items()
     }
-    found = _ChangeFinder(points, attractors, family).find_all() if causes else ()
+    found = _ChangeFinder(points, attractors, family).find_changes() if causes else ()
     rows = np.stack(list(points.values_by_name.values()), axis=1)
     return GlobalContinuation(rows, count, attractors, entered, family, which, tuple(found), gathered)
 
@@ -231,7 +231,7 @@ class _ChangeFinder:
         """Return the rows of `attractors` that belong to a step and to a family, so without undecided samples."""
         return np.flatnonzero((self.rows.cell == step) & (self.family >= 0))
 
-    def find_all(self) -> list[Change]:
+    def find_changes(self) -> list[Change]:
         """Return all changes, in order along the path."""
         found = [
             (family, step, begins)

@@ -146,9 +146,9 @@ def _states_at_phase(gear: AnyGear, attractor: Attractor, phase: float) -> tuple
 class _ShockSearch:
     """The search for the smallest fatal shock, which takes the motion to another attractor.
 
-    state: the index of the state from which the smallest fatal shock was found. way: the sign of this shock. high: its
-    size, inf as long as no fatal shock is found. low: a smaller size that is not fatal from this state. to: the
-    attractor after the shock, None as long as no fatal shock is found.
+    state: the index of the state from which the smallest fatal shock was found. sign: the sign of this shock. high: its
+    size, inf as long as no fatal shock is found. low: a smaller size that is not fatal from this state.
+    attractor_after: the attractor that the motion goes to after the shock, None as long as no fatal shock is found.
     """
 
     def __init__(
@@ -157,8 +157,8 @@ class _ShockSearch:
         self.gear, self.attractor, self.states, self.departure, self.highest = (
             gear, attractor, states, departure, highest,
         )  # fmt: skip
-        self.state, self.way, self.low, self.high = 0, 1.0, 0.0, np.inf
-        self.to: Attractor | None = None
+        self.state, self.sign, self.low, self.high = 0, 1.0, 0.0, np.inf
+        self.attractor_after: Attractor | None = None
 
     def run_scans(self) -> None:
         """Scan all states ROUNDS times. If a fatal shock is found, scan its state HALVINGS times more.
@@ -168,21 +168,21 @@ class _ShockSearch:
         every, both = np.arange(len(self.states)), np.array([-1.0, 1.0])
         for _ in range(ROUNDS):
             limit = min(self.high, self.highest)
-            self._scan(every, both, 0.0, limit)
+            self._scan_shocks(every, both, 0.0, limit)
             if self.high == np.inf:
                 return
         for _ in range(HALVINGS):
-            self._scan(np.array([self.state]), np.array([self.way]), self.low, self.high)
+            self._scan_shocks(np.array([self.state]), np.array([self.sign]), self.low, self.high)
 
     def smallest(self) -> LeastShock:
         """Return the smallest fatal shock that the scans found; its change is inf if they found none."""
         state = self.states[self.state]
-        if self.to is None:
+        if self.attractor_after is None:
             return LeastShock(np.inf, np.nan, np.nan, np.nan, None, np.nan)
-        return LeastShock(self.way * self.high, *state, self.to, self.high - self.low)
+        return LeastShock(self.sign * self.high, *state, self.attractor_after, self.high - self.low)
 
-    def _scan(self, states: NDArray[np.int64], ways: Array, low: float, high: float) -> None:
-        """Try shocks from states: SHOCKS_PER_SCAN sizes from low to high, with each of the signs `ways`.
+    def _scan_shocks(self, states: NDArray[np.int64], signs: Array, low: float, high: float) -> None:
+        """Try shocks from states: SHOCKS_PER_SCAN sizes from low to high, with each of the signs `signs`.
 
         If shocks take the motion to another attractor, the smallest of them becomes the smallest known fatal shock.
 
@@ -192,8 +192,8 @@ class _ShockSearch:
             If the attractor from which the shocks start is no attractor of the gear.
         """
         size = low + (high - low) * np.arange(1, SHOCKS_PER_SCAN + 1) / SHOCKS_PER_SCAN
-        tried = [(int(i), float(way), k) for i in states for way in ways for k in range(SHOCKS_PER_SCAN)]
-        after = [self.departure(self.states[i], way * float(size[k])) for i, way, k in tried]
+        tried = [(int(i), float(sign), k) for i in states for sign in signs for k in range(SHOCKS_PER_SCAN)]
+        after = [self.departure(self.states[i], sign * float(size[k])) for i, sign, k in tried]
         step = np.array([k for *_, k in tried])
         there = np.array([each is not None and each[1] < self.highest for each in after])
         tau, v = np.array([each for each, ok in zip(after, there, strict=True) if ok] or np.zeros((0, 2))).T
@@ -209,6 +209,6 @@ class _ShockSearch:
         if not leaves.any():
             return
         one = np.flatnonzero(leaves)[np.argmin(step[leaves])]
-        self.state, self.way, k = tried[one]
+        self.state, self.sign, k = tried[one]
         self.high, self.low = float(size[k]), float(size[k - 1]) if k else low
-        self.to = found.attractors[found.which[1 + int(there[: one + 1].sum()) - 1]]
+        self.attractor_after = found.attractors[found.which[1 + int(there[: one + 1].sum()) - 1]]

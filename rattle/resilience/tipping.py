@@ -16,7 +16,7 @@ from rattle.numerics.sampling import wilson_interval
 from rattle.resilience.gears import States, sample_of, speed_unit_of
 
 #: Speed of the departure that stands for a motion at rest on Σ⁺, in units of `speed_unit_of`.
-SLOW = 1e-4
+REST_SPEED = 1e-4
 
 
 @dataclass(frozen=True)
@@ -60,7 +60,7 @@ def departure_from_rest(gear: AnyGear) -> tuple[float, float]:
         Phase and speed.
     """
     most = min(1.0, gear.quiet_limit / gear.epsilon) if gear.epsilon > 0.0 else 1.0
-    return phase_of_entry(gear.delta, most), SLOW * speed_unit_of(gear)
+    return phase_of_entry(gear.delta, most), REST_SPEED * speed_unit_of(gear)
 
 
 def tipping(

@@ -62,7 +62,7 @@ def direction_of(lane, few):
 
 @inline
 def load_centre(b, group, i, centres, cells):
-    """Load the parameters of one cell into all lanes of a group: the cell of capture region i of `centres`."""
+    """Load into all lanes of a group the parameters of the cell in which capture region i of `centres` lies."""
     first, cell = group * GROUP, centres.cell[i]
     load(b, first, 0.0, 1.0, cells.delta[cell], cells.epsilon[cell], cells.beta[cell], -1.0)
     for field in range(len(b.carried)):

@@ -45,18 +45,18 @@ TRIED_PREIMAGES = 64  # number of preimages in each cell, the slowest ones, that
 STARTS, APART = 4, 1.0 / 32.0
 # offsets of the states of a pattern in τ and in v, in units of the pattern's size; the offsets in v include very small
 # ones, because the boundary is flat near a smooth minimum
-SIDEWAYS, DOWN = 8.0 ** -np.arange(3), 8.0 ** -np.arange(5)
+TAU_OFFSETS, V_OFFSETS = 8.0 ** -np.arange(3), 8.0 ** -np.arange(5)
 # first and last size of a pattern, relative in v and in forcing periods in τ
 FIRST_SCALE, LAST_SCALE = 2.0**-4, 2.0**-20
 # factor by which a pattern shrinks if it holds no slower state; a search is given up if the least speed that it found
 # exceeds the least speed of the cell by more than this many sizes of the pattern
-SHRINK, HOPE = 1.0 / 16.0, 8.0
+SHRINK, MOST_LAG = 1.0 / 16.0, 8.0
 MOST_PATTERNS = 60  # most patterns of one search
 # at strong damping, least and largest limit of impacts of states other than those that are classified first
 LEAST_IMPACTS, MOST_IMPACTS = 512, 4096
 # limit of impacts of these other states, as a multiple of the largest number of impacts that a state classified first
 # took to reach a periodic orbit or, if unresolved samples of the cell count as chaotic, quiet motion
-PATIENCE = 2
+LIMIT_MULTIPLE = 2
 # at the end the slowest states that seem chaotic are followed for this many times the cell's limit of impacts
 CONFIRMING_FACTOR = 8
 # least speed of sets that are uniform in ln v, in natural speeds; it is used if the capture speed is smaller
@@ -108,7 +108,7 @@ class _QuietCells:
         # least speed of sets that are uniform in ln v: the capture speed, but at least LOWEST
         self.floor = np.clip(capture_speeds(delta, epsilon, beta), LOWEST * usual, 0.5 * v_max)
         self.v_max, self.ceiling = v_max, CEILING * usual
-        # factor by which limits of impacts are larger than at strong damping
+        # factors by which the cells' limits of impacts are larger than at strong damping
         self.longer = most_impacts_to_rest(delta) / LONGEST_REST
         self.tau, self.v = np.full((n, STARTS), np.nan), np.full((n, STARTS), np.inf)
         self.balls = np.zeros(n, np.int64)  # number of capture regions whose preimages are already computed
@@ -120,11 +120,11 @@ class _QuietCells:
         self.chaos = np.array([cell in self.classifier.chaos for cell in range(n)])
         settled = np.where((status == Outcome.PERIODIC) | (status == Outcome.QUIET), impacts, 0).max(axis=1)
         most = MOST_IMPACTS * self.longer
-        # if PATIENCE times the impacts that samples take to settle exceed `most`, unresolved samples do not count as
-        # chaotic: they may still become quiet
-        self.chaos &= PATIENCE * settled <= most
+        # if LIMIT_MULTIPLE times the impacts that samples take to settle exceed `most`, unresolved samples do not count
+        # as chaotic: they may still become quiet
+        self.chaos &= LIMIT_MULTIPLE * settled <= most
         captured = np.where(status == Outcome.PERIODIC, impacts, 0).max(axis=1)
-        self.most = np.clip(PATIENCE * np.where(self.chaos, settled, captured), LEAST_IMPACTS * self.longer, most)
+        self.most = np.clip(LIMIT_MULTIPLE * np.where(self.chaos, settled, captured), LEAST_IMPACTS * self.longer, most)
         self.most = self.most.astype(np.int64)
         self.undecided = np.full(n, np.inf)
 
@@ -145,7 +145,7 @@ class _QuietCells:
     def states_in_strip(self, below: Array, i: int) -> tuple[Array, Array]:
         """Return τ and v (n, SAMPLED) of set number i of states, uniform in τ and in ln v.
 
-        The speeds of a cell lie between its entries of `self.floor` (its capture speed, or LOWEST) and `below` (n,).
+        The speeds of each cell lie between the cell's entries of `self.floor` and of `below` (n,).
 
         Returns
         -------
@@ -242,13 +242,13 @@ class _QuietCells:
 
     def search_patterns(self) -> None:
         """Search for slower states in a pattern around each kept state; a pattern without a slower state shrinks."""
-        offset = np.concatenate([-SIDEWAYS, [0.0], SIDEWAYS[::-1]])
-        sideways, down = (x.ravel() for x in np.meshgrid(offset, DOWN))
+        offset = np.concatenate([-TAU_OFFSETS, [0.0], TAU_OFFSETS[::-1]])
+        sideways, down = (x.ravel() for x in np.meshgrid(offset, V_OFFSETS))
         cell = np.repeat(np.arange(len(self.v)), STARTS)
         best_tau, best, scale = self.tau.ravel(), self.v.ravel(), np.full(cell.size, FIRST_SCALE)
         for _ in range(MOST_PATTERNS):
             least = np.fmin.reduce(best.reshape(-1, STARTS), axis=1)[cell]
-            hopeful = np.flatnonzero((scale > LAST_SCALE) & (best * (1.0 - HOPE * scale) < least))
+            hopeful = np.flatnonzero((scale > LAST_SCALE) & (best * (1.0 - MOST_LAG * scale) < least))
             if not hopeful.size:
                 break
             tau = fold(best_tau[hopeful, None] + scale[hopeful, None] * sideways)

@@ -31,7 +31,7 @@ from rattle.numerics.complex_step import Array
 SAME_HALVES = 0.02
 # a test function is checked for two zeros within a step if the parabola through three points falls below this share of
 # the value at the middle point
-NEARLY = 0.5
+DIP_SHARE = 0.5
 NEWTON_START = 1e-3  # distance from an event, as a share of a step, at which Newton's method starts
 SAME_PLACE = 0.5  # largest distance, as a share of a step, between a candidate and the event that it leads to
 
@@ -166,7 +166,7 @@ def points_between_close_events(
         bend, slope, value = np.polyfit(length[near] - length[i + 1], values[near, j], 2)
         at = length[i + 1] - slope / (2 * bend) if bend else length[i + 1]
         lowest = value - slope**2 / (4 * bend) if bend else value
-        if not length[i] < at < length[i + 2] or lowest / value > NEARLY:
+        if not length[i] < at < length[i + 2] or lowest / value > DIP_SHARE:
             continue
         k = int(i if at < length[i + 1] else i + 1)
         y = solution_above_chord(problem, points[k], points[k + 1], (at - length[k]) / (length[k + 1] - length[k]))

@@ -32,7 +32,7 @@ WINDOW, BRACKET = 0.05, 0.01
 DOMAIN = 0.3  # widest window of s, as a share of a fundamental domain
 # distance below the contact, relative to ε − SN1, at which no piece of W^u(A) may escape; number of samples per unit of
 # ln s with which W^u(A) is followed there
-MARGIN, CHECKED = 1e-3, 4000
+MARGIN, CHECK_DENSITY = 1e-3, 4000
 SMALLEST = 1e-4  # smallest step in δ, relative to the δ of COD22; the curve ends where it needs a smaller step
 WIDEST = 0.05  # widest range of δ without chaos that the curve crosses, relative to the δ of COD22
 # if `contact_position` of a crisis exceeds this, the orbit of the next crisis is followed for one more impact
@@ -64,7 +64,7 @@ class CrisisCurve:
         return np.array([point.epsilon for point in self.points])
 
 
-def _extrapolate(known: list[Crisis], x: Array, y: Array, at: float) -> Array:
+def _extrapolate_crises(known: list[Crisis], x: Array, y: Array, at: float) -> Array:
     """Return k quantities at x = `at`, from their values y (n, k) at n crises with coordinates x (n,).
 
     A parabola through the last three crises is extrapolated; with fewer crises a line or a constant.
@@ -114,7 +114,7 @@ def contact_at_delta(known: list[Crisis], delta: float) -> Crisis:
         If no crisis is found there.
     """
     y = np.log([[point.gap, point.parameter] for point in known])
-    gap, s = np.exp(_extrapolate(known, np.array([point.delta for point in known]), y, delta))
+    gap, s = np.exp(_extrapolate_crises(known, np.array([point.delta for point in known]), y, delta))
     return solve_contact(
         delta, known[-1].beta, float(gap), _window_around(known, float(s)), _steps_of_next_crisis(known[-1]), BRACKET
     )
@@ -133,7 +133,7 @@ def contact_at_gap(known: list[Crisis], gap: float, end: float) -> Crisis:
     last = known[-1]
     root = np.sqrt([point.gap for point in known])
     y = np.array([[point.delta - end, point.parameter] for point in known]) / root[:, None]
-    offset, s = _extrapolate(known, root, y, float(np.sqrt(gap))) * np.sqrt(gap)
+    offset, s = _extrapolate_crises(known, root, y, float(np.sqrt(gap))) * np.sqrt(gap)
     bracket = BRACKET * max(abs(float(offset)), float(np.sqrt(gap)) * 0.01)
     return solve_contact_at_gap(
         end + float(offset),
@@ -156,7 +156,7 @@ def _follow_down(start: Crisis, to: float, resolution: float, end: float) -> tup
         delta = max(to, known[-1].delta - step)
         try:
             found = contact_at_delta(known, delta)
-            if has_escaping_piece(delta, found.beta, found.gap * (1.0 - MARGIN), CHECKED):
+            if has_escaping_piece(delta, found.beta, found.gap * (1.0 - MARGIN), CHECK_DENSITY):
                 raise RattleError("another piece of W^u(A) touches W^s(A) first")
         except RattleError as error:
             step /= 4.0

@@ -27,14 +27,14 @@ STEP = 0.04  # relative step in ε − SN1, where SN1 is the ε of the curve SN1
 # the first ε − SN1 is LOWEST · SN1 times the square of the relative distance in δ from COD22; the square counts as
 # SMALLEST if it is smaller than that
 LOWEST, SMALLEST = 0.5, 2e-5
-# last ε − SN1 that is tried, relative to SN1; at weak damping the search ends at the quiet limit, far above SN1
+# last ε − SN1 that is tried, relative to SN1; below the damping WEAK the search ends at the quiet limit, far above SN1
 HIGHEST = 2.0
 # damping below which the search ends at the quiet limit; damping below which the search is refused
 WEAK, WEAKEST = 0.3, 0.1
 HALVINGS = 6  # number of bisections of a step in ε − SN1 in which W^u(A) begins to escape
 # samples per unit of ln s, s the position on W^u(A): to bisect the ε at which W^u(A) begins to escape; to find the
 # piece that escapes first, and to check that no piece escapes below the contact
-DENSE, CHECKED = 2000, 40000
+BISECTION_DENSITY, PIECE_DENSITY = 2000, 40000
 MARGIN = 1e-4  # distance below the crisis, relative to ε − SN1, at which no other piece of W^u(A) may escape
 MOST_PIECES = 6  # most contacts that are tried, each at a smaller ε than the one before
 MOST_RUNS = 4  # most runs of escaping samples whose contacts are tried in turn
@@ -123,7 +123,7 @@ def _narrow_gap_range(delta: float, beta: float, low: float, high: float) -> tup
     """
     for _ in range(HALVINGS):
         middle = (low + high) / 2.0
-        low, high = (low, middle) if has_escaping_piece(delta, beta, middle, DENSE) else (middle, high)
+        low, high = (low, middle) if has_escaping_piece(delta, beta, middle, BISECTION_DENSITY) else (middle, high)
     return low, high
 
 
@@ -143,7 +143,7 @@ def _escaping_runs(delta: float, beta: float, gap: float) -> list[Array]:
     RattleError
         If no sample becomes quiet.
     """
-    found = _follow_manifold(delta, beta, gap, CHECKED)
+    found = _follow_manifold(delta, beta, gap, PIECE_DENSITY)
     s, gone = found.s[0], found.becomes_quiet[0]
     edges = np.flatnonzero(np.diff(np.concatenate([[False], gone, [False]]).astype(int))).reshape(-1, 2)
     if not edges.size:
@@ -260,7 +260,7 @@ def first_contact(delta: float, beta: float, low: float, high: float) -> Crisis:
     for _ in range(MOST_PIECES):
         found = contact_near(delta, beta, low, high)
         below = found.gap * (1.0 - MARGIN)
-        if not has_escaping_piece(delta, beta, below, CHECKED):
+        if not has_escaping_piece(delta, beta, below, PIECE_DENSITY):
             return found
         low, high = found.gap * (1.0 - 10.0 * MARGIN), below
     raise RattleError(

@@ -67,7 +67,7 @@ def closure_numerators(sigma, delta, beta):
     le, both = ls + lr - ls * lr, ls * lr
     h = abs(sigma)
     slow = max(es, er)
-    apart = math.copysign(-slow * math.expm1(-2.0 * delta * h), sigma)  # Er − Es
+    apart = math.copysign(-slow * math.expm1(-2.0 * delta * h), sigma)  # e^(−δ(1 − s)) − e^(−δs), for s = 1/2 + σ
     k_r = both - apart
     root = math.expm1(-delta * h)
     b1 = 2.0 * le * math.tanh(0.25 * delta) * sine_offset_kernel(0.5 * delta) - 4.0 * slow * root * root
