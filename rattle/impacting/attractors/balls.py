@@ -54,8 +54,7 @@ def direction_of(lane, few):
     Returns
     -------
     tuple of int
-        The number of the direction, and the number of halvings: the largest radius of the group, halved so many times,
-        is the radius of the lane.
+        The number of the direction, and a number k: the radius of the lane is the largest radius of the group / 2^k.
     """
     return (lane % FEW * (ALL // FEW), lane // FEW) if few else (lane, 0)
 
@@ -171,7 +170,7 @@ def halvings_without_failure(b, work, group, i, level, few, centres):
 
 @kernel
 def write_radii(memory, work, centres, cells, paths):
-    """Write the radius of every capture region to `centres`, 0 if there is none.
+    """Write the radius of every capture region to `centres`; 0 for a region whose smallest tried radius fails.
 
     `work` is scratch memory (`WORK`). `paths` (2,) counts flights whose first impact needs a scan, and flights whose
     first impact needs the slower safe search.

@@ -54,8 +54,8 @@ SHRINK, MOST_LAG = 1.0 / 16.0, 8.0
 MOST_PATTERNS = 60  # most patterns of one search
 # at strong damping, least and largest limit of impacts of states other than those that are classified first
 LEAST_IMPACTS, MOST_IMPACTS = 512, 4096
-# limit of impacts of these other states, as a multiple of the largest number of impacts that a state classified first
-# took to reach a periodic orbit or, if unresolved samples of the cell count as chaotic, quiet motion
+# limit of impacts of states other than those that are classified first, as a multiple of the largest number of impacts
+# that one of those took to reach a periodic orbit or, if unresolved samples of the cell count as chaotic, quiet motion
 LIMIT_MULTIPLE = 2
 # at the end the slowest states that seem chaotic are followed for this many times the cell's limit of impacts
 CONFIRMING_FACTOR = 8
@@ -204,9 +204,8 @@ class _QuietCells:
         capture regions that were found since the last call.
         """
         number = away.sum(axis=1)[:, None]
-        every = -(
-            -number * (1 + COPIES) // STATES
-        )  # of a cell's states every `every`-th is kept, so that states and copies are at most STATES
+        # of a cell's states every `every`-th is kept, so that states and copies are at most STATES
+        every = -(-number * (1 + COPIES) // STATES)
         some = np.flatnonzero(away & (np.cumsum(away, axis=1) % np.maximum(every, 1) == 0))
         near = sobol_points(1 + COPIES)[:, :, None] * NEAR
         near_tau, near_v = fold(tau.flat[some] + near[:, 0]), v.flat[some] * (1.0 - near[:, 1])

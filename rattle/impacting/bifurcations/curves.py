@@ -152,7 +152,7 @@ def bifurcation_curve(
 
 
 def _rotate_to_sigma_plus(event: Event) -> tuple[Itinerary, Array, int | None]:
-    """Return itinerary, unknowns and grazing impact of an event, begun at an impact on Σ⁺ that does not graze."""
+    """Return itinerary, unknowns and grazing impact of an event, counted from an impact on Σ⁺ that does not graze."""
     itinerary = event.itinerary
     begin = next((i for i, wall in enumerate(itinerary.walls) if wall > 0 and i != event.impact), 0)
     impact = None if event.impact is None else (event.impact - begin) % itinerary.n
@@ -171,7 +171,7 @@ def describe_motion(itinerary: Itinerary, x: Array, grazed: int | None = None) -
 
 
 def _reason_with_point(name: str, x: Array, reason: str, beta: float) -> str:
-    """Return the reason why a curve ends at x, preceded by the name of the codimension-two point if x is at one."""
+    """Return the reason why a curve ends at x, preceded by a codimension-two point's name if x is at this point."""
     off = {
         point.name: max(abs(x[-2] / point.delta - 1.0), abs(x[-1] / point.epsilon - 1.0))
         for point in codimension_two(beta)

@@ -164,7 +164,7 @@ class FollowedManifold:
 
 
 def has_escaping_part(delta: float, epsilon: Array, beta: float) -> Flags:
-    """Return flags (n,) of the eccentricities at which a part of W^u(A) becomes quiet; False where not decidable."""
+    """Return flags (n,) of eccentricities at which a part of W^u(A) becomes quiet; False where not `is_decidable`."""
     a = saddles(np.full(epsilon.size, delta), epsilon, np.full(epsilon.size, beta))
     found = a.is_decidable
     if found.any():
@@ -184,10 +184,10 @@ def saddle_at(delta: float, epsilon: float, beta: float) -> Saddles:
     return a
 
 
-def chaotic_share(delta: float, epsilon: float, beta: float, settle: int = TRANSIENT_IMPACTS) -> float:
-    """Follow CHAOS_SAMPLES samples of W^u(A); return the share of them that are chaotic after `settle` impacts."""
+def chaotic_share(delta: float, epsilon: float, beta: float, transient: int = TRANSIENT_IMPACTS) -> float:
+    """Follow CHAOS_SAMPLES samples of W^u(A); return the share of them that are chaotic after `transient` impacts."""
     a = saddle_at(delta, epsilon, beta)
-    found = FollowedManifold(a, CHAOS_SAMPLES, a.impacts_until_quiet_at_first_return + settle)
+    found = FollowedManifold(a, CHAOS_SAMPLES, a.impacts_until_quiet_at_first_return + transient)
     left = found.samples.status == Outcome.UNRESOLVED
     if not left.any():
         return 0.0
@@ -198,12 +198,12 @@ def chaotic_share(delta: float, epsilon: float, beta: float, settle: int = TRANS
 
 
 def is_chaotic_below(contact: Crisis) -> bool:
-    """Return whether W^u(A) goes to a chaotic attractor at ε just below that of a contact with W^s(A)."""
+    """Return whether W^u(A) goes to a chaotic attractor at ε just below a contact of W^u(A) with W^s(A)."""
     floor, gap = float(sn1_formula(contact.delta)), contact.gap
     return any(chaotic_share(contact.delta, floor + gap * (1.0 - x), contact.beta) > LEAST_CHAOTIC_SHARE for x in BELOW)
 
 
 def is_chaotic_above(contact: Crisis) -> bool:
-    """Return whether W^u(A) still goes to a chaotic attractor at ε just above that of a contact with W^s(A)."""
+    """Return whether W^u(A) still goes to a chaotic attractor at ε just above a contact of W^u(A) with W^s(A)."""
     epsilon = float(sn1_formula(contact.delta)) + contact.gap * (1.0 + ABOVE)
     return chaotic_share(contact.delta, epsilon, contact.beta) > MOST_CHAOTIC_SHARE
