@@ -55,7 +55,8 @@ MOST_PATTERNS = 60  # most patterns of one search
 # at strong damping, least and largest limit of impacts of states other than those that are classified first
 LEAST_IMPACTS, MOST_IMPACTS = 512, 4096
 # limit of impacts of states other than those that are classified first, as a multiple of the largest number of impacts
-# that one of those took to reach a periodic orbit or, if unresolved samples of the cell count as chaotic, quiet motion
+# that a state classified first took to reach a periodic orbit or, if unresolved samples of the cell count as chaotic,
+# quiet motion
 LIMIT_MULTIPLE = 2
 # at the end the slowest states that seem chaotic are followed for this many times the cell's limit of impacts
 CONFIRMING_FACTOR = 8
