@@ -161,7 +161,7 @@ class _ShockSearch:
         self.attractor_after: Attractor | None = None
 
     def run_scans(self) -> None:
-        """Scan all states ROUNDS times. If a fatal shock is found, scan its state HALVINGS times more.
+        """Scan all states ROUNDS times. If a fatal shock is found, scan the state before it HALVINGS times more.
 
         The further scans narrow the interval from `low` to `high`, which holds the least fatal size.
         """

@@ -121,7 +121,7 @@ def fly_once(memory, work, groups, force, paths):
 
 @inline
 def stop_lost_lanes(b, group, most):
-    """Stop the lanes of a group with more than `most` impacts on Σ⁻, and return whether any lane of it still flies."""
+    """Stop the lanes of a group with more than `most` impacts on Σ⁻, and return whether other lanes still fly."""
     left = False
     for lane in range(group * GROUP, (group + 1) * GROUP):
         if b.n_minus[lane] > most:
