@@ -59,7 +59,7 @@ class Stretched(NamedTuple):
     ) -> Stretched:
         """Return the results of k trajectories in the shape `shape`, with both Lyapunov exponents.
 
-        flat: τ, v, n₊ and n₋, each (k,). growth (3, k): of each trajectory the time, ln stretch of its tangent vector,
+        flat: τ, v, n₊ and n₋, each (k,). growth (3, k): for each trajectory the time, ln stretch of its tangent vector,
         and ln|det| of its tangent map.
 
         Returns

@@ -91,7 +91,7 @@ class _Image:
         return np.asarray(self.word[1:] != self.word[:-1])
 
     def _bisect_corners(self) -> bool:
-        """Insert points on both sides of each corner, at adjacent doubles t; return whether any were inserted."""
+        """Insert points on both sides of each corner, one rounding error apart in t; return whether there were any."""
         i = np.flatnonzero(self.is_corner)
         low, high, word = self.t[i], self.t[i + 1], self.word[i]
         while True:

@@ -47,7 +47,7 @@ class Convergence:
         return self._statistic_of_times(np.max)
 
     def _statistic_of_times(self, function: object) -> Array:
-        """Return a function of the times of arrival at each attractor; NaN where no sample has arrived."""
+        """Apply a function to the times of arrival at each attractor; the result is NaN where no sample has arrived."""
         assert callable(function)
         times = (self.time[(self.which == i) & np.isfinite(self.time)] for i in range(len(self.attractors)))
         return np.array([float(function(x)) if x.size else np.nan for x in times])

@@ -51,8 +51,8 @@ class Tipping:
 def departure_from_rest(gear: AnyGear) -> tuple[float, float]:
     """Return a very slow departure that stands for a motion at rest on Σ⁺.
 
-    The departure is at the phase at which the contact force becomes 0; below the quiet limit, where the force is always
-    positive, at the phase of its minimum.
+    The departure is at the phase at which the contact force becomes 0. Below the quiet limit, where the force is always
+    positive, the departure is at the phase of least force.
 
     Returns
     -------

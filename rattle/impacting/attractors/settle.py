@@ -192,7 +192,7 @@ def settle(memory, which, flights, cells, samples, balls, paths):
 
 @inline
 def record_growth(b, i, batches):
-    """Add the time, ln stretch and ln|det| that lane i gained since the last call to a row of `batches`.
+    """Add to a row of `batches` the time, ln stretch and ln|det| that lane i gained since the last call.
 
     The row is that of the present part of the observation, which has BATCHES successive parts. As long as the lane's
     tangent vector is not yet aligned, its gains are dropped.

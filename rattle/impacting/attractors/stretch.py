@@ -36,9 +36,10 @@ def fly_and_sum(memory, lanes, cell, tau, v, checks, cells, sums, paths):
     """Follow motions (n,) that start at (tau, v), and sum over their impacts; motion i ends after checks[i] checks.
 
     CHUNK flights pass between two checks. `sums` (n, BATCHES, COLUMNS), zero at the start, has the columns of
-    `rattle.intensity.visit.sum_impacts`; each batch holds the impacts of an equal part of the checks. The sums of a
-    motion that becomes quiet or stays in contact are NaN. `lanes` (4, LANES) is scratch memory. `paths` (2,) counts
-    flights whose first impact needs a scan, and flights whose first impact needs the slower safe search.
+    `rattle.intensity.visit.sum_impacts`. The checks of a motion are divided into BATCHES equal parts, and row j of the
+    motion's sums holds the impacts of part j. The sums of a motion that becomes quiet or stays in contact are NaN.
+    `lanes` (4, LANES) is scratch memory. `paths` (2,) counts flights whose first impact needs a scan, and flights whose
+    first impact needs the slower safe search.
     """
     speeds, squares, impulses, fastest = lanes[0], lanes[1], lanes[2], lanes[3]
     lanes[:] = 0.0

@@ -278,7 +278,7 @@ def _half_period_motion(itinerary: Itinerary, x: Array) -> tuple[Itinerary, Arra
     Returns
     -------
     tuple[Itinerary, Array] | None
-        The itinerary, and the unknowns with the mean times of both halves; None if times differ by SAME_HALVES.
+        The itinerary, and the unknowns with the mean times of both halves; None if times differ by SAME_HALVES or more.
     """
     if not repeats_first_half(itinerary, x, SAME_HALVES):
         return None

@@ -111,7 +111,7 @@ def contact_at_delta(known: list[Crisis], delta: float) -> Crisis:
     Raises
     ------
     RattleError
-        If no crisis is found there.
+        If no crisis is found at this damping.
     """
     y = np.log([[point.gap, point.parameter] for point in known])
     gap, s = np.exp(_extrapolate_crises(known, np.array([point.delta for point in known]), y, delta))
@@ -235,7 +235,7 @@ def crisis_curve(
     Returns
     -------
     CrisisCurve
-        The points by rising δ, and the reasons why the curve ends at both ends.
+        The points by rising δ, and the reasons why the curve goes no further at either end.
 
     Raises
     ------
