@@ -323,11 +323,11 @@ class Gear(SampledGear, Rattling):
         -------
         BoundaryDistance
             (v, tau, undecided), dimensionless, τ in forcing periods. v is inf if every state found becomes quiet again,
-            and 0 from the quiet limit on. v is NaN if all states that do not become quiet are undecided, or if becoming
-            quiet takes more than 2048 impacts (below δ = 0.3 more, in proportion to 1/δ). The latter happens within a
-            few per cent of the quiet limit (docs/weak-damping.md). tau is the phase of the impact. undecided is the
-            least speed of an undecided state, inf if there is none; undecided states do not count as states of another
-            basin.
+            and 0 from the quiet limit on. v is NaN if all states that do not become quiet are undecided. v is also NaN
+            if becoming quiet takes more than 2048 impacts (below δ = 0.3 more, in proportion to 1/δ), which happens
+            within a few per cent of the quiet limit (docs/weak-damping.md). tau is the phase of the impact. undecided
+            is the least speed of an undecided state, inf if there is none; undecided states do not count as states of
+            another basin.
 
         Raises
         ------

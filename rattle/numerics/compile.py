@@ -48,7 +48,8 @@ COMPILE_NOTHING = COMPUTE_NOTHING | {"models"}  # parts that define no kernels; 
 COMPILE = "import sys; from rattle.numerics.compile import compile_here; compile_here(*sys.argv[1:])"
 STEP = "compiling "  # the lines in which the compiling process reports its steps begin with this word
 POLL_SECONDS = 0.1
-_HERE: list[Path] = []  # files that a compiling process creates when kernels are compiled; [] in other processes
+# files that a compiling process creates when its kernels are compiled; always empty in other processes
+_CREATED_NOTES: list[Path] = []
 _LOCK = threading.Lock()
 
 
@@ -81,7 +82,14 @@ def toolchain() -> dict[str, str]:
 
 
 def _cache_root() -> str:
-    """Return RATTLE_CACHE_DIR, else the user's cache directory, or if that is not writable a private temporary one."""
+    """Return the directory that holds the kernel caches of all versions of the library.
+
+    Returns
+    -------
+    str
+        RATTLE_CACHE_DIR if this variable is set; otherwise a directory in the user's cache or, if this directory cannot
+        be written, a private temporary directory. If neither can be written, the directory in the user's cache.
+    """
     if named := os.environ.get("RATTLE_CACHE_DIR"):
         return named
     usual = os.path.join(os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache"), "rattle")
@@ -161,8 +169,8 @@ def _type_in_kernels(function: Inline, _context: Any) -> Any:
 class Kernel(Inline):
     """A compiled function that Python can call. Its machine code is kept on disk.
 
-    Each kernel that calls this one contains a copy of the machine code of this one. All copies are identical, so the
-    results do not depend on the order in which a process loads them.
+    If a kernel calls another kernel, it contains a copy of the other's machine code. All copies are identical, so the
+    results do not depend on the order in which a process loads kernels.
     """
 
     options = _CALLED
@@ -190,11 +198,11 @@ class Kernel(Inline):
             wanted = self.__module__, self.name, *map(numba.typeof, arguments)
             # the name is a hash of the types as text, because pickles of equal types may differ
             name = hashlib.sha256(repr(wanted).encode()).hexdigest()[:24]
-            compile_apart(f"{name} {base64.b64encode(pickle.dumps(wanted)).decode()}", f"{__name__}:compile_one")
+            compile_apart(f"{name} {base64.b64encode(pickle.dumps(wanted)).decode()}", f"{__name__}:compile_one_kernel")
         return (self._entry or self.entry)(*arguments)
 
 
-def compile_one(about: str) -> dict[str, Callable[[], Any]]:
+def compile_one_kernel(about: str) -> dict[str, Callable[[], Any]]:
     """Return the step of a job of `compile_apart` that compiles one kernel for given types of its arguments.
 
     about: a hash, a space, and in base64 the pickled tuple of the kernel's module, its name and the types.
@@ -270,14 +278,14 @@ def compile_apart(about: str, *works: str) -> None:
         If the kernels cannot be compiled; the message says why.
     """
     notes = [note_of(about, work) for work in works]
-    if _HERE:  # this is the compiling process: it compiles these kernels in the course of its job
-        _HERE.extend(notes)
+    if _CREATED_NOTES:  # this is the compiling process: it compiles these kernels in the course of its job
+        _CREATED_NOTES.extend(notes)
     elif sys.executable and not all(note.exists() for note in notes) and is_cache_writable():
         with open(cache_directory() / "lock", "w") as lock:
             while not try_to_lock(lock) and not all(note.exists() for note in notes):
                 time.sleep(POLL_SECONDS)
             if missing := [work for work, note in zip(works, notes, strict=True) if not note.exists()]:
-                _compile(about, *missing)
+                _compile_in_new_process(about, *missing)
 
 
 def try_to_lock(file: IO[str]) -> bool:
@@ -291,7 +299,7 @@ def try_to_lock(file: IO[str]) -> bool:
     return True
 
 
-def _compile(*work: str) -> None:
+def _compile_in_new_process(*work: str) -> None:
     pipes: Any = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True}
     said: list[str] = []
     with subprocess.Popen([sys.executable, "-c", COMPILE, *work], env=environment(), **pipes) as process:
@@ -313,14 +321,14 @@ def compile_here(about: str, *works: str) -> None:
     threading.Thread(target=lambda: sys.stdin.read() or os._exit(1), daemon=True).start()
     gc.set_threshold(100_000, 20, 20)  # with the default thresholds garbage collection takes an eighth of the time
     for work in works:
-        _HERE[:] = [note_of(about, work)]
+        _CREATED_NOTES[:] = [note_of(about, work)]
         module, _, name = work.partition(":")
         steps = getattr(import_module(module), name)(about)
         for number, (step, compile_step) in enumerate(steps.items(), 1):
             print(f"{STEP}{step}{f' of the {about} model' * about.isalpha()}, {number} of {len(steps)}", flush=True)
             compile_step()
         refuse_array_returns()
-        for note in _HERE:
+        for note in _CREATED_NOTES:
             note.touch()
 
 

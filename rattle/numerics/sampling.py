@@ -52,8 +52,8 @@ def _mix_bits(x: NDArray[np.uint64]) -> NDArray[np.uint64]:
 def uniforms(seed: int, stream: int, rows: NDArray[np.int64], columns: int) -> NDArray[np.float64]:
     """Return independent uniform random numbers in [0, 1): chosen rows (n,) of an endless table.
 
-    The seed (up to 128 bits) and the number `stream` select the table. Each number depends on these, its row and its
-    column only, so that rows may be computed in any order.
+    The seed (up to 128 bits) and the number `stream` select the table. Each number depends on the seed, the
+    stream, and the number's row and column only, so that rows may be computed in any order.
 
     Returns
     -------
@@ -96,8 +96,8 @@ def initial_conditions(
     """Return uniform low-discrepancy samples of (τ, v) ∈ [0, 1) × (0, v_max) for cells (n,).
 
     Phases may be limited to the range `tau`, and speeds begin at `v_min`. The samples are Sobol points, shifted modulo
-    1 by an amount that depends on the seed and the cell's parameters alone. So a cell's sample depends on nothing but
-    the request and the cell, and cells have independent sampling errors.
+    1 by an amount that depends on the seed and the cell's parameters alone. So a cell's samples depend on nothing
+    but the request and the cell, and cells have independent sampling errors.
 
     Returns
     -------

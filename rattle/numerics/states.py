@@ -27,7 +27,7 @@ def box_of(tau: ArrayLike, v: ArrayLike) -> tuple[tuple[float, float], tuple[flo
 def sampled_states(
     count: int, v: ArrayLike, tau: ArrayLike = (0.0, 1.0), density: Density | None = None, seed: int = 0
 ) -> tuple[Array, Array]:
-    """Return `count` states (τ, v), a low-discrepancy sample of the box whose sides are the ranges tau and v.
+    """Return `count` low-discrepancy states (τ, v) of the box whose sides are the ranges tau and v.
 
     Parameters
     ----------
@@ -37,9 +37,9 @@ def sampled_states(
         Ranges (low, high) of speed and phase.
     density : Density | None
         A function of arrays τ and v, not negative, with any scale. It counts as constant in each of 512 × 512 cells of
-        the box, with its value at the middle. Without it the sample is uniform.
+        the box, with its value at the middle. Without a density the states are uniform.
     seed : int
-        Seed of the random shift of the sample.
+        Seed of the random shift of the states.
 
     Returns
     -------

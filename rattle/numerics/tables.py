@@ -25,8 +25,8 @@ def read_columns(path: str | Path, names: Iterable[str], needed: str | None = No
     Raises
     ------
     ParameterError
-        If the file does not have the column `needed` (if `needed` is None: none of the columns), one of the columns
-        appears twice, or a cell of these columns is not a number.
+        If `needed` is given and the file does not have this column, or `needed` is None and the file has none of the
+        columns. If a column appears twice, or a cell of these columns is not a number.
     RattleError
         If the file cannot be read.
     """
@@ -57,7 +57,7 @@ def read_columns(path: str | Path, names: Iterable[str], needed: str | None = No
 
 
 def _header_as_text(header: list[str]) -> str:
-    """Return the names of a header as text; only the first 20 names, and 20 characters of each, are in it."""
+    """Return the first 20 names of a header as text, each cut to 20 characters."""
     shown = ", ".join(repr(name[:MOST_SHOWN]) for name in header[:MOST_SHOWN])
     return shown or "none: the table is empty"
 

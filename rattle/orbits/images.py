@@ -1,4 +1,4 @@
-"""Map states by powers of Π or Π⁻¹, with phases that are not folded, and count impacts on Σ⁻ (compiled)."""
+"""Map states by powers of Π or Π⁻¹, with phases that are not reduced to [0, 1), and count impacts on Σ⁻ (compiled)."""
 
 import numpy as np
 

@@ -28,19 +28,19 @@ class Iterates(NamedTuple):
 class StatesAfterReturn(NamedTuple):
     """States (n,) after one return to Σ⁺, and the durations of the returns.
 
-    `goes` is False for a state that never returns; such a state is left as it was, with duration 0.
+    has_returned (n,): False for a state that never returns; such a state is left unchanged, with duration 0.
     """
 
     tau: NDArray[np.float64]
     v: NDArray[np.float64]
     time: NDArray[np.float64]
-    goes: NDArray[np.bool_]
+    has_returned: NDArray[np.bool_]
 
     @classmethod
     def from_iterates(cls, found: Stretched) -> StatesAfterReturn:
         """Return the record from the results of `iterate_tangent` for one impact on Σ⁺."""
-        goes = found.n_plus > 0
-        return cls(found.tau, found.v, np.where(goes, found.time, 0.0), goes)
+        has_returned = found.n_plus > 0
+        return cls(found.tau, found.v, np.where(has_returned, found.time, 0.0), has_returned)
 
 
 class Stretched(NamedTuple):
@@ -59,7 +59,7 @@ class Stretched(NamedTuple):
     ) -> Stretched:
         """Return the results of k trajectories in the shape `shape`, with both Lyapunov exponents.
 
-        flat: τ, v, n₊ and n₋, each (k,). growth (3, k): of each trajectory the time, ln stretch of its tangent vector,
+        flat: τ, v, n₊ and n₋, each (k,). growth (3, k): for each trajectory the time, ln stretch of its tangent vector,
         and ln|det| of its tangent map.
 
         Returns
@@ -98,7 +98,7 @@ def checked_states(
     Returns
     -------
     tuple
-        Flat contiguous copies of τ (folded), v, n, δ, ε, β and the values of `more`; and the broadcast shape.
+        Flat contiguous copies of τ (in [0, 1)), v, n, δ, ε, β and the values of `more`; and the broadcast shape.
 
     Raises
     ------

@@ -18,10 +18,11 @@ from rattle.orbits.saddles import Array, LocalManifold, local_manifold
 
 # most points of an image of the fundamental domain; most images of a manifold; most refinements of an image
 MOST_POINTS, MOST_IMAGES, MOST_ROUNDS = 400_000, 2_000, 200
-ENDED = 1e-9  # length of an image below which the manifold counts as converged to an attractor
-FIRST = 9  # number of points of the fundamental domain at first
+SHORTEST_IMAGE = 1e-9  # length of an image below which the manifold counts as converged to an attractor
+DOMAIN_POINTS = 9  # number of points of the fundamental domain at first
 FINEST = 1e-6  # shortest step between points whose angle counts; angles of shorter steps are rounding errors
-JOINED = 1e-3  # two pieces share a corner if the distance of their ends, relative to the spacing, is smaller than this
+# two pieces share a corner if the distance of their ends, relative to the spacing, is smaller than this
+CORNER_GAP = 1e-3
 
 
 @dataclass(frozen=True)
@@ -33,7 +34,7 @@ class Manifold:
     kind, side
         "stable" or "unstable", and +1 or −1, as in `manifold`.
     tau, v : ndarray, (n,)
-        Phase, not folded but continuous along the manifold, and speed after the impact on Σ⁺.
+        Phase, continuous along the manifold so that it may leave [0, 1), and speed after the impact on Σ⁺.
     images : ndarray of int, (n,)
         For each point a number j: the point lies in the j-th image of the fundamental domain.
     parameter : ndarray, (n,)
@@ -63,21 +64,22 @@ class Manifold:
 class _Image:
     """The j-th image of the fundamental domain of a local manifold, as points in order away from the saddle.
 
-    t: positions in the domain of the points' j-th preimages. ok, x, word, bounces: the images of these preimages, as
-    from `LocalManifold.map`.
+    t (n,): the positions, in the domain, of the points' j-th preimages. ok, x, word, bounces: the results of
+    `LocalManifold.map` for these preimages: flags of existing images, the images (2, n), hashes of their itineraries,
+    and their numbers of impacts on Σ⁻.
     """
 
     def __init__(self, local: LocalManifold, j: int, t: Array) -> None:
         self.local, self.j, self.t = local, j, t
-        self.ok, self.x, self.word, self.bounces = self._map(t)
+        self.ok, self.x, self.word, self.bounces = self._images_of(t)
 
-    def _map(self, t: Array) -> tuple[NDArray[np.bool_], Array, NDArray[np.int64], NDArray[np.int64]]:
+    def _images_of(self, t: Array) -> tuple[NDArray[np.bool_], Array, NDArray[np.int64], NDArray[np.int64]]:
         return self.local.map(self.local.states_at(t), self.j)
 
-    def _insert(self, t: Array) -> None:
-        """Insert the images of further points t of the fundamental domain."""
+    def _insert_images(self, t: Array) -> None:
+        """Insert the j-th images of further points of the fundamental domain, at the positions t (k,)."""
         t = t[np.argsort(np.abs(t))]
-        ok, x, word, bounces = self._map(t)
+        ok, x, word, bounces = self._images_of(t)
         at = np.searchsorted(np.abs(self.t), np.abs(t))
         self.t, self.x = np.insert(self.t, at, t), np.insert(self.x, at, x, axis=1)
         self.ok, self.word = np.insert(self.ok, at, ok), np.insert(self.word, at, word)
@@ -89,7 +91,7 @@ class _Image:
         return np.asarray(self.word[1:] != self.word[:-1])
 
     def _bisect_corners(self) -> bool:
-        """Insert points on both sides of each corner, at adjacent doubles t; return whether any were inserted."""
+        """Insert points on both sides of each corner, one rounding error apart in t; return whether there were any."""
         i = np.flatnonzero(self.is_corner)
         low, high, word = self.t[i], self.t[i + 1], self.word[i]
         while True:
@@ -97,15 +99,15 @@ class _Image:
             open_ = (middle != low) & (middle != high)
             if not open_.any():
                 break
-            before = self._map(middle)[2] == word
+            before = self._images_of(middle)[2] == word
             low, high = np.where(open_ & before, middle, low), np.where(open_ & ~before, middle, high)
         new = np.setdiff1d(np.concatenate([low, high]), self.t)
         if new.size:
-            self._insert(new)
+            self._insert_images(new)
         return bool(new.size)
 
     def refine(self, spacing: float, angle: float) -> None:
-        """Insert points until, except at corners, steps are shorter than `spacing` and turns below `angle`."""
+        """Insert points until all steps and turns but those at corners are below `spacing` and `angle`."""
         for _ in range(MOST_ROUNDS):
             cornered = self._bisect_corners()
             step = _differences(self.x, self.local.unit)
@@ -118,7 +120,7 @@ class _Image:
             todo = same & ((size > spacing) | (rough & (size > FINEST)))
             todo &= (middle != self.t[1:]) & (middle != self.t[:-1])
             if todo.any():
-                self._insert(middle[todo])
+                self._insert_images(middle[todo])
             elif not cornered:
                 return
             if self.t.size > MOST_POINTS:
@@ -171,7 +173,7 @@ def manifold(
     spacing, angle = require_number("spacing", spacing, positive=True), require_number("angle", angle, positive=True)
     unit = require_number("unit", unit, positive=True)
     local = local_manifold(orbit, kind == "stable", unit)
-    t = side * local.size * local.multiplier ** np.linspace(-1.0, 0.0, FIRST)
+    t = side * local.size * local.multiplier ** np.linspace(-1.0, 0.0, DOMAIN_POINTS)
     reach = float(abs(t[0]) * np.hypot(*(local.powers[1] / [1.0, unit])) / np.hypot(*local.powers[1]))
     first = np.linspace(0.0, t[0], 2 + int(reach / spacing))[:-1]  # positions between the saddle and the domain
     zero = np.zeros(first.size)
@@ -183,9 +185,9 @@ def manifold(
         rows.append(_rows_of_image(level, end))
         more = float(np.hypot(*_differences(level.x[:, :end], unit)).sum())
         length += more
-        if length > arclength or end < t.size or more < ENDED:
+        if length > arclength or end < t.size or more < SHORTEST_IMAGE:
             break
-    return _assemble(orbit, kind, side, np.concatenate(rows, axis=1), arclength, JOINED * spacing, unit)
+    return _assemble_manifold(orbit, kind, side, np.concatenate(rows, axis=1), arclength, CORNER_GAP * spacing, unit)
 
 
 def _differences(x: Array, unit: float) -> Array:
@@ -210,7 +212,7 @@ def _rows_of_image(level: _Image, end: int) -> Array:
     return np.asarray(rows[:, (1 if level.j else 0) : end], np.float64)
 
 
-def _assemble(
+def _assemble_manifold(
     orbit: Periodic, kind: str, side: int, rows: Array, arclength: float, joined: float, unit: float
 ) -> Manifold:
     """Return the manifold from the rows of all its images, cut to the arclength, with each corner in both its pieces.

@@ -20,8 +20,8 @@ class Equations(ABC):
     """The itinerary of a periodic motion, and the n equations that the motion satisfies in its n unknowns.
 
     walls: +1 or −1 for each impact or contact of a period, in order, Σ⁺ first. m: number of forcing periods. beta:
-    half-backlash. The unknowns are the times of the impacts or contacts, followed by any further unknowns of each.
-    Arrays x (…, n + 2) hold the unknowns, then δ and ε.
+    half-backlash. The unknowns are the times of the impacts or contacts, followed by further unknowns if the gear has
+    any. Arrays x (…, n + 2) hold the unknowns, then δ and ε.
     """
 
     walls: tuple[int, ...]
@@ -45,7 +45,7 @@ class Equations(ABC):
 
     @abstractmethod
     def with_graze(self, x: NDArray, impact: int) -> NDArray:
-        """Return the residual R and after it one more entry, which is 0 if impact number `impact` grazes (…, n + 1)."""
+        """Return an array (…, n + 1): the residual R, then an entry that is 0 if impact number `impact` grazes."""
 
     def jacobian(self, x: NDArray, multiplier: float = 1.0) -> NDArray:
         """Return the Jacobian J(λ) (…, n, n) of `with_jacobian` for λ = `multiplier`."""
@@ -174,7 +174,9 @@ class Periodic(ABC):
     def from_solution(
         cls, itinerary: Equations, x: Array, speeds: Array, trace: float, admissible: bool, **more: Any
     ) -> Self:
-        """Return the motion at a solution x (n + 2,) of its equations. trace: of the tangent map over the period.
+        """Return the motion at a solution x (n + 2,) of its equations.
+
+        trace: the trace of the tangent map over the period.
 
         Returns
         -------

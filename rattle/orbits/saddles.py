@@ -24,8 +24,8 @@ from rattle.orbits.return_map import power_map
 Array = NDArray[np.float64]
 DEGREE, NODES = 10, 25  # degree of the series; number of points at which its residual is evaluated
 LARGEST, SMALLEST = 0.1, 1e-9  # largest and smallest size |s| of a series that is tried
-# largest allowed residual F(W(s)) − W(λs) of a series, relative to its size; the residual's rounding error, relative to
-# the speed, for Π and for Π⁻¹, which is allowed in any case
+# largest allowed residual F(W(s)) − W(λs) of a series, relative to the size of the series; rounding error of the
+# residual for Π and for Π⁻¹, relative to the speed: a residual as large as the rounding error is always allowed
 RESIDUAL, ROUNDING = 1e-12, (4e-15, 8e-15)
 MOST_ITERATIONS = 60
 
@@ -40,8 +40,10 @@ class LocalManifold:
         Coefficients of τ and v, the lowest power first.
     multiplier : float
         The multiplier λ of the map F along the manifold.
+    backwards : bool
+        True for a stable manifold, whose map F goes backwards in time.
     steps, turns : int
-        Impacts on Σ⁺ and forcing periods of one application of F, forwards in time or, with `backwards`, backwards.
+        Impacts on Σ⁺ and forcing periods of one application of F.
     residual : float
         The largest |F(W(s/λ)) − W(s)|, with speeds in units of `unit`.
     unit : float
@@ -59,7 +61,7 @@ class LocalManifold:
     unit: float = 1.0
 
     def states_at(self, s: Array) -> Array:
-        """Return the states (2, n) of the local manifold at positions s (n,), |s| ≤ size. τ is not folded."""
+        """Return the states (2, n) of the local manifold at positions s (n,), |s| ≤ size; τ may leave [0, 1)."""
         return np.asarray(polyval(np.asarray(s) / self.size, self.powers), np.float64)
 
     def map(self, states: Array, times: int) -> tuple[NDArray[np.bool_], Array, NDArray[np.int64], NDArray[np.int64]]:

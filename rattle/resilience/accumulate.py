@@ -86,7 +86,7 @@ def accumulated_at(
             break
         moved = model.states_after_return(parameters, tau, v)
         time = time + moved.time
-        going = moved.goes & (time <= periods)
+        going = moved.has_returned & (time <= periods)
         ended = accumulator.add(which[going], moved.tau[going], moved.v[going], time[going])
         if ended is not None:
             going[np.flatnonzero(going)[ended]] = False

@@ -25,12 +25,12 @@ LONGEST = 32
 FARTHEST = 0.1
 #: Where the continuation of an orbit stops, a multiplier that is closer to ±1 than this counts as ±1: the orbit ends at
 #: a saddle-node or a flip.
-AT_ONE = 0.01
+NEAR_ONE = 0.01
 #: Least ratio of the two values from which `_distance_to_zero` extrapolates; values closer together are too inexact.
-CLEARLY = 1.5
+LEAST_RATIO = 1.5
 #: Distance beyond the end of an orbit, as a share of the distance between two points of the path, at which the orbit is
 #: sought again: if it is virtual there, it ended at a graze.
-BESIDE = 1e-3
+BEYOND_END = 1e-3
 
 
 @dataclass(frozen=True)
@@ -47,8 +47,8 @@ class OrbitEnd:
     """The end of an orbit between two points of a path.
 
     cause: why the orbit ends. low, high: the orbit ends between these shares of the way from the first point to the
-    second. orbit: None, or the orbit at the second point if it does not end before; then the cause of its absence from
-    the attractors there is "sampling".
+    second. orbit: None if the orbit ends. If it exists at the second point after all, `orbit` is the orbit there, low
+    and high are 1, and cause is "sampling", because only the samples there missed it.
     """
 
     cause: str
@@ -108,20 +108,20 @@ def _distance_to_zero(trail: list[tuple[float, Any]], sign: float, power: int) -
     known = [(share, float(np.real(np.prod(1.0 + sign * np.array(pair)))) ** power) for share, pair in trail]
     last, rest = known[-1]
     for share, value in reversed(known):
-        if value > CLEARLY * rest:
+        if value > LEAST_RATIO * rest:
             return (last - share) * rest / (value - rest)
     return 0.0
 
 
-def _orbit_near(gear: AnyGear, near: TrackedOrbit) -> Any:
-    """Return the periodic motion with the label of `near` that departs close to it, or None if there is none."""
+def _orbit_near(gear: AnyGear, tracked: TrackedOrbit) -> Any:
+    """Return the gear's periodic motion with the label of `tracked`, near its state; None if there is none."""
     try:
-        found = gear.orbit(near.tau, near.v, near.label[1])
+        found = gear.orbit(tracked.tau, tracked.v, tracked.label[1])
     except RattleError:
         return None
-    far = np.hypot(wrapped(found.tau - near.tau), (found.v - near.v) / speed_unit_of(gear))
+    far = np.hypot(wrapped(found.tau - tracked.tau), (found.v - tracked.v) / speed_unit_of(gear))
     label = found.m, found.n_plus, found.n_minus
-    if label != near.label or far > FARTHEST or distance_after_part(gear, near, found) < SAME_POINT:
+    if label != tracked.label or far > FARTHEST or distance_after_part(gear, tracked, found) < SAME_POINT:
         return None
     return found
 
@@ -145,43 +145,42 @@ def distance_after_part(gear: AnyGear, label: TrackedOrbit, found: Any) -> float
     return float(far.min(initial=np.inf))
 
 
-def _was_doubled(gear: AnyGear, at: TrackedOrbit) -> bool:
-    """Return whether the orbit `at` is close to the flip of an orbit with half its period, from which it branches.
-
-    This is so if a motion with half the label, and a multiplier close to −1, departs from Σ⁺ close to `at`.
+def _was_doubled(gear: AnyGear, orbit: TrackedOrbit) -> bool:
+    """Return whether an orbit is close to the flip at which it branched from an orbit with half its period.
 
     Returns
     -------
     bool
-        True if there is such a motion.
+        True if an orbit with half of m, n₊ and n₋ has a multiplier close to −1 and departs from Σ⁺ near `orbit`.
     """
-    if any(n % 2 for n in at.label):
+    if any(n % 2 for n in orbit.label):
         return False
-    m, n_plus, n_minus = (n // 2 for n in at.label)
-    half = _orbit_near(gear, TrackedOrbit((m, n_plus, n_minus), at.tau, at.v))
-    return half is not None and bool(np.abs(np.array(half.multipliers) + 1.0).min() < 2.0 * AT_ONE)
+    m, n_plus, n_minus = (n // 2 for n in orbit.label)
+    half = _orbit_near(gear, TrackedOrbit((m, n_plus, n_minus), orbit.tau, orbit.v))
+    return half is not None and bool(np.abs(np.array(half.multipliers) + 1.0).min() < 2.0 * NEAR_ONE)
 
 
 def _cause_of_end(
-    start: Parameters, end: Parameters, last: Any, at: TrackedOrbit, trail: list[tuple[float, Any]]
+    start: Parameters, end: Parameters, motion: Any, orbit: TrackedOrbit, trail: list[tuple[float, Any]]
 ) -> tuple[str, float]:
     """Return why an orbit that was followed from `start` towards `end` ends, and how far ahead its end is.
 
-    last, at: the orbit at the last position where it was found, as the gear returned it and as a record. trail: all
-    positions so far, as shares of the way from `start` to `end`, each with the orbit's multipliers there.
+    motion, orbit: the orbit at the last position at which it was found, once as the gear's periodic motion and once as
+    a record. trail: for each position at which the orbit was found, the position and the orbit's multipliers there. A
+    position is the share of the way from `start` to `end`.
 
     Returns
     -------
     tuple[str, float]
         The cause, and the distance to the end as a share of the way; 0 if the distance is unknown.
     """
-    multipliers, share = np.array(last.multipliers), trail[-1][0]
-    if np.abs(multipliers - 1.0).min() < AT_ONE:
-        if _was_doubled(gear_between(start, end, share), at):
+    multipliers, share = np.array(motion.multipliers), trail[-1][0]
+    if np.abs(multipliers - 1.0).min() < NEAR_ONE:
+        if _was_doubled(gear_between(start, end, share), orbit):
             return FLIP, _distance_to_zero(trail, -1.0, 1)
         return SADDLE_NODE, _distance_to_zero(trail, -1.0, 2)
-    if np.abs(multipliers + 1.0).min() < AT_ONE:
+    if np.abs(multipliers + 1.0).min() < NEAR_ONE:
         return FLIP, _distance_to_zero(trail, 1.0, 1)
-    beyond = _orbit_near(gear_between(start, end, min(share + BESIDE, 1.0)), at)
+    beyond = _orbit_near(gear_between(start, end, min(share + BEYOND_END, 1.0)), orbit)
     # beyond a graze the orbit is virtual, or Newton's method does not find it because its flight meets another wall
     return (GRAZE if beyond is None or not beyond.admissible else UNKNOWN), 0.0

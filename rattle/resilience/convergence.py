@@ -38,16 +38,16 @@ class Convergence:
 
     @property
     def median(self) -> Array:
-        """The median time to each attractor, NaN where no time is known."""
-        return self._per_attractor(np.median)
+        """The median time of arrival at each attractor, in forcing periods; NaN where no sample has arrived."""
+        return self._statistic_of_times(np.median)
 
     @property
     def largest(self) -> Array:
-        """The largest known time to each attractor, NaN where no time is known."""
-        return self._per_attractor(np.max)
+        """The largest time of arrival at each attractor, in forcing periods; NaN where no sample has arrived."""
+        return self._statistic_of_times(np.max)
 
-    def _per_attractor(self, function: object) -> Array:
-        """Return the value of a function of the known times, for each attractor; NaN where no time is known."""
+    def _statistic_of_times(self, function: object) -> Array:
+        """Apply a function to the times of arrival at each attractor; the result is NaN where no sample has arrived."""
         assert callable(function)
         times = (self.time[(self.which == i) & np.isfinite(self.time)] for i in range(len(self.attractors)))
         return np.array([float(function(x)) if x.size else np.nan for x in times])
@@ -109,7 +109,7 @@ class _ArrivalAccumulator:
         return there
 
     def values(self) -> Array:
-        """Return the times of arrival (n,)."""
+        """Return the times of arrival (n,) in forcing periods; NaN for samples that have not arrived."""
         return self.time
 
 
@@ -122,7 +122,7 @@ def convergence(
     periods: float | None = None,
     states: States = None,
 ) -> Convergence:
-    """Return the times that the sample of `Gear.attractors` takes to reach its attractors.
+    """Return the times that the samples of `Gear.attractors` take to reach their attractors.
 
     A sample has arrived when it departs from Σ⁺ nearer to its attractor than `within`. Distances are measured in the
     (τ, v) plane, with v in units of (1.5 √(16πδβ) + 2πε)/7. For quiet motion the distance is v in these units.
@@ -130,13 +130,13 @@ def convergence(
     Parameters
     ----------
     count, v_max, seed
-        The sample, as in `Gear.attractors`.
+        The samples, as in `Gear.attractors`.
     within : float
         The distance at which a sample has arrived, below 0.5.
     periods : float | None
         Observation time in forcing periods, by default 300/δ.
     states : States
-        Initial states (τ, v) instead of the sample.
+        Initial states (τ, v), instead of drawn samples.
 
     Returns
     -------

@@ -20,21 +20,22 @@ from rattle.orbits.iterates import fold
 from rattle.resilience.gears import speed_unit_of
 
 Array = NDArray[np.float64]
-#: A bisection ends when the two states are closer than TOGETHER. They are then followed until their distance exceeds
-#: APART. Speeds in distances are in units of `speed_unit_of`.
-TOGETHER, APART = 1e-12, 1e-6
+#: A bisection ends when its two states are closer than CLOSEST_PAIR. Both states are then followed until their distance
+#: exceeds FARTHEST_PAIR. Speeds in distances are in units of `speed_unit_of`.
+CLOSEST_PAIR, FARTHEST_PAIR = 1e-12, 1e-6
 #: Number of parts into which each step of a bisection divides the line between the states.
 PARTS = 64
 #: Default of `turns`, the largest number of bisections.
 MOST_TURNS = 200
 #: Largest number of impacts on Σ⁺ per period of the saddles that are sought.
 LONGEST = 8
-#: A saddle with more impacts replaces a saddle with fewer only if its distance is smaller by this factor. Otherwise it
-#: may be the shorter saddle, run through several times.
-TWICE = 0.1
-#: Newton's method seeks a saddle from a state on the boundary whose distance from its own iterate is below CLOSE. The
-#: saddle is the edge state if its distance from the state is below ARRIVED. Speeds are in units of `speed_unit_of`.
-CLOSE, ARRIVED = 1e-2, 1e-5
+#: A saddle with more impacts replaces a saddle with fewer impacts only if its distance from the state on the boundary
+#: is less than this share of the other saddle's distance: otherwise both may be one saddle, run through several times.
+REPLACING_RATIO = 0.1
+#: Newton's method seeks a saddle from a state on the boundary if the distance between this state and its n-th iterate
+#: is below RETURN_DISTANCE. The saddle is the edge state if its distance from the state is below EDGE_DISTANCE. Speeds
+#: are in units of `speed_unit_of`.
+RETURN_DISTANCE, EDGE_DISTANCE = 1e-2, 1e-5
 
 
 @dataclass(frozen=True)
@@ -57,7 +58,8 @@ class EdgeState:
 def edge_state(gear: AnyGear, one: ArrayLike, other: ArrayLike, turns: int = MOST_TURNS) -> EdgeState:
     """Return the edge state on the boundary between the basins of two states (τ, v) with different attractors.
 
-    If the line between the states crosses several boundaries, the one nearest to `one` is followed.
+    If the line between the states crosses several basin boundaries, the boundary nearest to the state `one` is
+    followed.
 
     Parameters
     ----------
@@ -84,30 +86,30 @@ def edge_state(gear: AnyGear, one: ArrayLike, other: ArrayLike, turns: int = MOS
     pair[:, 0] = fold(pair[:, 0])
     unit, made = speed_unit_of(gear), 0
     for _ in range(turns):
-        pair = _bisect(gear, pair, unit)
+        pair = _bisect_to_boundary(gear, pair, unit)
         found = _find_saddle(gear, pair[0], unit)
-        if found is not None and found[1] < ARRIVED:
+        if found is not None and found[1] < EDGE_DISTANCE:
             orbit, distance = found
             return EdgeState(orbit.tau, orbit.v, orbit, distance, made)
-        while _distance(pair, unit) < APART:
+        while _distance_of_pair(pair, unit) < FARTHEST_PAIR:
             moved = gear.iterate(pair[:, 0], pair[:, 1], 1)
             if (moved.n_plus < 1).any():
                 raise RattleError(
                     "the motion on the boundary becomes quiet, so it has no edge state: choose two other states"
                 )
             pair, made = np.column_stack([moved.tau, moved.v]), made + 1
-    return EdgeState(float(pair[0, 0]), float(pair[0, 1]), None, _distance(pair, unit), made)
+    return EdgeState(float(pair[0, 0]), float(pair[0, 1]), None, _distance_of_pair(pair, unit), made)
 
 
-def _distance(pair: Array, unit: float) -> float:
+def _distance_of_pair(pair: Array, unit: float) -> float:
     """Return the distance of two states (τ, v), with speeds in units of `unit`."""
     return float(np.hypot(wrapped(pair[1, 0] - pair[0, 0]), (pair[1, 1] - pair[0, 1]) / unit))
 
 
-def _bisect(gear: AnyGear, pair: Array, unit: float) -> Array:
-    """Return two states on the line between `pair`, on both sides of the basin boundary and closer than TOGETHER.
+def _bisect_to_boundary(gear: AnyGear, pair: Array, unit: float) -> Array:
+    """Return two states between the states of `pair`, on both sides of a basin boundary, less than CLOSEST_PAIR apart.
 
-    The states are farther apart than TOGETHER if rounding stops the bisection earlier.
+    The states are farther apart than CLOSEST_PAIR if rounding stops the bisection earlier.
 
     Returns
     -------
@@ -123,17 +125,17 @@ def _bisect(gear: AnyGear, pair: Array, unit: float) -> Array:
         require(which[0] != which[-1], "both states go to the same attractor: choose states of two basins")
         last = int(np.argmax(which != which[0]))
         pair = line[last - 1 : last + 1]
-        distance = _distance(pair, unit)
-        if distance < TOGETHER or distance >= np.hypot(step[0], step[1] / unit):
+        distance = _distance_of_pair(pair, unit)
+        if distance < CLOSEST_PAIR or distance >= np.hypot(step[0], step[1] / unit):
             return pair
 
 
 def _find_saddle(gear: AnyGear, state: Array, unit: float) -> tuple[Any, float] | None:
     """Return an unstable periodic motion near a state, and its distance from the state; None if none is found.
 
-    For each number n of impacts on Σ⁺ up to LONGEST: if the state returns to within CLOSE of itself after n impacts,
-    Newton's method seeks a periodic motion with n impacts from there. A motion with more impacts is returned only if
-    its distance is less than TWICE times that of the motions with fewer.
+    All numbers n of impacts on Σ⁺ up to LONGEST are tried. If the state returns to within RETURN_DISTANCE of itself
+    after n impacts, Newton's method seeks a periodic motion with n impacts from there. A motion with more impacts is
+    returned only if its distance is less than REPLACING_RATIO times the distance of each motion with fewer impacts.
 
     Returns
     -------
@@ -143,13 +145,13 @@ def _find_saddle(gear: AnyGear, state: Array, unit: float) -> tuple[Any, float] 
     best = None
     for n in range(1, LONGEST + 1):
         after = gear.iterate(state[0], state[1], n)
-        if np.hypot(wrapped(after.tau - state[0]), (after.v - state[1]) / unit) > CLOSE:
+        if np.hypot(wrapped(after.tau - state[0]), (after.v - state[1]) / unit) > RETURN_DISTANCE:
             continue
         try:
             orbit = gear.orbit(float(state[0]), float(state[1]), n)
         except RattleError:
             continue
         near = float(np.hypot(wrapped(orbit.tau - state[0]), (orbit.v - state[1]) / unit))
-        if orbit.admissible and not orbit.stable and (best is None or near < TWICE * best[1]):
+        if orbit.admissible and not orbit.stable and (best is None or near < REPLACING_RATIO * best[1]):
             best = orbit, near
     return best

@@ -90,7 +90,7 @@ class GlobalContinuation:
 
     @property
     def families(self) -> tuple[int, ...]:
-        """The numbers of the families: quiet motion first, then families at many steps before families at few."""
+        """The numbers of the families, rising: 0 for quiet motion, then families from the most to the fewest steps."""
         return tuple(int(x) for x in np.unique(self.family) if x >= 0)
 
     def label(self, number: int) -> tuple[str, int, int, int]:
@@ -165,7 +165,7 @@ def global_continuation(
         The corners of the path: points (k, 2) of (δ, ε), (k, 3) of (δ, ε, β), or more columns with the parameters that
         a model adds.
     count, v_max, seed
-        The sample of each step, as in `Gear.attractors`.
+        The samples of each step, as in `Gear.attractors`.
     steps : int | None
         The number of equal steps along the path. None: the corners of the path are the steps.
     beta : float
@@ -178,7 +178,7 @@ def global_continuation(
     periods : float
         The number of forcing periods over which these quantities are accumulated.
     states : States
-        Initial states (τ, v) for every step instead of the sample.
+        Initial states (τ, v) for every step, instead of drawn samples.
     **added : float | None
         The parameters that a model adds, such as `kappa` of the stiff gear, if the path has no columns of them.
 
@@ -210,7 +210,7 @@ def global_continuation(
         name: accumulated_at(every, tau.ravel(), v.ravel(), make(), periods).reshape(-1, count)
         for name, make in quantities.items()
     }
-    found = _ChangeFinder(points, attractors, family).find_all() if causes else ()
+    found = _ChangeFinder(points, attractors, family).find_changes() if causes else ()
     rows = np.stack(list(points.values_by_name.values()), axis=1)
     return GlobalContinuation(rows, count, attractors, entered, family, which, tuple(found), gathered)
 
@@ -218,42 +218,48 @@ def global_continuation(
 class _ChangeFinder:
     """The search for the beginnings and ends of families along a path, and for their causes.
 
-    here: for each step {number of a family: row of its attractor in the table}, for the families that exist there.
+    row_by_family: for each step a dictionary that maps the number of each family that exists there to the row of the
+    family's attractor in the table.
     """
 
     def __init__(self, points: Parameters, attractors: AttractorTable, family: NDArray[np.int64]) -> None:
         self.points, self.rows, self.family = points, attractors, family
         n = points.size
-        self.here = [{int(family[i]): int(i) for i in reversed(self._rows_at_step(step))} for step in range(n)]
+        self.row_by_family = [{int(family[i]): int(i) for i in reversed(self._rows_at_step(step))} for step in range(n)]
 
     def _rows_at_step(self, step: int) -> NDArray[np.int64]:
-        """Return the rows of all families at a step."""
+        """Return the rows of `attractors` that belong to a step and to a family, so without undecided samples."""
         return np.flatnonzero((self.rows.cell == step) & (self.family >= 0))
 
-    def find_all(self) -> list[Change]:
+    def find_changes(self) -> list[Change]:
         """Return all changes, in order along the path."""
         found = [
             (family, step, begins)
             for step in range(self.points.size - 1)
             for begins in (False, True)
-            for family in sorted(self.here[step + begins].keys() - self.here[step + 1 - begins].keys())
+            for family in sorted(
+                self.row_by_family[step + begins].keys() - self.row_by_family[step + 1 - begins].keys()
+            )
         ]
         explained: dict[tuple[int, int, bool], Change] = {}
-        # chaotic families come last, because their changes may have the causes of other families' changes
+        # changes of chaotic families are explained last, because such a change may take its cause from another change
         for chaotic in (False, True):
             for each in found:
                 if (self.rows.kind[self._existing_row(*each)] == Outcome.CHAOTIC) == chaotic:
-                    explained[each] = self._explain(*each, explained)
+                    explained[each] = self._explain_change(*each, explained)
         return sorted(explained.values(), key=lambda change: (change.step, change.low, change.family))
 
     def _existing_row(self, family: int, step: int, begins: bool) -> int:
         """Return the table row of a family at the step that has it: `step` + 1 if it begins there, otherwise `step`."""
-        return self.here[step + begins][family]
+        return self.row_by_family[step + begins][family]
 
-    def _explain(self, family: int, step: int, begins: bool, others: dict[tuple[int, int, bool], Change]) -> Change:
+    def _explain_change(
+        self, family: int, step: int, begins: bool, others: dict[tuple[int, int, bool], Change]
+    ) -> Change:
         """Return the beginning or the end of a family between `step` and `step` + 1, with its cause.
 
-        others: the changes explained so far, by family, step and whether the family begins.
+        begins: True for the beginning of the family, False for its end. others: the changes whose causes are already
+        found; the keys are (family, step, begins).
 
         Returns
         -------
@@ -274,12 +280,13 @@ class _ChangeFinder:
             end = find_orbit_end(self.points.take([where]), self.points.take([away]), orbit)
             if end.orbit is not None and (goes_on := self._family_of_orbit(end.orbit, away, gears[1])) >= 0:
                 end, other = OrbitEnd(CONTINUES, 0.0, 1.0), goes_on
-        elif other in self.here[where]:
+        elif other in self.row_by_family[where]:
             end = OrbitEnd(CRISIS, 0.0, 1.0)
         elif (because := others.get((other, step, not begins))) is not None:
             return Change(family, step, begins, *because[3:6], other)
         elif other >= 0:
-            end = OrbitEnd(CRISIS, 0.0, 1.0)  # `other` is a chaotic family too, which visits other states
+            # `other` is chaotic too, because its change has no cause yet; it visits other states
+            end = OrbitEnd(CRISIS, 0.0, 1.0)
         elif other == CHAOS_THERE:
             end, other = OrbitEnd(SAMPLING, 0.0, 1.0), -1
         return self._change_from_end(family, step, begins, end, other)
@@ -288,7 +295,7 @@ class _ChangeFinder:
         """Return the record of a family's beginning or end between `step` and `step` + 1.
 
         end: cause and position of the change; `end.low` and `end.high` are shares of the way from the step where the
-        family exists to the other step. other: the field of that name in `Change`.
+        family exists to the other step. other: the value of the field `other` of the record.
 
         Returns
         -------
@@ -298,36 +305,38 @@ class _ChangeFinder:
         low, high = (step + 1 - end.high, step + 1 - end.low) if begins else (step + end.low, step + end.high)
         return Change(family, step, begins, end.cause, float(low), float(high), other)
 
-    def _family_reached(self, row: int, step: int, gear: AnyGear, there: AnyGear) -> int:
+    def _family_reached(self, row: int, step: int, gear: AnyGear, gear_there: AnyGear) -> int:
         """Return the family that motions on an attractor go to when the parameters jump to those of a step.
 
-        A periodic attractor is represented by one of its states, a chaotic one by CHAOTIC_STATES states; the answer is
-        the family to which most of them go.
+        A periodic attractor is represented by one of its states, a chaotic attractor by CHAOTIC_STATES states. The
+        family to which most of these states go is returned.
 
-        row: the row of the attractor. gear, there: the gears at the attractor's own step and at `step`.
+        row: the row of the attractor. gear: the gear at the attractor's own step. gear_there: the gear at `step`.
 
         Returns
         -------
         int
             The number of the family. CHAOS_THERE if the motions become chaotic and no chaotic family is known at
-            `step`. −1 if they go to any other attractor without a family, or if they are not followed, because they
-            could take too many impacts to become quiet.
+            `step`. −1 if the motions go to any other attractor without a family, or if they are not followed, because
+            motions could take too many impacts to become quiet.
         """
         tau, v = float(self.rows.tau[row]), float(self.rows.v[row])
-        if self.rows.kind[row] == Outcome.CHAOTIC and model_at(there).rests_late(there.delta, there.epsilon):
-            return -1  # a motion that becomes quiet there would look chaotic: it takes too many impacts
+        if self.rows.kind[row] == Outcome.CHAOTIC and model_at(gear_there).rests_late(
+            gear_there.delta, gear_there.epsilon
+        ):
+            return -1  # at `step` becoming quiet takes so many impacts that such motions would look chaotic
         many = CHAOTIC_STATES if self.rows.kind[row] == Outcome.CHAOTIC else 1
         on = gear.iterate(tau, v, 7 * np.arange(many))
-        goes = there.reached(on.tau, on.v).attractors[0]
-        for family, other in self.here[step].items():
-            if self._is_attractor_of_row(goes, other, speed_unit_of(there)):
+        attractor = gear_there.reached(on.tau, on.v).attractors[0]
+        for family, other in self.row_by_family[step].items():
+            if self._is_attractor_of_row(attractor, other, speed_unit_of(gear_there)):
                 return family
-        return CHAOS_THERE if goes.kind == KINDS[Outcome.CHAOTIC] else -1
+        return CHAOS_THERE if attractor.kind == KINDS[Outcome.CHAOTIC] else -1
 
     def _family_of_orbit(self, orbit: TrackedOrbit, step: int, gear: AnyGear) -> int:
         """Return the family at a step to which an orbit belongs, −1 if no attractor of the step is this orbit."""
         all_of_it = gear.iterate(orbit.tau, orbit.v, np.arange(orbit.label[1]))
-        for family, row in self.here[step].items():
+        for family, row in self.row_by_family[step].items():
             if self.rows.label(row) == orbit.label:
                 far = abs(wrapped(all_of_it.tau - self.rows.tau[row]))
                 far = np.maximum(far, abs(all_of_it.v - self.rows.v[row]) / speed_unit_of(gear))
@@ -335,10 +344,10 @@ class _ChangeFinder:
                     return family
         return -1
 
-    def _is_attractor_of_row(self, goes: Attractor, row: int, unit: float) -> bool:
-        """Return whether an attractor is the one in a row of the table; speeds are compared in this unit."""
+    def _is_attractor_of_row(self, attractor: Attractor, row: int, unit: float) -> bool:
+        """Return whether an attractor is the attractor in a row of the table; `unit` is the unit of speeds."""
         label = KINDS[self.rows.kind[row]], *self.rows.label(row)
-        if label != (goes.kind, goes.m, goes.n_plus, goes.n_minus):
+        if label != (attractor.kind, attractor.m, attractor.n_plus, attractor.n_minus):
             return False
-        far = abs(wrapped(goes.tau - self.rows.tau[row])), abs(goes.v - self.rows.v[row]) / unit
+        far = abs(wrapped(attractor.tau - self.rows.tau[row])), abs(attractor.v - self.rows.v[row]) / unit
         return bool(self.rows.kind[row] != Outcome.PERIODIC or max(far) < SAME_POINT)

@@ -16,11 +16,11 @@ from rattle.resilience.gears import is_same_attractor, speed_unit_of
 
 Array = NDArray[np.float64]
 #: Number of shocks of each sign that are tried from a state in one scan.
-SCANNED = 64
+SHOCKS_PER_SCAN = 64
 #: Number of scans of all states. Each scan tries shocks up to the smallest fatal shock that was found before.
 ROUNDS = 3
-#: Number of further scans, of the state with the smallest fatal shock. Each scan narrows the interval that contains
-#: this shock by the factor SCANNED.
+#: Number of further scans, of the state from which the smallest fatal shock was found. Each scan makes the interval
+#: between a harmless and a fatal size of the shock SHOCKS_PER_SCAN times shorter.
 HALVINGS = 5
 #: Number of phases at which shocks are applied to quiet motion.
 PHASES = 64
@@ -99,7 +99,7 @@ def smallest_shock(
     else:
         states, departure = _states_at_departures(gear, attractor), _departure_from_wall
     search = _ShockSearch(gear, attractor, states, departure, highest)
-    search.run()
+    search.run_scans()
     return search.smallest()
 
 
@@ -144,11 +144,11 @@ def _states_at_phase(gear: AnyGear, attractor: Attractor, phase: float) -> tuple
 
 
 class _ShockSearch:
-    """The search for the smallest fatal shock.
+    """The search for the smallest fatal shock, which takes the motion to another attractor.
 
-    state: the index of the state from which the smallest fatal shock was found. way: the sign of this shock. high: its
-    size, inf as long as no fatal shock is found. low: a smaller size that is not fatal from this state. to: the
-    attractor after the shock, None as long as no fatal shock is found.
+    state: the index of the state from which the smallest fatal shock was found. sign: the sign of this shock. high: its
+    size, inf as long as no fatal shock is found. low: a smaller size that is not fatal from this state.
+    attractor_after: the attractor that the motion goes to after the shock, None as long as no fatal shock is found.
     """
 
     def __init__(
@@ -157,29 +157,32 @@ class _ShockSearch:
         self.gear, self.attractor, self.states, self.departure, self.highest = (
             gear, attractor, states, departure, highest,
         )  # fmt: skip
-        self.state, self.way, self.low, self.high = 0, 1.0, 0.0, np.inf
-        self.to: Attractor | None = None
+        self.state, self.sign, self.low, self.high = 0, 1.0, 0.0, np.inf
+        self.attractor_after: Attractor | None = None
 
-    def run(self) -> None:
-        """Scan all states ROUNDS times; if a fatal shock is found, narrow the smallest by HALVINGS further scans."""
+    def run_scans(self) -> None:
+        """Scan all states ROUNDS times. If a fatal shock is found, scan the state before it HALVINGS times more.
+
+        The further scans narrow the interval from `low` to `high`, which holds the least fatal size.
+        """
         every, both = np.arange(len(self.states)), np.array([-1.0, 1.0])
         for _ in range(ROUNDS):
             limit = min(self.high, self.highest)
-            self._scan(every, both, 0.0, limit)
+            self._scan_shocks(every, both, 0.0, limit)
             if self.high == np.inf:
                 return
         for _ in range(HALVINGS):
-            self._scan(np.array([self.state]), np.array([self.way]), self.low, self.high)
+            self._scan_shocks(np.array([self.state]), np.array([self.sign]), self.low, self.high)
 
     def smallest(self) -> LeastShock:
         """Return the smallest fatal shock that the scans found; its change is inf if they found none."""
         state = self.states[self.state]
-        if self.to is None:
+        if self.attractor_after is None:
             return LeastShock(np.inf, np.nan, np.nan, np.nan, None, np.nan)
-        return LeastShock(self.way * self.high, *state, self.to, self.high - self.low)
+        return LeastShock(self.sign * self.high, *state, self.attractor_after, self.high - self.low)
 
-    def _scan(self, states: NDArray[np.int64], ways: Array, low: float, high: float) -> None:
-        """Try shocks with SCANNED sizes from low to high and the signs `ways` from these states.
+    def _scan_shocks(self, states: NDArray[np.int64], signs: Array, low: float, high: float) -> None:
+        """Try shocks from states: SHOCKS_PER_SCAN sizes from low to high, with each of the signs `signs`.
 
         If shocks take the motion to another attractor, the smallest of them becomes the smallest known fatal shock.
 
@@ -188,9 +191,9 @@ class _ShockSearch:
         RattleError
             If the attractor from which the shocks start is no attractor of the gear.
         """
-        size = low + (high - low) * np.arange(1, SCANNED + 1) / SCANNED
-        tried = [(int(i), float(way), k) for i in states for way in ways for k in range(SCANNED)]
-        after = [self.departure(self.states[i], way * float(size[k])) for i, way, k in tried]
+        size = low + (high - low) * np.arange(1, SHOCKS_PER_SCAN + 1) / SHOCKS_PER_SCAN
+        tried = [(int(i), float(sign), k) for i in states for sign in signs for k in range(SHOCKS_PER_SCAN)]
+        after = [self.departure(self.states[i], sign * float(size[k])) for i, sign, k in tried]
         step = np.array([k for *_, k in tried])
         there = np.array([each is not None and each[1] < self.highest for each in after])
         tau, v = np.array([each for each, ok in zip(after, there, strict=True) if ok] or np.zeros((0, 2))).T
@@ -206,6 +209,6 @@ class _ShockSearch:
         if not leaves.any():
             return
         one = np.flatnonzero(leaves)[np.argmin(step[leaves])]
-        self.state, self.way, k = tried[one]
+        self.state, self.sign, k = tried[one]
         self.high, self.low = float(size[k]), float(size[k - 1]) if k else low
-        self.to = found.attractors[found.which[1 + int(there[: one + 1].sum()) - 1]]
+        self.attractor_after = found.attractors[found.which[1 + int(there[: one + 1].sum()) - 1]]

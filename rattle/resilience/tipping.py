@@ -16,7 +16,7 @@ from rattle.numerics.sampling import wilson_interval
 from rattle.resilience.gears import States, sample_of, speed_unit_of
 
 #: Speed of the departure that stands for a motion at rest on Σ⁺, in units of `speed_unit_of`.
-SLOW = 1e-4
+REST_SPEED = 1e-4
 
 
 @dataclass(frozen=True)
@@ -51,8 +51,8 @@ class Tipping:
 def departure_from_rest(gear: AnyGear) -> tuple[float, float]:
     """Return a very slow departure that stands for a motion at rest on Σ⁺.
 
-    The departure is at the phase at which the contact force becomes 0; below the quiet limit, where the force is always
-    positive, at the phase of its minimum.
+    The departure is at the phase at which the contact force becomes 0. Below the quiet limit, where the force is always
+    positive, the departure is at the phase of least force.
 
     Returns
     -------
@@ -60,7 +60,7 @@ def departure_from_rest(gear: AnyGear) -> tuple[float, float]:
         Phase and speed.
     """
     most = min(1.0, gear.quiet_limit / gear.epsilon) if gear.epsilon > 0.0 else 1.0
-    return phase_of_entry(gear.delta, most), SLOW * speed_unit_of(gear)
+    return phase_of_entry(gear.delta, most), REST_SPEED * speed_unit_of(gear)
 
 
 def tipping(
@@ -71,16 +71,16 @@ def tipping(
     seed: int = 0,
     states: States = None,
 ) -> Tipping:
-    """Return the attractors that a sample of states reaches before and after the parameters jump.
+    """Return the attractors that samples reach at the parameters before a jump and at the parameters after it.
 
     Parameters
     ----------
     before, after : AnyGear
         The gears at both parameter points, of the same model.
     count, v_max, seed
-        The sample, as in `before.attractors`.
+        The samples, as in `before.attractors`.
     states : States
-        Initial states (τ, v) instead of the sample.
+        Initial states (τ, v), instead of drawn samples.
 
     Returns
     -------

@@ -54,14 +54,14 @@ def direction_of(lane, few):
     Returns
     -------
     tuple of int
-        The number of the direction, and how often the largest of the group's radii is halved.
+        The number of the direction, and a number k: the radius of the lane is the largest radius of the group / 2^k.
     """
     return (lane % FEW * (ALL // FEW), lane // FEW) if few else (lane, 0)
 
 
 @inline
 def load_centre(b, group, i, centres, cells):
-    """Load the parameters of one cell into all lanes of a group: the cell of capture region i of `centres`."""
+    """Load into all lanes of a group the parameters of the cell in which capture region i of `centres` lies."""
     first, cell = group * GROUP, centres.cell[i]
     load(b, first, 0.0, 1.0, cells.delta[cell], cells.epsilon[cell], cells.beta[cell], -1.0)
     for field in range(len(b.carried)):
@@ -74,10 +74,10 @@ def load_centre(b, group, i, centres, cells):
 
 @inline
 def load_states(b, work, group, i, level, few, centres):
-    """Put on each lane of a group the state that the lane tries next around centre i.
+    """Put on each lane of a group the state that the lane tries next around the centre of capture region i.
 
-    level: how often LARGEST is halved to give the largest of the group's radii. few: the group tries four directions at
-    four radii; otherwise it tries all directions at one radius.
+    level: number of halvings; the largest radius of the group is LARGEST / 2^level. few: True if the group tries four
+    directions at four radii, False if it tries all directions at one radius.
     """
     for j in range(GROUP):
         lane = group * GROUP + j
@@ -121,7 +121,7 @@ def fly_once(memory, work, groups, force, paths):
 
 @inline
 def stop_lost_lanes(b, group, most):
-    """Stop the lanes of a group with more than `most` impacts on Σ⁻, and return whether any lane of it still flies."""
+    """Stop the lanes of a group with more than `most` impacts on Σ⁻, and return whether other lanes still fly."""
     left = False
     for lane in range(group * GROUP, (group + 1) * GROUP):
         if b.n_minus[lane] > most:
@@ -131,8 +131,15 @@ def stop_lost_lanes(b, group, most):
 
 
 @inline
-def meets_conditions(b, work, lane, i, centres):
-    """Return whether a lane made as many impacts as the orbit of centre i, and the lane's tangent map contracts."""
+def meets_capture_conditions(b, work, lane, i, centres):
+    """Return whether the motion of a lane meets the conditions under which a capture region may have this size.
+
+    Returns
+    -------
+    bool
+        True if the motion made as many impacts as the periodic orbit of capture region i, and the motion's tangent map
+        contracts.
+    """
     arrived = b.n_plus[lane] == centres.n_plus[i] and b.n_minus[lane] == centres.n_minus[i]
     a, b_, c, d = work.a[lane], -work.b[lane], -work.c[lane], work.d[lane]  # in (τ, v), with v = −w at both ends
     return arrived and is_contraction(a, b_, c, d, centres.m00[i], centres.m01[i], centres.m11[i])
@@ -140,22 +147,22 @@ def meets_conditions(b, work, lane, i, centres):
 
 @inline
 def halvings_without_failure(b, work, group, i, level, few, centres):
-    """Return how often LARGEST is halved to give the largest radius at which no direction of a group failed.
+    """Return the number k for which LARGEST / 2^k is the largest radius at which no direction of a group failed.
 
-    level: how often LARGEST is halved to give the largest radius that the group tried. few: the group tried four
-    directions at four radii; otherwise it tried all directions at one radius.
+    level: the same number for the largest radius that the group tried. few: True if the group tried four directions at
+    four radii, False if it tried all directions at one radius.
 
     Returns
     -------
     int
-        The number of halvings; if some direction failed at each tried radius, that for half the smallest of them.
+        The number k. If a direction failed at every tried radius, LARGEST / 2^k is half the smallest tried radius.
     """
     radii = FEW if few else 1
     for halvings in range(radii):
         good = True
         for j in range(GROUP):
             if direction_of(j, few)[1] == halvings:
-                good = good and meets_conditions(b, work, group * GROUP + j, i, centres)
+                good = good and meets_capture_conditions(b, work, group * GROUP + j, i, centres)
         if good:
             return level + halvings
     return level + radii
@@ -163,7 +170,7 @@ def halvings_without_failure(b, work, group, i, level, few, centres):
 
 @kernel
 def write_radii(memory, work, centres, cells, paths):
-    """Write the radius of every capture region to `centres`, 0 if there is none.
+    """Write the radius of every capture region to `centres`; 0 for a region whose smallest tried radius fails.
 
     `work` is scratch memory (`WORK`). `paths` (2,) counts flights whose first impact needs a scan, and flights whose
     first impact needs the slower safe search.

@@ -40,24 +40,26 @@ PREIMAGES, CEILING = 64, 25.0 / 7.0
 # largest number of states of a cell, with their copies, whose preimages are computed; number of copies near each state;
 # largest distance of these copies, in τ and relative in v
 STATES, COPIES, NEAR = 1024, 3, 1.0 / 64.0
-TRIED = 64  # number of preimages in each cell, the slowest ones, that are followed to their attractors
+TRIED_PREIMAGES = 64  # number of preimages in each cell, the slowest ones, that are followed to their attractors
 # number of pattern searches of a cell; least phase difference between the states at which they begin
 STARTS, APART = 4, 1.0 / 32.0
-# offsets of the states of a pattern in τ and in v, in units of its size; those in v are also small, because the
-# boundary is flat near a smooth minimum
-SIDEWAYS, DOWN = 8.0 ** -np.arange(3), 8.0 ** -np.arange(5)
+# offsets of the states of a pattern in τ and in v, in units of the pattern's size; the offsets in v include very small
+# ones, because the boundary is flat near a smooth minimum
+TAU_OFFSETS, V_OFFSETS = 8.0 ** -np.arange(3), 8.0 ** -np.arange(5)
 # first and last size of a pattern, relative in v and in forcing periods in τ
 FIRST_SCALE, LAST_SCALE = 2.0**-4, 2.0**-20
-# factor by which a pattern shrinks if it holds no slower state; a search is given up if its least speed exceeds the
-# least speed of the cell by more than this many sizes of its pattern
-SHRINK, HOPE = 1.0 / 16.0, 8.0
+# factor by which a pattern shrinks if it holds no slower state; a search is given up if the least speed that it found
+# exceeds the least speed of the cell by more than this many sizes of the pattern
+SHRINK, MOST_LAG = 1.0 / 16.0, 8.0
 MOST_PATTERNS = 60  # most patterns of one search
 # at strong damping, least and largest limit of impacts of states other than those that are classified first
 LEAST_IMPACTS, MOST_IMPACTS = 512, 4096
-# the limit of impacts of these states is this many times the largest number of impacts after which one of the states
-# classified first reached a periodic orbit (in chaotic cells: a periodic orbit or quiet motion)
-PATIENCE = 2
-LASTING = 8  # at the end the slowest states that seem chaotic are followed for this many times their limit of impacts
+# limit of impacts of states other than those that are classified first, as a multiple of the largest number of impacts
+# that a state classified first took to reach a periodic orbit or, if unresolved samples of the cell count as chaotic,
+# quiet motion
+LIMIT_MULTIPLE = 2
+# at the end the slowest states that seem chaotic are followed for this many times the cell's limit of impacts
+CONFIRMING_FACTOR = 8
 # least speed of sets that are uniform in ln v, in natural speeds; it is used if the capture speed is smaller
 LOWEST = 1e-6 / 7.0
 
@@ -73,7 +75,7 @@ class BoundaryDistance(NamedTuple):
         The speed. It is inf if no state up to v_max reaches another attractor, and 0 if there is no quiet motion. It is
         NaN if all states that do not become quiet are undecided. It is also NaN, with undecided = 0, if becoming quiet
         takes more impacts than the limit, as happens within a few per cent of the quiet limit (in a wider range at weak
-        damping). There no sample can distinguish quiet motion from chaos.
+        damping): so many impacts do not distinguish quiet motion from chaos.
     tau
         The phase of the impact; NaN if v is 0, inf or NaN.
     undecided
@@ -85,7 +87,7 @@ class BoundaryDistance(NamedTuple):
     undecided: Any
 
 
-class _Cells:
+class _QuietCells:
     """n cells that have quiet motion, their classifier, and the slowest states found that leave quiet motion.
 
     Attributes
@@ -107,7 +109,7 @@ class _Cells:
         # least speed of sets that are uniform in ln v: the capture speed, but at least LOWEST
         self.floor = np.clip(capture_speeds(delta, epsilon, beta), LOWEST * usual, 0.5 * v_max)
         self.v_max, self.ceiling = v_max, CEILING * usual
-        # factor by which limits of impacts are larger than at strong damping
+        # factors by which the cells' limits of impacts are larger than at strong damping
         self.longer = most_impacts_to_rest(delta) / LONGEST_REST
         self.tau, self.v = np.full((n, STARTS), np.nan), np.full((n, STARTS), np.inf)
         self.balls = np.zeros(n, np.int64)  # number of capture regions whose preimages are already computed
@@ -119,10 +121,11 @@ class _Cells:
         self.chaos = np.array([cell in self.classifier.chaos for cell in range(n)])
         settled = np.where((status == Outcome.PERIODIC) | (status == Outcome.QUIET), impacts, 0).max(axis=1)
         most = MOST_IMPACTS * self.longer
-        # if samples settle so late, unresolved samples do not count as chaotic: they may still become quiet
-        self.chaos &= PATIENCE * settled <= most
+        # if LIMIT_MULTIPLE times the impacts that samples take to settle exceed `most`, unresolved samples do not count
+        # as chaotic: they may still become quiet
+        self.chaos &= LIMIT_MULTIPLE * settled <= most
         captured = np.where(status == Outcome.PERIODIC, impacts, 0).max(axis=1)
-        self.most = np.clip(PATIENCE * np.where(self.chaos, settled, captured), LEAST_IMPACTS * self.longer, most)
+        self.most = np.clip(LIMIT_MULTIPLE * np.where(self.chaos, settled, captured), LEAST_IMPACTS * self.longer, most)
         self.most = self.most.astype(np.int64)
         self.undecided = np.full(n, np.inf)
 
@@ -143,7 +146,7 @@ class _Cells:
     def states_in_strip(self, below: Array, i: int) -> tuple[Array, Array]:
         """Return τ and v (n, SAMPLED) of set number i of states, uniform in τ and in ln v.
 
-        The speeds of a cell lie between its entries of `self.floor` (its capture speed, or LOWEST) and `below` (n,).
+        The speeds of each cell lie between the cell's entries of `self.floor` and of `below` (n,).
 
         Returns
         -------
@@ -157,8 +160,8 @@ class _Cells:
     def leaves_quiet(self, cell: NDArray[np.int64], tau: Array, v: Array, times: int = 1) -> NDArray[np.bool_]:
         """Return whether states (k,) of these cells (k,) reach an attractor other than quiet motion.
 
-        Each state is followed for `times` times the limit of impacts of its cell. In a cell with chaos, a state that
-        reaches no attractor by then counts as chaotic.
+        Each state is followed for `times` times the limit of impacts of its cell. A state that reaches no attractor by
+        then counts as chaotic if the cell's entry of `chaos` is True, otherwise as undecided.
 
         Returns
         -------
@@ -196,12 +199,14 @@ class _Cells:
     def keep_preimages(self, away: NDArray[np.bool_], tau: Array, v: Array) -> None:
         """Compute preimages of states that leave quiet motion, and keep the slowest that leave quiet motion too.
 
-        tau, v (n, k): states of each cell. `away` (n, k) flags those that reach an attractor other than quiet motion;
-        if a cell has too many, only some are used. Preimages of COPIES copies close to each of them are computed too,
-        and of states at the edges of the capture regions that were found since the last call.
+        tau, v (n, k): states of each cell. away (n, k): flags of the states that leave quiet motion. With each of these
+        states COPIES slower states close to it are used. If a cell then has more than STATES states, only every second,
+        third, … state that leaves quiet motion is used. Preimages are also computed of states at the edges of the
+        capture regions that were found since the last call.
         """
         number = away.sum(axis=1)[:, None]
-        every = -(-number * (1 + COPIES) // STATES)  # keep every `every`-th state: with copies at most STATES
+        # of a cell's states every `every`-th is kept, so that states and copies are at most STATES
+        every = -(-number * (1 + COPIES) // STATES)
         some = np.flatnonzero(away & (np.cumsum(away, axis=1) % np.maximum(every, 1) == 0))
         near = sobol_points(1 + COPIES)[:, :, None] * NEAR
         near_tau, near_v = fold(tau.flat[some] + near[:, 0]), v.flat[some] * (1.0 - near[:, 1])
@@ -212,11 +217,11 @@ class _Cells:
         tau, v = slowest_preimages(tau, v, steps, ceiling, delta, epsilon, beta)
         order = np.lexsort((tau, v, cell))
         rank = np.arange(cell.size) - np.searchsorted(cell[order], cell[order])
-        order, rank = order[rank < TRIED], rank[rank < TRIED]
+        order, rank = order[rank < TRIED_PREIMAGES], rank[rank < TRIED_PREIMAGES]
         cell, tau, v = cell[order], tau[order], v[order]
         low = v < self.v_max[cell]
         low[low] = self.leaves_quiet(cell[low], tau[low], v[low])
-        found_tau, found = np.zeros((len(self.v), TRIED)), np.full((len(self.v), TRIED), np.inf)
+        found_tau, found = np.zeros((len(self.v), TRIED_PREIMAGES)), np.full((len(self.v), TRIED_PREIMAGES), np.inf)
         found_tau[cell, rank], found[cell, rank] = tau, np.where(low, v, np.inf)
         self.keep_slowest(found_tau, found)
 
@@ -237,13 +242,13 @@ class _Cells:
 
     def search_patterns(self) -> None:
         """Search for slower states in a pattern around each kept state; a pattern without a slower state shrinks."""
-        offset = np.concatenate([-SIDEWAYS, [0.0], SIDEWAYS[::-1]])
-        sideways, down = (x.ravel() for x in np.meshgrid(offset, DOWN))
+        offset = np.concatenate([-TAU_OFFSETS, [0.0], TAU_OFFSETS[::-1]])
+        sideways, down = (x.ravel() for x in np.meshgrid(offset, V_OFFSETS))
         cell = np.repeat(np.arange(len(self.v)), STARTS)
         best_tau, best, scale = self.tau.ravel(), self.v.ravel(), np.full(cell.size, FIRST_SCALE)
         for _ in range(MOST_PATTERNS):
             least = np.fmin.reduce(best.reshape(-1, STARTS), axis=1)[cell]
-            hopeful = np.flatnonzero((scale > LAST_SCALE) & (best * (1.0 - HOPE * scale) < least))
+            hopeful = np.flatnonzero((scale > LAST_SCALE) & (best * (1.0 - MOST_LAG * scale) < least))
             if not hopeful.size:
                 break
             tau = fold(best_tau[hopeful, None] + scale[hopeful, None] * sideways)
@@ -257,13 +262,13 @@ class _Cells:
         self.tau, self.v = best_tau.reshape(-1, STARTS), best.reshape(-1, STARTS)
 
     def confirm_chaos(self) -> None:
-        """Follow the slowest states found in chaotic cells for LASTING times their limit of impacts.
+        """Follow the slowest states, in cells with `chaos`, for CONFIRMING_FACTOR times the cell's limit of impacts.
 
-        A state that becomes quiet after all is dropped, and its speed counts among those of undecided states, because
+        A state that now becomes quiet is dropped. Its speed then counts as the speed of an undecided state, because
         other states that seem chaotic may become quiet as late.
         """
         row, column = np.nonzero(self.chaos[:, None] & np.isfinite(self.v))
-        transient = ~self.leaves_quiet(row, self.tau[row, column], self.v[row, column], LASTING)
+        transient = ~self.leaves_quiet(row, self.tau[row, column], self.v[row, column], CONFIRMING_FACTOR)
         row, column = row[transient], column[transient]
         np.minimum.at(self.undecided, row, self.v[row, column])
         self.v[row, column] = np.inf
@@ -297,7 +302,7 @@ def boundary_distances(
     found.v[late], found.undecided[late] = np.nan, 0.0
     quiet = np.flatnonzero(below & ~late)
     if quiet.size:
-        cells = _Cells(d[quiet], e[quiet], b[quiet], highest[quiet])
+        cells = _QuietCells(d[quiet], e[quiet], b[quiet], highest[quiet])
         cells.keep_first_states()
         cells.search_strip()
         cells.search_patterns()

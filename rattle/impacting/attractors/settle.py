@@ -134,7 +134,7 @@ def check_lane(b, i, k, cells, samples, balls):
     -------
     tuple
         The status, UNRESOLVED if there is no outcome; the number of the orbit that captures the state, or −1; and
-        whether the sample ends here, by an outcome or its limit.
+        whether the sample ends here, because it has an outcome or has reached its limit of impacts.
     """
     over = has_ended(b, i)
     if b.wall[i] > 0.0:
@@ -192,9 +192,10 @@ def settle(memory, which, flights, cells, samples, balls, paths):
 
 @inline
 def record_growth(b, i, batches):
-    """Add to the sums of lane i's batch the time, ln stretch and ln|det| that the lane gained since the last call.
+    """Add to a row of `batches` the time, ln stretch and ln|det| that lane i gained since the last call.
 
-    A lane whose tangent vector is not yet aligned has no batch: its gains are dropped.
+    The row is that of the present part of the observation, which has BATCHES successive parts. As long as the lane's
+    tangent vector is not yet aligned, its gains are dropped.
     """
     stretch, contraction = normalise_tangent(b, i)
     if b.batch[i] >= 0:
@@ -212,7 +213,8 @@ class Observation(NamedTuple):
     least, periods : (k,)
         Least number of impacts on Σ⁺, and of forcing periods, for which each probe is followed.
     sums : (k, BATCHES, 3)
-        For each batch its time, and ln stretch and ln|det| of the tangent map.
+        For each of BATCHES successive parts of the observation: the part's time, and ln stretch and ln|det| of the
+        tangent map.
     footprints
         Visited-cell bitmap of each probe.
     """
@@ -227,8 +229,8 @@ class Observation(NamedTuple):
 def check_probes(b, groups, fresh, which, cells, samples, balls, watch):
     """Check every lane in use, and put new probes on lanes whose probes ended.
 
-    When a batch of a probe or the probe ends, or a tangent vector is near overflow, the growth of the vector so far is
-    added to the batch's sums in `watch.sums`.
+    The observation of a probe consists of BATCHES successive parts. When a part or the probe ends, or the tangent
+    vector is near overflow, the vector's growth since the last record is added to the part's row of `watch.sums`.
 
     Returns
     -------
@@ -271,8 +273,9 @@ def measure(memory, which, least, periods, cells, samples, balls, sums, footprin
 
     Probe j goes on for at least least[j] impacts and periods[j] forcing periods, unless it has an outcome or reaches
     its limit of impacts before. sums[j, batch], zero at the start, collects the probe's time, and ln stretch and
-    ln|det| of its tangent map, after ALIGNMENT impacts. footprints[j] is its visited-cell bitmap. `paths` (2,) counts
-    flights whose first impact needs a scan, and flights whose first impact needs the slower safe search.
+    ln|det| of its tangent map, in each of BATCHES successive parts; the first ALIGNMENT impacts are left out.
+    footprints[j] is the probe's visited-cell bitmap. `paths` (2,) counts flights whose first impact needs a scan, and
+    flights whose first impact needs the slower safe search.
     """
     b, fresh, groups, watch = memory[0], NONE, GROUPS, Observation(least, periods, sums, footprints)
     clear_block(b)

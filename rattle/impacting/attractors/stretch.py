@@ -22,7 +22,7 @@ LOOKS = 4 * BATCHES
 
 @inline
 def add_impacts(b, groups, speeds, squares, impulses, fastest):
-    """Add the impact that ends each lane's last flight to the lane's sums, and raise its largest speed `fastest`."""
+    """Add the impact that ends each lane's last flight to the lane's sums, and update the lane's `fastest` speed."""
     for i in range(GROUP * groups):
         speed = abs(velocity_before_reflection(b.w[i]))
         speeds[i] += speed
@@ -32,13 +32,14 @@ def add_impacts(b, groups, speeds, squares, impulses, fastest):
 
 
 @kernel
-def fly_and_sum(memory, lanes, cell, tau, v, looks, cells, sums, paths):
-    """Follow motions (n,) that start at (tau, v), and sum over their impacts; motion i ends after looks[i] checks.
+def fly_and_sum(memory, lanes, cell, tau, v, checks, cells, sums, paths):
+    """Follow motions (n,) that start at (tau, v), and sum over their impacts; motion i ends after checks[i] checks.
 
     CHUNK flights pass between two checks. `sums` (n, BATCHES, COLUMNS), zero at the start, has the columns of
-    `rattle.intensity.visit.sum_impacts`; each batch holds the impacts of an equal part of the checks. The sums of a
-    motion that becomes quiet or stays in contact are NaN. `lanes` (4, LANES) is scratch memory. `paths` (2,) counts
-    flights whose first impact needs a scan, and flights whose first impact needs the slower safe search.
+    `rattle.intensity.visit.sum_impacts`. The checks of a motion are divided into BATCHES equal parts, and row j of the
+    motion's sums holds the impacts of part j. The sums of a motion that becomes quiet or stays in contact are NaN.
+    `lanes` (4, LANES) is scratch memory. `paths` (2,) counts flights whose first impact needs a scan, and flights whose
+    first impact needs the slower safe search.
     """
     speeds, squares, impulses, fastest = lanes[0], lanes[1], lanes[2], lanes[3]
     lanes[:] = 0.0
@@ -48,7 +49,7 @@ def fly_and_sum(memory, lanes, cell, tau, v, looks, cells, sums, paths):
         for i in range(GROUP * groups):
             k = b.who[i]
             if k >= 0:
-                row = sums[k, int(b.looks[i] * BATCHES / looks[k])]
+                row = sums[k, int(b.looks[i] * BATCHES / checks[k])]
                 row[TIME] += b.time[i]
                 row[ON_PLUS] += b.n_plus[i]
                 row[ON_MINUS] += b.n_minus[i]
@@ -63,7 +64,7 @@ def fly_and_sum(memory, lanes, cell, tau, v, looks, cells, sums, paths):
                     in_contact |= is_quiet(b, i, cells.quiet_invariant[cell[k]])
                 if in_contact:
                     sums[k] = math.nan
-                if in_contact or b.looks[i] >= looks[k]:
+                if in_contact or b.looks[i] >= checks[k]:
                     b.who[i], b.limit[i] = -1, -1.0
             if b.who[i] < 0 and fresh < cell.size:
                 c = cell[fresh]

@@ -42,7 +42,7 @@ FEW_POINTS = 6  # least number of points of a branch from one parameter point to
 SHORTEST_FLIGHT = 1e-6  # shortest flight, in forcing periods; if a flight is shorter, two impacts have become one
 # a branch of doubled period ends, at its flip, once the impact times in the two halves of its motion, less half the
 # period, differ by less than this; closer to the flip rounding decides the direction of the branch
-TWICE = 1e-5
+HALF_TOLERANCE = 1e-5
 SAME_PLACE = 1e-9  # largest distance of equal points in the (δ, ε) plane, relative to `plane_scale`
 SAME_MOTION = 1e-6  # largest difference between the impact times of equal motions, in forcing periods
 
@@ -263,7 +263,7 @@ def _why_degenerate(itinerary: Itinerary, y: Array) -> str | None:
     """Return why a branch ends at a motion with impact times y[:-1]: impacts merge, or the period halves; else None."""
     if np.min(np.diff(np.append(y[:-1], y[0] + itinerary.m))) < SHORTEST_FLIGHT:
         return "two impacts become one"
-    return HALF_PERIOD if repeats_first_half(itinerary, y, TWICE) else None
+    return HALF_PERIOD if repeats_first_half(itinerary, y, HALF_TOLERANCE) else None
 
 
 def _follow_both_ways(itinerary: Itinerary, line: ParameterLine, start: Array) -> Branch:

@@ -50,11 +50,11 @@ def _line_near(
     return (float(line.direction[0]), float(line.direction[1])), (low, high)
 
 
-def _loss_of_stability(here: Branch) -> Event | None:
-    """Return the first event after the branch's start at which its motion loses stability; None if there is none."""
-    stable = [*here.stable[here.start :], False]
+def _loss_of_stability(branch: Branch) -> Event | None:
+    """Return the first event after a branch's start at which the motion loses stability; None if there is none."""
+    stable = [*branch.stable[branch.start :], False]
     if True not in stable:
         return None
-    last = here.start + stable.index(False, stable.index(True)) - 1
-    events = [event for event in here.events if event.after == last]
+    last = branch.start + stable.index(False, stable.index(True)) - 1
+    events = [event for event in branch.events if event.after == last]
     return events[0] if events else None

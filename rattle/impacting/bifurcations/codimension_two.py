@@ -27,7 +27,7 @@ from rattle.impacting.bifurcations.starts import family_members
 from rattle.impacting.orbits import closed_form
 from rattle.numerics.complex_step import Array
 
-#: Least half-backlash. At smaller ones rounding does not separate the points, which lie near δ = 4β/π.
+#: Least half-backlash. At smaller values rounding does not separate the points, which lie near δ = 4β/π.
 LEAST_BACKLASH = 1e-6
 Residual = Callable[[float, float], float]
 
@@ -158,7 +158,7 @@ def _cached_points(beta: float) -> tuple[CodimensionTwo, ...]:
 
 @lru_cache(maxsize=256)
 def _point_on_grazing_curve(name: str, residual: Residual, beta: float) -> tuple[float, float]:
-    """Return (δ, ε) of the point of the grazing curve with the least δ at which a residual falls through 0."""
+    """Return (δ, ε) of the point with the least δ among the grazing curve's points at which `residual` falls to 0."""
     if beta < LEAST_BACKLASH:
         raise RattleError(f"{name} needs beta of at least {LEAST_BACKLASH:g} in double precision, got {beta}")
     from scipy.optimize import brentq  # imported here because it takes a quarter of a second to load

@@ -28,7 +28,7 @@ from rattle.orbits.periodic_motions import unknowns_from_impact
 
 MOST_ACROSS = 1000  # largest allowed number of points of a curve across a window
 # starting points of a curve are also searched on both sides of each codimension-two point, this far away, relative in δ
-BESIDE = 1e-7
+NEIGHBOUR_DISTANCE = 1e-7
 REACH = 8.0  # every curve has points at dampings below this multiple of β; COD22 is near δ = 4β/π
 # a window must reach above this damping: below it the impact times of different motions differ by less than rounding
 LEAST_DELTA = 1e-5
@@ -100,7 +100,7 @@ def _trace_registered(name: str, beta: float, window: PlaneWindow, dampings: Arr
 def _dampings_to_search(window: PlaneWindow, beta: float) -> Array:
     """Return the dampings at which a curve is searched: over the window, at its edges, and near the ends of curves."""
     low, high = window.delta
-    ends = [point.delta * (1.0 + side * BESIDE) for point in codimension_two(beta) for side in (-1.0, 1.0)]
+    ends = [point.delta * (1.0 + side * NEIGHBOUR_DISTANCE) for point in codimension_two(beta) for side in (-1.0, 1.0)]
     inside = [delta for delta in ends if low < delta < high]
     spread = interior_points(low, high)
     if low < REACH * beta < high - low:  # in a wide window equal spacing would miss the curves
@@ -152,7 +152,7 @@ def bifurcation_curve(
 
 
 def _rotate_to_sigma_plus(event: Event) -> tuple[Itinerary, Array, int | None]:
-    """Return itinerary, unknowns and grazing impact of an event, begun at an impact on Σ⁺ that does not graze."""
+    """Return itinerary, unknowns and grazing impact of an event, counted from an impact on Σ⁺ that does not graze."""
     itinerary = event.itinerary
     begin = next((i for i, wall in enumerate(itinerary.walls) if wall > 0 and i != event.impact), 0)
     impact = None if event.impact is None else (event.impact - begin) % itinerary.n
@@ -171,7 +171,7 @@ def describe_motion(itinerary: Itinerary, x: Array, grazed: int | None = None) -
 
 
 def _reason_with_point(name: str, x: Array, reason: str, beta: float) -> str:
-    """Return the reason why a curve ends at x, preceded by the name of the codimension-two point if x is at one."""
+    """Return the reason why a curve ends at x, preceded by a codimension-two point's name if x is at this point."""
     off = {
         point.name: max(abs(x[-2] / point.delta - 1.0), abs(x[-1] / point.epsilon - 1.0))
         for point in codimension_two(beta)

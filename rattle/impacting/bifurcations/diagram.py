@@ -68,7 +68,7 @@ class ImpactingMotions(Motions):
         return branch_through(*motion, self._direction, span, POINTS_ACROSS)
 
     def follow_doubled_branch(self, event: Event, span: tuple[float, float]) -> Branch:
-        """Return the branch of doubled period from a flip. span: its range of positions, relative to the flip's."""
+        """Return the branch of doubled period from a flip. span: range of positions relative to the flip's position."""
         return doubled(event, self._direction, span, POINTS_ACROSS)
 
     def events_of(self, found: Branch) -> tuple[Event, ...]:
@@ -114,9 +114,9 @@ def diagram(
     count, v_max, seed
         The samples at each value, as in `Gear.attractors`.
     impacts : int
-        Most impacts per period, on both walls together, of a branch that is followed.
+        Largest number of impacts per period, on both walls together, of a branch that is followed.
     most : int
-        Most branches. `left_out` names the branches that exceed one of these two limits.
+        Largest number of branches. `left_out` names the branches that exceed one of these two limits.
 
     Returns
     -------

@@ -26,12 +26,13 @@ from rattle.impacting.orbits.periodic import PeriodicOrbit, first_failure, is_ad
 from rattle.numerics.complex_step import Array
 
 # where a branch turns back, its motion counts as a motion of half the period if the times of the impacts in its two
-# halves, less half the period, differ by less than this; also the largest distance in δ and in ε of the flip from there
+# halves, less half the period, differ by less than this; the flip of that shorter motion must be no farther than this,
+# in δ and in ε, from the point at which the branch turns back
 SAME_HALVES = 0.02
 # a test function is checked for two zeros within a step if the parabola through three points falls below this share of
 # the value at the middle point
-NEARLY = 0.5
-FOUND = 1e-3  # distance from an event, as a share of a step, at which Newton's method starts
+DIP_SHARE = 0.5
+NEWTON_START = 1e-3  # distance from an event, as a share of a step, at which Newton's method starts
 SAME_PLACE = 0.5  # largest distance, as a share of a step, between a candidate and the event that it leads to
 
 
@@ -128,7 +129,7 @@ def find_events(
         found = []
         for j in np.flatnonzero((values[k] < 0) != (values[k + 1] < 0)):
             kind, impact, test = tests[j]
-            y = root_between(problem, a, b, partial(test, b - a), FOUND)
+            y = root_between(problem, a, b, partial(test, b - a), NEWTON_START)
             if y is None and kind is Kind.SADDLE_NODE:  # where branches cross, Newton's method fails
                 y = 0.5 * (a + b)
             if y is not None:
@@ -165,7 +166,7 @@ def points_between_close_events(
         bend, slope, value = np.polyfit(length[near] - length[i + 1], values[near, j], 2)
         at = length[i + 1] - slope / (2 * bend) if bend else length[i + 1]
         lowest = value - slope**2 / (4 * bend) if bend else value
-        if not length[i] < at < length[i + 2] or lowest / value > NEARLY:
+        if not length[i] < at < length[i + 2] or lowest / value > DIP_SHARE:
             continue
         k = int(i if at < length[i + 1] else i + 1)
         y = solution_above_chord(problem, points[k], points[k + 1], (at - length[k]) / (length[k + 1] - length[k]))
@@ -277,7 +278,7 @@ def _half_period_motion(itinerary: Itinerary, x: Array) -> tuple[Itinerary, Arra
     Returns
     -------
     tuple[Itinerary, Array] | None
-        The itinerary, and the unknowns with the mean times of both halves; None if times differ by SAME_HALVES.
+        The itinerary, and the unknowns with the mean times of both halves; None if times differ by SAME_HALVES or more.
     """
     if not repeats_first_half(itinerary, x, SAME_HALVES):
         return None

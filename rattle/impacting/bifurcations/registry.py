@@ -77,7 +77,7 @@ def _first_flip(delta: float, beta: float) -> Sequence[Array]:
 
 
 def _later_flips(delta: float, beta: float) -> Sequence[Array]:
-    """Return the flips of D after `_first_flip`, at which D becomes stable again or, beyond PD2's fold, unstable."""
+    """Return the flips of D on PD2: D becomes stable at a flip before the fold of PD2, unstable at a flip beyond it."""
     return starts.two_impact_flips(delta, beta)[len(_first_flip(delta, beta)) :]
 
 

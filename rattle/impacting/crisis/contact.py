@@ -199,7 +199,9 @@ def solve_contact(delta: float, beta: float, gap: float, window: tuple[float, fl
     def least_distance_at(x: float) -> float:
         return saddle_manifolds_at(delta, floor + x, beta).least_distance(window, n)[0]
 
-    return _build_crisis(delta, floor + _find_root(least_distance_at, gap, bracket * gap, 0.2), beta, window, n)
+    return _build_crisis(
+        delta, floor + _find_contact("epsilon - SN1", least_distance_at, gap, bracket * gap, 0.2), beta, window, n
+    )
 
 
 def solve_contact_at_gap(
@@ -219,29 +221,43 @@ def solve_contact_at_gap(
     def least_distance_at(x: float) -> float:
         return saddle_manifolds_at(x, float(sn1_formula(x)) + gap, beta).least_distance(window, n)[0]
 
-    found = _find_root(least_distance_at, delta, bracket, most / delta)
+    found = _find_contact("delta", least_distance_at, delta, bracket, most / delta)
     return _build_crisis(found, float(sn1_formula(found)) + gap, beta, window, n)
 
 
-def _find_root(m: Callable[[float], float], x: float, half: float, most: float) -> float:
-    """Return a root of m near x: the interval x ± half moves, by at most `most` · x a step, until it holds a root."""
+def _find_contact(name: str, distance_at: Callable[[float], float], x: float, half_width: float, most: float) -> float:
+    """Return the value near x at which the distance of a piece of W^u(A) from W^s(A) is 0.
+
+    name: the name of the unknown, for the message. The interval from x − half_width to x + half_width is moved in steps
+    until the distance has different signs at its ends. most: the longest step, relative to the interval's lower end.
+
+    Returns
+    -------
+    float
+        The value of the unknown at the contact.
+
+    Raises
+    ------
+    RattleError
+        If no contact is found.
+    """
     from scipy.optimize import brentq  # imported here because it takes a quarter of a second to load
 
-    low, high = x - half, x + half
-    at_low, at_high = m(low), m(high)
+    low, high = x - half_width, x + half_width
+    at_low, at_high = distance_at(low), distance_at(high)
     for _ in range(MOST_ROUNDS):
         if at_low * at_high <= 0.0 or not np.isfinite(at_low - at_high):
             break
         step = min(2.0 * (high - low), most * low)
         if abs(at_low) < abs(at_high):
             low, high, at_high = low - step, low, at_low
-            at_low = m(low)
+            at_low = distance_at(low)
         else:
             low, high, at_low = high, high + step, at_high
-            at_high = m(high)
+            at_high = distance_at(high)
     if not at_low * at_high <= 0.0:
-        raise RattleError(f"no contact of a piece of W^u(A) with W^s(A) was found near the guess {x}")
-    return float(brentq(m, low, high, xtol=1e-17, rtol=4 * np.finfo(float).eps))
+        raise RattleError(f"no contact of a piece of W^u(A) with W^s(A) was found near {name} = {x}")
+    return float(brentq(distance_at, low, high, xtol=1e-17, rtol=4 * np.finfo(float).eps))
 
 
 def _build_crisis(delta: float, epsilon: float, beta: float, window: tuple[float, float], n: int) -> Crisis:

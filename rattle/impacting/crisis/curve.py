@@ -26,13 +26,13 @@ from rattle.orbits.saddles import Array
 START = 0.98  # the curve begins at this multiple of the δ of COD22
 CLOSEST = 1e-5  # least ε − SN1 to which the curve is followed close to COD22, relative to SN1
 RATIO = 0.75  # ratio of successive ε − SN1 close to COD22
-# half-width of the window in s around a guess, relative to the guess; expected error of the guess of ε − SN1 or, close
-# to COD22, of the distance in δ from COD22, also relative to the guess
+# half-width of the window in s around a guess of s, relative to the guess; expected relative error of a guess of
+# ε − SN1, and close to COD22 of a guess of the distance in δ from COD22
 WINDOW, BRACKET = 0.05, 0.01
 DOMAIN = 0.3  # widest window of s, as a share of a fundamental domain
-# distance below the contact, relative to ε − SN1, at which no piece of W^u(A) may escape; samples per unit of ln s of
-# this check
-MARGIN, CHECKED = 1e-3, 4000
+# distance below the contact, relative to ε − SN1, at which no piece of W^u(A) may escape; number of samples per unit of
+# ln s with which W^u(A) is followed there
+MARGIN, CHECK_DENSITY = 1e-3, 4000
 SMALLEST = 1e-4  # smallest step in δ, relative to the δ of COD22; the curve ends where it needs a smaller step
 WIDEST = 0.05  # widest range of δ without chaos that the curve crosses, relative to the δ of COD22
 # if `contact_position` of a crisis exceeds this, the orbit of the next crisis is followed for one more impact
@@ -64,8 +64,8 @@ class CrisisCurve:
         return np.array([point.epsilon for point in self.points])
 
 
-def _extrapolate(known: list[Crisis], x: Array, y: Array, at: float) -> Array:
-    """Return k quantities at x = `at`, from their values y (n, k) at n crises with coordinates x (n,).
+def _extrapolate_crises(known: list[Crisis], x: Array, y: Array, target: float) -> Array:
+    """Return k quantities at x = `target`, from their values y (n, k) at n known crises with coordinates x (n,).
 
     A parabola through the last three crises is extrapolated; with fewer crises a line or a constant.
 
@@ -76,13 +76,13 @@ def _extrapolate(known: list[Crisis], x: Array, y: Array, at: float) -> Array:
     """
     near = slice(-3, None) if len(known) > 2 else slice(-len(known), None)
     powers = np.polyfit(x[near] - x[-1], y[near], min(2, len(known) - 1))
-    return np.asarray([np.polyval(column, at - x[-1]) for column in powers.T], np.float64)
+    return np.asarray([np.polyval(column, target - x[-1]) for column in powers.T], np.float64)
 
 
 def _window_around(known: list[Crisis], s: float) -> tuple[float, float]:
     """Return the window (low, high) of positions on W^u(A), around the guess s, in which the next contact is searched.
 
-    known: the crises of the curve so far, the last of which is the nearest to the next.
+    known: the crises of the curve that are found so far; the last of them is the nearest to the next crisis.
 
     Returns
     -------
@@ -101,7 +101,7 @@ def _steps_of_next_crisis(last: Crisis) -> int:
 
 
 def contact_at_delta(known: list[Crisis], delta: float) -> Crisis:
-    """Return the crisis at this damping that continues the known crises, of which the last is the nearest to it.
+    """Return the crisis at a damping that continues the curve of the known crises; the last of them is the nearest.
 
     Returns
     -------
@@ -111,10 +111,10 @@ def contact_at_delta(known: list[Crisis], delta: float) -> Crisis:
     Raises
     ------
     RattleError
-        If no crisis is found there.
+        If no crisis is found at this damping.
     """
     y = np.log([[point.gap, point.parameter] for point in known])
-    gap, s = np.exp(_extrapolate(known, np.array([point.delta for point in known]), y, delta))
+    gap, s = np.exp(_extrapolate_crises(known, np.array([point.delta for point in known]), y, delta))
     return solve_contact(
         delta, known[-1].beta, float(gap), _window_around(known, float(s)), _steps_of_next_crisis(known[-1]), BRACKET
     )
@@ -133,7 +133,7 @@ def contact_at_gap(known: list[Crisis], gap: float, end: float) -> Crisis:
     last = known[-1]
     root = np.sqrt([point.gap for point in known])
     y = np.array([[point.delta - end, point.parameter] for point in known]) / root[:, None]
-    offset, s = _extrapolate(known, root, y, float(np.sqrt(gap))) * np.sqrt(gap)
+    offset, s = _extrapolate_crises(known, root, y, float(np.sqrt(gap))) * np.sqrt(gap)
     bracket = BRACKET * max(abs(float(offset)), float(np.sqrt(gap)) * 0.01)
     return solve_contact_at_gap(
         end + float(offset),
@@ -146,17 +146,17 @@ def contact_at_gap(known: list[Crisis], gap: float, end: float) -> Crisis:
     )
 
 
-def _follow_down(start: Crisis, to: float, resolution: float, end: float) -> tuple[list[Crisis], str]:
-    """Return the points of the crisis curve from `start` down to δ = `to`, and the reason why the curve ends."""
+def _follow_down(start: Crisis, low: float, resolution: float, end: float) -> tuple[list[Crisis], str]:
+    """Return the points of the crisis curve from `start` down to δ = `low`, and the reason why the curve ends."""
     # `chaotic` is the index of the last point with a chaotic attractor; the curve also crosses short ranges of δ in
     # which the motion is periodic
     known, step, chaotic = [start], resolution, 0
-    while known[-1].delta > to:
+    while known[-1].delta > low:
         step = min(step, resolution)
-        delta = max(to, known[-1].delta - step)
+        delta = max(low, known[-1].delta - step)
         try:
             found = contact_at_delta(known, delta)
-            if has_escaping_piece(delta, found.beta, found.gap * (1.0 - MARGIN), CHECKED):
+            if has_escaping_piece(delta, found.beta, found.gap * (1.0 - MARGIN), CHECK_DENSITY):
                 raise RattleError("another piece of W^u(A) touches W^s(A) first")
         except RattleError as error:
             step /= 4.0
@@ -235,7 +235,7 @@ def crisis_curve(
     Returns
     -------
     CrisisCurve
-        The points by rising δ, and the reasons why the curve ends at both ends.
+        The points by rising δ, and the reasons why the curve goes no further at either end.
 
     Raises
     ------

@@ -38,8 +38,8 @@ FIRST_RETURNS, RETURNS = 64, 256
 # damping the limit is larger, in proportion to `most_impacts_to_rest`
 MOST_IMPACTS = 8192
 # impacts that are ignored as a transient; impacts after these over which the Lyapunov exponent is measured
-SETTLE, WATCH = 20_000, 4_000
-WATCHED = 32  # number of samples whose Lyapunov exponents are measured
+TRANSIENT_IMPACTS, LYAPUNOV_IMPACTS = 20_000, 4_000
+CHAOS_SAMPLES = 32  # number of samples whose Lyapunov exponents are measured
 # distances below the crisis, relative to ε − SN1, at which chaos is tested; no narrow window of periodic motion holds
 # all these points
 BELOW = (1e-4, 1e-3, 1e-5)
@@ -47,7 +47,7 @@ BELOW = (1e-4, 1e-3, 1e-5)
 ABOVE = 0.01
 CHAOTIC = 0.02  # least first Lyapunov exponent of chaos, per forcing period
 # least share of chaotic samples below a crisis; largest share above it
-SHARE, FEW = 0.2, 0.05
+LEAST_CHAOTIC_SHARE, MOST_CHAOTIC_SHARE = 0.2, 0.05
 
 
 class Saddles(NamedTuple):
@@ -163,8 +163,8 @@ class FollowedManifold:
         return np.asarray(self.samples.status.reshape(self.s.shape) == Outcome.QUIET)
 
 
-def escapes(delta: float, epsilon: Array, beta: float) -> Flags:
-    """Return flags (n,) of the eccentricities at which a part of W^u(A) becomes quiet; False at undecided ones."""
+def has_escaping_part(delta: float, epsilon: Array, beta: float) -> Flags:
+    """Return flags (n,) of eccentricities at which a part of W^u(A) becomes quiet; False where not `is_decidable`."""
     a = saddles(np.full(epsilon.size, delta), epsilon, np.full(epsilon.size, beta))
     found = a.is_decidable
     if found.any():
@@ -184,26 +184,26 @@ def saddle_at(delta: float, epsilon: float, beta: float) -> Saddles:
     return a
 
 
-def chaotic_share(delta: float, epsilon: float, beta: float, settle: int = SETTLE) -> float:
-    """Follow WATCHED samples of W^u(A); return the share of them that are chaotic after `settle` impacts."""
+def chaotic_share(delta: float, epsilon: float, beta: float, transient: int = TRANSIENT_IMPACTS) -> float:
+    """Follow CHAOS_SAMPLES samples of W^u(A); return the share of them that are chaotic after `transient` impacts."""
     a = saddle_at(delta, epsilon, beta)
-    found = FollowedManifold(a, WATCHED, a.impacts_until_quiet_at_first_return + settle)
+    found = FollowedManifold(a, CHAOS_SAMPLES, a.impacts_until_quiet_at_first_return + transient)
     left = found.samples.status == Outcome.UNRESOLVED
     if not left.any():
         return 0.0
-    watched = iterate_tangent(delta, epsilon, found.samples.tau[left], found.samples.v[left], WATCH, beta)
+    watched = iterate_tangent(delta, epsilon, found.samples.tau[left], found.samples.v[left], LYAPUNOV_IMPACTS, beta)
     nothing, once = np.zeros(watched.v.size, np.int64), np.ones(watched.v.size, np.int64)
     stay = found.classifier.outcomes_of(nothing, watched.tau, watched.v, once) == Outcome.UNRESOLVED
-    return float(np.count_nonzero(stay & (watched.lyapunov[0] > CHAOTIC))) / WATCHED
+    return float(np.count_nonzero(stay & (watched.lyapunov[0] > CHAOTIC))) / CHAOS_SAMPLES
 
 
 def is_chaotic_below(contact: Crisis) -> bool:
-    """Return whether W^u(A) goes to a chaotic attractor at ε just below that of a contact with W^s(A)."""
+    """Return whether W^u(A) goes to a chaotic attractor at ε just below a contact of W^u(A) with W^s(A)."""
     floor, gap = float(sn1_formula(contact.delta)), contact.gap
-    return any(chaotic_share(contact.delta, floor + gap * (1.0 - x), contact.beta) > SHARE for x in BELOW)
+    return any(chaotic_share(contact.delta, floor + gap * (1.0 - x), contact.beta) > LEAST_CHAOTIC_SHARE for x in BELOW)
 
 
 def is_chaotic_above(contact: Crisis) -> bool:
-    """Return whether W^u(A) still goes to a chaotic attractor at ε just above that of a contact with W^s(A)."""
+    """Return whether W^u(A) still goes to a chaotic attractor at ε just above a contact of W^u(A) with W^s(A)."""
     epsilon = float(sn1_formula(contact.delta)) + contact.gap * (1.0 + ABOVE)
-    return chaotic_share(contact.delta, epsilon, contact.beta) > FEW
+    return chaotic_share(contact.delta, epsilon, contact.beta) > MOST_CHAOTIC_SHARE

@@ -14,7 +14,7 @@ from rattle.impacting.crisis.contact import Crisis, saddle_manifolds_at, solve_c
 from rattle.impacting.crisis.escape import (
     SAMPLES,
     FollowedManifold,
-    escapes,
+    has_escaping_part,
     is_chaotic_above,
     is_chaotic_below,
     saddle_at,
@@ -24,24 +24,25 @@ from rattle.impacting.orbits.period_one import period_one
 from rattle.orbits.saddles import Array
 
 STEP = 0.04  # relative step in ε − SN1, where SN1 is the ε of the curve SN1 at the damping
-# the first ε − SN1 is LOWEST · SN1 times the squared relative distance in δ from COD22, which counts as
-# SMALLEST if it is smaller
+# the first ε − SN1 is LOWEST · SN1 times the square of the relative distance in δ from COD22; the square counts as
+# SMALLEST if it is smaller than that
 LOWEST, SMALLEST = 0.5, 2e-5
-# last ε − SN1 that is tried, relative to SN1; at weak damping the search ends at the quiet limit, far above SN1
+# last ε − SN1 that is tried, relative to SN1; below the damping WEAK the search ends at the quiet limit, far above SN1
 HIGHEST = 2.0
 # damping below which the search ends at the quiet limit; damping below which the search is refused
 WEAK, WEAKEST = 0.3, 0.1
 HALVINGS = 6  # number of bisections of a step in ε − SN1 in which W^u(A) begins to escape
-# samples per unit of ln s on W^u(A), for the bracket and for the final check below the crisis
-DENSE, CHECKED = 2000, 40000
+# samples per unit of ln s, s the position on W^u(A): to bisect the ε at which W^u(A) begins to escape; to find the
+# piece that escapes first, and to check that no piece escapes below the contact
+BISECTION_DENSITY, PIECE_DENSITY = 2000, 40000
 MARGIN = 1e-4  # distance below the crisis, relative to ε − SN1, at which no other piece of W^u(A) may escape
 MOST_PIECES = 6  # most contacts that are tried, each at a smaller ε than the one before
 MOST_RUNS = 4  # most runs of escaping samples whose contacts are tried in turn
 MOST_STEPS = 400  # most impacts on Σ⁺ for which an escaping orbit is followed
 # an orbit is back at A if its distance from W^s(A) is below this share of its largest distance from A so far; an orbit
 # counts as quiet if its speed is below this share of the speed of A
-NEAR, GONE = 0.3, 0.5
-WIDER = 12  # most doublings of the width of a window in s
+NEAR, QUIET_SPEED_SHARE = 0.3, 0.5
+MOST_WIDENINGS_OF_WINDOW = 12  # most doublings of the width of a window in s
 
 
 def end_of_curve(beta: float) -> float:
@@ -98,24 +99,31 @@ def _follow_manifold(delta: float, beta: float, gap: float, density: int) -> Fol
 
 
 def has_escaping_piece(delta: float, beta: float, gap: float, density: int) -> bool:
-    """Return whether any of the samples of `_follow_manifold`, at ε = SN1 + gap, becomes quiet."""
+    """Return whether a piece of W^u(A) becomes quiet at ε = SN1 + gap.
+
+    density: the least number of samples per unit of ln s, s the position on W^u(A).
+
+    Returns
+    -------
+    bool
+        False also if the piece lies between two neighbouring samples.
+    """
     return bool(_follow_manifold(delta, beta, gap, density).becomes_quiet.any())
 
 
-def _narrow(delta: float, beta: float, low: float, high: float) -> tuple[float, float]:
-    """Return a narrower range of ε − SN1 inside (low, high), by bisection.
+def _narrow_gap_range(delta: float, beta: float, low: float, high: float) -> tuple[float, float]:
+    """Narrow the range (low, high) of ε − SN1 in which W^u(A) begins to escape, by bisection.
 
-    In the given and in the narrower range, a sample of W^u(A) becomes quiet at the upper end, and none does at the
-    lower end.
+    At the upper end of the range a sample of W^u(A) becomes quiet, at the lower end no sample does.
 
     Returns
     -------
     tuple[float, float]
-        The ends of the range.
+        The ends of the narrower range.
     """
     for _ in range(HALVINGS):
         middle = (low + high) / 2.0
-        low, high = (low, middle) if has_escaping_piece(delta, beta, middle, DENSE) else (middle, high)
+        low, high = (low, middle) if has_escaping_piece(delta, beta, middle, BISECTION_DENSITY) else (middle, high)
     return low, high
 
 
@@ -135,7 +143,7 @@ def _escaping_runs(delta: float, beta: float, gap: float) -> list[Array]:
     RattleError
         If no sample becomes quiet.
     """
-    found = _follow_manifold(delta, beta, gap, CHECKED)
+    found = _follow_manifold(delta, beta, gap, PIECE_DENSITY)
     s, gone = found.s[0], found.becomes_quiet[0]
     edges = np.flatnonzero(np.diff(np.concatenate([[False], gone, [False]]).astype(int))).reshape(-1, 2)
     if not edges.size:
@@ -154,9 +162,9 @@ def _returns_of_orbit(delta: float, beta: float, gap: float, s: float) -> tuple[
     Returns
     -------
     tuple[int, list[int]]
-        (met, entries). met: one less than the number of impacts on Σ⁺ that the orbit makes before it first meets Σ⁻,
-        but at least 0; −1 if the orbit never meets Σ⁻. entries: for each later return of the orbit to A, close to
-        W^s(A), its number of impacts on Σ⁺ since impact number `met`.
+        (met, entries). If the orbit makes k impacts on Σ⁺ before it first meets Σ⁻, met is k − 1, or 0 if k is 0; it
+        is −1 if the orbit never meets Σ⁻. After meeting Σ⁻ the orbit may come back close to W^s(A) near A. entries:
+        for each time at which it comes back, the number of impacts on Σ⁺ since impact number `met`.
     """
     here = saddle_manifolds_at(delta, float(sn1_formula(delta)) + gap, beta)
     states, met, entries, inside, farthest = here.unstable_manifold.image(np.array([s]), 0)[1], -1, [], True, 0.0
@@ -165,14 +173,14 @@ def _returns_of_orbit(delta: float, beta: float, gap: float, s: float) -> tuple[
         if not ok.all():
             break
         if met < 0 and bounces[0] > 0:
-            # one less than j: if W^u(A) has a corner next to this orbit, orbits beyond it meet Σ⁻ one return earlier
+            # j impacts on Σ⁺ come before Σ⁻ is met; on the other side of a corner of W^u(A) nearby only j − 1 may come
             met = max(j - 1, 0)
         height = float(here.signed_distances(states)[0][0])
         farthest = max(farthest, float(np.hypot(*(states - here.at))[0]))
         before, inside = inside, abs(height) < NEAR * farthest
         if met >= 0 and inside and not before:
             entries.append(j + 1 - met)
-        if states[1, 0] < GONE * here.saddle.v:
+        if states[1, 0] < QUIET_SPEED_SHARE * here.saddle.v:
             break
     return met, entries
 
@@ -213,15 +221,15 @@ def _contact_of_run(delta: float, beta: float, low: float, high: float, run: Arr
     met, entries = _returns_of_orbit(delta, beta, high, float(run[run.size // 2]))
     if not entries:
         raise RattleError(
-            f"no contact was found at epsilon = {sn1_formula(delta) + high}: the escaping orbit was not seen to return "
-            "to A"
+            f"no contact was found at epsilon = {sn1_formula(delta) + high}: the orbit that escapes does not come "
+            "back to A"
         )
     here = saddle_manifolds_at(delta, float(sn1_formula(delta)) + high, beta)
     run = run * here.unstable_manifold.multiplier**met
     found, last = [], RattleError("")
     for n in entries:
         width = float(run[-1] - run[0])
-        for _ in range(WIDER):  # widen the window until it holds a minimum
+        for _ in range(MOST_WIDENINGS_OF_WINDOW):  # widen the window until it holds a minimum
             window = (max(run[0] - width, 0.5 * run[0]), run[-1] + width)
             s = here.least_distance(window, n)[1]
             if min(s - window[0], window[1] - s) > 0.1 * (window[1] - window[0]):
@@ -252,7 +260,7 @@ def first_contact(delta: float, beta: float, low: float, high: float) -> Crisis:
     for _ in range(MOST_PIECES):
         found = contact_near(delta, beta, low, high)
         below = found.gap * (1.0 - MARGIN)
-        if not has_escaping_piece(delta, beta, below, CHECKED):
+        if not has_escaping_piece(delta, beta, below, PIECE_DENSITY):
             return found
         low, high = found.gap * (1.0 - 10.0 * MARGIN), below
     raise RattleError(
@@ -263,9 +271,10 @@ def first_contact(delta: float, beta: float, low: float, high: float) -> Crisis:
 def boundary_crisis(delta: float, beta: float = 0.6) -> Crisis:
     """Return the boundary crisis at a damping: the contact with the largest ε in which a chaotic attractor ends.
 
-    ε is accurate to 1e-10. W^u(A) is followed at steps of 4 % in ε − SN1, up to 3 SN1 (from δ = 0.3 on) or the quiet
-    limit, beyond which nothing becomes quiet. Of the pieces of W^u(A) that 40000 samples per unit of ln s resolve, the
-    piece that touches W^s(A) first is taken. The paper leaves the crisis open. Source: docs/crisis.md.
+    ε is accurate to 1e-10. W^u(A) is followed at values of ε − SN1 that rise by 4 % each. They end at the quiet limit,
+    above which no motion becomes quiet; from δ = 0.3 on they end at ε = 3 SN1 if this is less. W^u(A) has 40000 samples
+    per unit of ln s, where s is the position on W^u(A). If several pieces of W^u(A) touch W^s(A) in one step, the
+    contact with the least ε is taken. The paper does not compute the crisis. Source: docs/crisis.md.
 
     Returns
     -------
@@ -278,7 +287,7 @@ def boundary_crisis(delta: float, beta: float = 0.6) -> Crisis:
         If a parameter is outside its domain.
     RattleError
         If no chaotic attractor is observed to end in a contact of W^u(A) with W^s(A); the message has the reasons.
-        Always below δ = 0.1.
+        Below δ = 0.1 always.
     """
     delta = require_number("delta", delta, positive=True)
     beta = require_number("beta", beta, positive=True)
@@ -291,11 +300,11 @@ def boundary_crisis(delta: float, beta: float = 0.6) -> Crisis:
     gaps = _gaps_to_try(delta, beta)
     if gaps.size < 2:
         raise RattleError(f"the saddle A does not exist below the quiet limit at delta = {delta}, beta = {beta}")
-    gone = np.asarray(escapes(delta, float(sn1_formula(delta)) + gaps, beta), np.bool_)
+    gone = np.asarray(has_escaping_part(delta, float(sn1_formula(delta)) + gaps, beta), np.bool_)
     reasons = []
     for i in np.flatnonzero(gone[1:] & ~gone[:-1])[::-1]:
         try:
-            found = first_contact(delta, beta, *_narrow(delta, beta, gaps[i], gaps[i + 1]))
+            found = first_contact(delta, beta, *_narrow_gap_range(delta, beta, gaps[i], gaps[i + 1]))
         except RattleError as error:
             reasons.append(str(error))
             continue
@@ -309,6 +318,6 @@ def boundary_crisis(delta: float, beta: float = 0.6) -> Crisis:
     if gone[0]:
         reasons.append("W^u(A) already escapes at the smallest epsilon that was tried")
     raise RattleError(
-        f"no chaotic attractor ends in a contact with A at delta = {delta}, beta = {beta}: "
+        f"no chaotic attractor ends in a contact of W^u(A) with W^s(A) at delta = {delta}, beta = {beta}: "
         + ("; ".join(reasons) or f"no part of W^u(A) becomes quiet up to epsilon = {sn1_formula(delta) + gaps[-1]:.7f}")
     )

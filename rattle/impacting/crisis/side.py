@@ -21,8 +21,9 @@ def crisis_side(delta: ArrayLike, epsilon: ArrayLike, beta: ArrayLike = 0.6) -> 
     - no_saddle: A does not exist.
     - inside: no sample of W^u(A), on the side of rising v, becomes quiet.
     - escapes: some samples become quiet.
-    - undecided: no quiet motion exists (from the quiet limit on), or the decision takes more than 8192 impacts (below
-      δ = 0.3 more, in proportion to 1/δ), as it does just below the quiet limit and where A is born.
+    - undecided: no quiet motion exists (from the quiet limit on), or the decision takes more than 8192 impacts, as
+      happens just below the quiet limit and where A is born. Below δ = 0.3 the limit of 8192 is larger, in proportion
+      to 1/δ.
     - not_computed: never returned; a survey stores it for a cell that is not computed.
 
     An escaping part of W^u(A) shorter than 1/512 of a fundamental domain is missed. At β = 0.6 and δ from 0.6 to 0.768

@@ -83,8 +83,8 @@ def fill_states_before_touch(touch, delta, epsilon, beta, tau, v):
     """Write the states (τ, v) on Σ⁺ whose flights touch Σ⁻ with speed 0 at the times `touch`; v = −1 if there is none.
 
     A touch from inside the gap needs a contact force that points from Σ⁻ into the gap. Backwards in time the motion
-    leaves Σ⁻ at the touch, and the state on Σ⁺ is its first impact. τ is not folded, so that it changes continuously
-    with the time of touch.
+    leaves Σ⁻ at the touch, and the state on Σ⁺ is its first impact. τ is not reduced to [0, 1), so that it changes
+    continuously with the time of touch.
     """
     for i in range(touch.size):
         v[i], tau[i] = -1.0, touch[i]

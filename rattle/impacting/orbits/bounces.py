@@ -14,7 +14,7 @@ from rattle.impacting.orbits.circuits import keep_if_stable, walk_circuit
 from rattle.impacting.orbits.impact_times import MOST_IMPACTS, SECTIONS, newton_on_times
 from rattle.numerics.compile import kernel
 
-ONE_BY_ONE = 6  # every n up to this number is tried, because the flips of small n are not in the order of n
+ALL_TRIED_UP_TO = 6  # every n up to this number is tried, because the flips of small n are not in the order of n
 # damping above which saddle-nodes are not in the order of n, and orbits are stable above the quiet limit too
 STRONG = 1.6
 # for damping above STRONG: largest n that is tried; least ε of stable orbits, in units of the quiet limit
@@ -97,7 +97,7 @@ def find_bouncing_orbits(work, delta, epsilon, beta):
         return
     least = phase_of_least_force(delta)
     fill_shares(work, x)
-    few = MOST_AT_STRONG if strong else ONE_BY_ONE
+    few = MOST_AT_STRONG if strong else ALL_TRIED_UP_TO
     n, state, unstable, none = 1, UNSTABLE, 1, MOST_IMPACTS + 1
     while n < few or (not strong and state != STABLE and none - unstable > 1):
         if n < few:

@@ -13,7 +13,7 @@ from rattle.flight.impact_law import determinant
 from rattle.flight.law import wrapped
 from rattle.impacting.orbits.impact_times import (
     eliminate_times,
-    fastest_if_admissible,
+    find_fastest_impact,
     move_times,
     newton_on_times,
     write_equations,
@@ -60,7 +60,7 @@ def keep_if_stable(work, n, delta, epsilon, beta):
     _value, _slope, at_one = eliminate_times(work, n)
     most = 2.0 * (1.0 + determinant(delta, 1.0, n))
     if 0.0 < at_one < most:  # both multipliers lie inside the unit circle
-        admissible, tau, v = fastest_if_admissible(work, n, delta, epsilon, beta)
+        admissible, tau, v = find_fastest_impact(work, n, delta, epsilon, beta)
         if admissible:
             n_plus = 0.0
             for i in range(n):
@@ -180,7 +180,15 @@ def find_sign_change(work, n, hi, f_lo, slope_lo, f_hi, slope_hi, delta, epsilon
 
 @inline
 def is_resolved(s, f0, slope0, f1, slope1):
-    """Return whether values f and slopes of the residual R_0 at both ends of a step of length s show all its zeros."""
+    """Return whether a step of length s is so short that the residual R_0 bends little over the step.
+
+    f0, slope0: R_0 and its slope at the beginning of the step. f1, slope1: the same at the end.
+
+    Returns
+    -------
+    bool
+        True if R_0 bends so little that the signs of f0 and f1 tell whether R_0 has a zero within the step.
+    """
     bend = abs(f1 - f0 - 0.5 * s * (slope0 + slope1))
     return bend < (0.2 * abs(f1 - f0) if (f0 > 0.0) != (f1 > 0.0) else min(abs(f0), abs(f1)))
 

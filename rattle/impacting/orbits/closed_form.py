@@ -67,7 +67,7 @@ def closure_numerators(sigma, delta, beta):
     le, both = ls + lr - ls * lr, ls * lr
     h = abs(sigma)
     slow = max(es, er)
-    apart = math.copysign(-slow * math.expm1(-2.0 * delta * h), sigma)  # Er − Es
+    apart = math.copysign(-slow * math.expm1(-2.0 * delta * h), sigma)  # e^(−δ(1 − s)) − e^(−δs), for s = 1/2 + σ
     k_r = both - apart
     root = math.expm1(-delta * h)
     b1 = 2.0 * le * math.tanh(0.25 * delta) * sine_offset_kernel(0.5 * delta) - 4.0 * slow * root * root
@@ -268,10 +268,12 @@ def record_root(orbit, admissible, tau, v, trace, exists, phase, speed, traces, 
 
 @kernel
 def fill_period_one(order, delta, epsilon, beta, offset, sigma, e, exists, phase, speed, traces):
-    """Write the admissible orbits A to D of n cells to the last four arguments (4, n), which hold False and NaN.
+    """Write the admissible orbits A to D of n cells to the last four arguments, arrays (4, n).
 
-    `order` (n,) holds the numbers of the cells in the order in which they are computed: cells with equal (δ, β) in
-    succession share the nodes of their family. sigma and e (MOST_NODES,) are scratch memory for these nodes.
+    Before the call `exists` holds False and the other three arrays hold NaN, which remain where an orbit does not
+    exist. `order` (n,) holds the numbers of the cells in the order in which they are computed: the nodes of a family
+    are computed once for successive cells with equal (δ, β). offset (n,): ε sin 2πτ of A and C. sigma and e
+    (MOST_NODES,) are scratch memory for the nodes.
     """
     last, n = -1, 0
     for i in order:

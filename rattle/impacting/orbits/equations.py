@@ -114,7 +114,8 @@ class Itinerary(Equations):
     def monodromy(self, x: Array) -> Array:
         """Return the tangent map of the motion over its period, in the coordinates (t, w²/2).
 
-        It is the product of the tangent maps of the flights; that of a flight of duration s has determinant e^(−δs).
+        It is the product of the flights' tangent maps. A flight of duration s has a tangent map with determinant
+        e^(−δs).
 
         Returns
         -------

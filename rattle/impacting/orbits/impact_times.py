@@ -207,15 +207,15 @@ def newton_on_times(work, n, farthest, delta, epsilon, beta):
 
 
 @kernel
-def fastest_if_admissible(work, n, delta, epsilon, beta):
-    """Return whether the motion in `work` is admissible, and phase τ and speed v of its fastest impact on Σ⁺.
+def find_fastest_impact(work, n, delta, epsilon, beta):
+    """Find the fastest impact on Σ⁺ of the motion in `work`, unless the motion is virtual.
 
-    Each flight must end at its first impact.
+    A motion is admissible if each flight leaves its wall into the gap and ends at its first impact.
 
     Returns
     -------
     tuple
-        (admissible, τ, v).
+        (admissible, τ, v): phase and speed of the fastest impact, of no use if the motion is not admissible.
     """
     tau, v = 0.0, 0.0
     for i in range(n):

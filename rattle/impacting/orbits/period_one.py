@@ -31,7 +31,7 @@ from rattle.orbits.period_one_orbits import (
 
 CURVES = ("G1", "G2")
 # factor on ε of SN1 that gives a point just above SN1; the largest double, which limits this product
-BESIDE, LARGEST = 1.0 + 1e-9, np.finfo(np.float64).max
+JUST_ABOVE, LARGEST = 1.0 + 1e-9, np.finfo(np.float64).max
 
 
 class Grazing(NamedTuple):
@@ -193,7 +193,7 @@ def missing_limits(delta: float, beta: float) -> tuple[MissingLimit, ...]:
     found = []
     if not born:
         begin, formula = float(grazing("G2", delta, beta).epsilon), float(sn1_formula(delta))
-        if np.isnan(begin) and period_one(delta, min(formula * BESIDE, LARGEST), beta).exists[NAMES.index("A")]:
+        if np.isnan(begin) and period_one(delta, min(formula * JUST_ABOVE, LARGEST), beta).exists[NAMES.index("A")]:
             begin = formula  # at COD22 rounding decides whether the motion of SN1 grazes
         found.append(
             MissingLimit("sn1", "none at this damping: A and C do not exist", None)

@@ -212,7 +212,7 @@ def as_periodic(orbit: PeriodicOrbit | Orbit) -> PeriodicOrbit:
     Raises
     ------
     ParameterError
-        If the motion is of another type, or of another gear.
+        If the motion is neither a `PeriodicOrbit` nor an `Orbit` of the impacting gear.
     RattleError
         If Newton's method finds no admissible motion near the state of the `Orbit`.
     """

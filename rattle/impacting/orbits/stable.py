@@ -38,8 +38,8 @@ class StableOrbits(NamedTuple):
     Attributes
     ----------
     n : (cells,)
-        Number of orbits of each cell. The other arrays are (cells, room), with the orbits in the order of their number
-        of impacts; they hold 0 or NaN beyond n.
+        Number of orbits of each cell. The other arrays are (cells, room), where room is the largest number of orbits
+        that fit. They hold the orbits in the order of their number of impacts, and 0 or NaN beyond n.
     n_plus, n_minus
         Impacts on Σ⁺ and Σ⁻ in a period.
     tau, v
@@ -76,7 +76,8 @@ def find_alternating_orbits(least, work, delta, epsilon, beta):
             how, zeros = walk_circuit(work, n, 1.0 / k, longest, delta, epsilon, beta)
             if how != LOST:
                 break
-        # whether a motion of period 1/k would cross the gap under the mean contact force alone, without damping
+        # whether, under the mean contact force alone and without damping, a motion of period 1/k exists that crosses
+        # the gap: it must arrive at Σ⁻ with a speed above 0
         crosses = 4.0 * k * k * beta > math.pi * delta
         idle = idle + 1 if crosses and zeros == 0 else 0
         if idle == 2:  # motions with more crossings are faster and dissipate more, so none of them is stable
