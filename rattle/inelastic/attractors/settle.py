@@ -77,8 +77,8 @@ def outcome_after_contact(tau, v, k, samples, states):
     Returns
     -------
     tuple
-        (PERIODIC, orbit) if the state (τ, v) is recorded with an orbit, (UNRESOLVED, −1) if it is recorded with
-        NO_ORBIT, and (RECURRENT, −1) if it is not recorded.
+        (PERIODIC, orbit) if the state (τ, v) is recorded with the number of an orbit; (UNRESOLVED, −1) if it is
+        recorded with NO_ORBIT, because no orbit was found from it; (RECURRENT, −1) if it is not recorded.
     """
     orbit = orbit_after_contact(tau, v, samples.cell[k], states)
     if orbit == NO_ORBIT:
@@ -171,9 +171,10 @@ def follow_release(tau, v, cell, point, balls, states):
     Returns
     -------
     orbit : int
-        The number of the orbit to which the state leads, if this orbit is known. Otherwise a code: UNKNOWN if a state
-        after contact repeated, so that the orbit is new; NOT_YET if a state without contact before it almost repeated
-        first; NO_ORBIT if neither happened within MOST_RETURNS returns, or the motion makes no further return.
+        The number of the orbit to which the state leads, if this orbit is recorded or captures the motion. Otherwise a
+        code. UNKNOWN: a state after contact repeated, so the orbit is new. NOT_YET: a state that does not follow a
+        contact phase almost repeated, before any state after contact repeated. NO_ORBIT: no state repeated within
+        MOST_RETURNS returns, or the motion makes no further return.
     gap, tau, v
         For UNKNOWN, the number of returns in a period of the new orbit, and a state on this orbit.
     """
@@ -304,7 +305,7 @@ def record_contact_orbit(tau, v, gap, cell, point, orbits, states):
 
 @kernel
 def count_contact_phases(grown, cells, orbits):
-    """Count the contact phases of the new orbits of each cell, whose numbers are grown[cell] and larger."""
+    """Count the contact phases of the orbits that each cell has after its first grown[cell] orbits."""
     for cell in range(grown.size):
         for j in range(grown[cell], orbits.n[cell]):
             if orbits.first[cell, j] == -math.inf:

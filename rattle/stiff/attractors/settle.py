@@ -33,7 +33,7 @@ def _point_of(cell, cells):
 
 
 @for_type(point_between, StiffPoint)
-def _between(share, one, other):
+def _point_between(share, one, other):
     delta = one.delta + share * (other.delta - one.delta)
     return StiffPoint(delta, one.epsilon + share * (other.epsilon - one.epsilon), one.beta, one.kappa)
 

@@ -35,7 +35,7 @@ class MotionsOnLine:
         return np.concatenate([y[..., :-1], self.origin + y[..., -1:] * self.direction], axis=-1)
 
     def line_unknowns(self, x: Array) -> Array:
-        """Return the unknowns y on the line of a motion, from all its unknowns x (2c + 3,): inverts `full_unknowns`."""
+        """Return the unknowns y on the line for a motion with the unknowns x (2c + 3,) that `full_unknowns` returns."""
         return np.append(x[:-3], (x[-3:] - self.origin) @ self.direction / (self.direction @ self.direction))
 
     def itinerary(self, y: Array) -> StiffItinerary:
@@ -76,7 +76,16 @@ class MotionsOnLine:
         return None if found is None else np.append(found[:-2], y[-1])
 
     def twins(self, start: Array, y: Array) -> Array:
-        """Return the equivalent unknowns of motion `start` near y: begun at another contact, or whole periods later."""
+        """Return arrays of unknowns (k, 2c + 1) that all describe the motion `start`.
+
+        Each array counts from another contact. Its times are shifted by whole periods so that the first is near the
+        first time of y.
+
+        Returns
+        -------
+        Array
+            The unknowns, an array for each contact from which the motion meets the walls in the same order.
+        """
         return twins(StiffItinerary(self.walls, self.m, self.beta, 0.0), start, y)
 
     def mean_of_halves(self, y: Array) -> tuple["MotionsOnLine", Array, float] | None:
