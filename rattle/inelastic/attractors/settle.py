@@ -120,10 +120,11 @@ def settle(which, cells, samples, balls, states):
 def measure(which, least, periods, cells, samples, balls, states, sums, footprints):
     """Follow samples `which` with a tangent vector, to measure their Lyapunov exponents.
 
-    A sample is followed for at least `least` returns and `periods` forcing periods (k,), or to its limit of returns.
-    sums (k, BATCHES, 3) must be 0; sums[j] becomes the sums of time, ln stretch and ln|det| over the returns of sample
-    which[j] after the first ALIGNMENT ones, in BATCHES successive batches. A contact phase makes ln stretch −∞, which
-    excludes chaos. footprints[j] collects the boxes of the (τ, v) plane that this sample visits.
+    Sample which[j] is followed for at least least[j] returns and periods[j] forcing periods, or to its limit of
+    returns. sums (k, BATCHES, 3) must be 0 at the start. sums[j] becomes the sums of time, ln stretch and ln|det| over
+    the returns of this sample after the first ALIGNMENT ones, in BATCHES successive batches.
+    A contact phase makes ln stretch −∞, which excludes chaos.
+    footprints[j] collects the boxes of the (τ, v) plane that the sample visits.
     """
     for j in range(which.size):
         k = which[j]

@@ -99,8 +99,8 @@ def _flat_states_and_cells(
     return [np.array(x, order="C").ravel() for x in arrays], cells, phases.shape
 
 
-def _zero_counts(size: int, number: int) -> list[NDArray[np.int64]]:
-    """Return `number` arrays (size,) of counts that are 0."""
+def _new_counters(size: int, number: int) -> list[NDArray[np.int64]]:
+    """Return `number` arrays (size,) of zeros, in which kernels count."""
     return [np.zeros(size, np.int64) for _ in range(number)]
 
 
@@ -141,7 +141,7 @@ def iterate(
     """
     at = inelastic_points(delta, epsilon, beta, restitution, load, checked_harmonics(harmonics))
     (tau_, v_, n_, cell), cells, shape = _flat_states_and_cells(at, tau, v, n)
-    n_plus, n_minus, contacts = _zero_counts(tau_.size, 3)
+    n_plus, n_minus, contacts = _new_counters(tau_.size, 3)
     apply_inelastic_returns(
         tau_, v_, n_, cell, cells, np.zeros(tau_.size, np.int8), n_plus, n_minus, contacts, np.zeros(tau_.size)
     )
@@ -171,7 +171,7 @@ def iterate_tangent(
     """
     at = inelastic_points(delta, epsilon, beta, restitution, load, checked_harmonics(harmonics))
     (tau_, v_, n_, cell), cells, shape = _flat_states_and_cells(at, tau, v, n)
-    n_plus, n_minus = _zero_counts(tau_.size, 2)
+    n_plus, n_minus = _new_counters(tau_.size, 2)
     growth = np.zeros((3, tau_.size))
     apply_inelastic_returns_with_tangent(tau_, v_, n_, cell, cells, n_plus, n_minus, growth)
     return Stretched.from_growth((tau_, v_, n_plus, n_minus), growth, shape)

@@ -53,7 +53,7 @@ def graze_at_end(line: MotionsOnLine, y: Array, tangent: Array) -> Graze | None:
         found = _with_one_more_contact(line, y, tangent)
         return None if found is None else Graze(_with_sigma_plus_first(line, y), _with_sigma_plus_first(*found))
     here = _with_sigma_plus_first(*fewer)
-    return Graze(here, _admissible_nearby(*here))
+    return Graze(here, _admissible_motion_near(*here))
 
 
 def _with_sigma_plus_first(line: MotionsOnLine, y: Array) -> tuple[MotionsOnLine, Array]:
@@ -77,7 +77,7 @@ def _with_merged_contacts(line: MotionsOnLine, y: Array, contact: int) -> tuple[
     return _without_contact(replace(line, walls=walls), y, 1)
 
 
-def _admissible_nearby(line: MotionsOnLine, y: Array) -> tuple[MotionsOnLine, Array] | None:
+def _admissible_motion_near(line: MotionsOnLine, y: Array) -> tuple[MotionsOnLine, Array] | None:
     """Return an admissible motion next to a graze y on a line; None if there is none.
 
     Returns

@@ -233,7 +233,7 @@ def trace_of_solution(y, cycle):
 
 @kernel
 def failing_piece(y, cycle):
-    """Return the first flight or contact of a solution that does not end at the time and wall that are assumed.
+    """Return the first flight or contact of a solution that does not end as its equations assume.
 
     Returns
     -------

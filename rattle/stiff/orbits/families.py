@@ -204,7 +204,7 @@ def _guess_of_sn1(cycle: Cycle) -> Array | None:
         Unknowns (3,); None if no P(1,1,0) has a minimum of ε.
     """
     p = softness(cycle.kappa)
-    # SN1 is sought at durations σ at these distances from π; it lies at a distance of about 2p · force / speed
+    # distances from π of the durations σ at which SN1 is sought; SN1 has a distance of about 2p · force / speed
     hard = p * np.geomspace(1e-2, 1e4, DURATIONS)
     duration = np.concatenate([np.linspace(0.0, 4 * np.pi, DURATIONS), np.pi - hard, np.pi + hard])
     duration = np.unique(duration[(duration > 0.0) & (duration < 0.999 / p)])

@@ -59,7 +59,7 @@ class StiffOrbit(Periodic):
 
     @property
     def unknowns(self) -> Array:
-        """The unknowns (2c + 2,) of the motion's equations: times of contacts, durations/p with p = 1/√(2κ), δ and ε."""
+        """The unknowns (2c + 2,) of the equations: times of c contacts, durations multiplied by √(2κ), δ and ε."""
         return np.concatenate([self.times, self.durations / softness(self.kappa), [self.delta, self.epsilon]])
 
 
