@@ -132,7 +132,7 @@ class AnyGear(Protocol):
     def attractors(
         self, count: int = 256, v_max: SpeedLimit = None, seed: int = 0, budget: int = BUDGET
     ) -> tuple[Attractor, ...]:
-        """Return the attractors that `count` initial conditions reach, then other stable orbits, with fraction 0."""
+        """Return the attractors that `count` initial conditions reach, then stable orbits that none of them reaches."""
 
     def basins(
         self,

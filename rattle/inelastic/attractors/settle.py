@@ -122,9 +122,8 @@ def measure(which, least, periods, cells, samples, balls, states, sums, footprin
 
     Sample which[j] is followed for at least least[j] returns and periods[j] forcing periods, or to its limit of
     returns. sums (k, BATCHES, 3) must be 0 at the start. sums[j] becomes the sums of time, ln stretch and ln|det| over
-    the returns of this sample after the first ALIGNMENT ones, in BATCHES successive batches.
-    A contact phase makes ln stretch −∞, which excludes chaos.
-    footprints[j] collects the boxes of the (τ, v) plane that the sample visits.
+    the returns of this sample after the first ALIGNMENT ones, in BATCHES successive batches. A contact phase makes
+    ln stretch −∞, which excludes chaos. footprints[j] collects the boxes of the (τ, v) plane that the sample visits.
     """
     for j in range(which.size):
         k = which[j]
@@ -205,7 +204,7 @@ def follow_release(tau, v, cell, point, balls, states):
 
 @inline
 def record_contact_state(tau, v, orbit, cell, states):
-    """Record a state (τ, v) after contact, if it is new and the cell has room, with the orbit to which it leads."""
+    """Record a state (τ, v) after contact and the number of its orbit, if the state is new and the cell has room."""
     i = states.n[cell]
     if i < states.tau.shape[1] and orbit_after_contact(tau, v, cell, states) == UNKNOWN:
         states.tau[cell, i], states.v[cell, i], states.orbit[cell, i] = tau, v, orbit

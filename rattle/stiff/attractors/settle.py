@@ -70,8 +70,8 @@ def measure(which, least, periods, cells, samples, balls, sums, footprints):
 
     Sample which[j] is followed for at least least[j] returns and periods[j] forcing periods, or to its limit of
     returns. sums (k, BATCHES, 3) must be 0 at the start. sums[j] becomes the sums of time, ln stretch and ln|det| over
-    the returns of this sample after the first ALIGNMENT ones, in BATCHES successive batches.
-    footprints[j] collects the boxes of the (τ, v) plane that the sample visits.
+    the returns of this sample after the first ALIGNMENT ones, in BATCHES successive batches. footprints[j] collects the
+    boxes of the (τ, v) plane that the sample visits.
     """
     for j in range(which.size):
         k = which[j]

@@ -12,7 +12,7 @@ from rattle.orbits.periodic_motions import solve_at_parameters, twins
 from rattle.stiff.orbits.equations import StiffItinerary
 from rattle.stiff.orbits.periodic import StiffOrbit, is_admissible_solution, orbit_of, trace_of
 
-TWICE = 1e-5  # difference of the halves of a motion, in the unknowns, below which it is one motion run through twice
+TWICE = 1e-5  # a motion whose halves differ by less, in the unknowns, is one motion run through twice
 MOST_BRACKETS = 8  # number of times that the interval around a sought flip is made ten times wider
 
 

@@ -152,7 +152,7 @@ def from_limit(orbit: PeriodicOrbit, kappa: float) -> StiffOrbit:
     last = path.points[-1]
     if path.outside is None or abs(last[-1] - end) > 1e-12 * end:
         largest = float(max(path.points[:, -1]))
-        fold = 0.5 / largest**2 if largest else math.inf  # κ = ∞ if the first step from there failed already
+        fold = 0.5 / largest**2 if largest else math.inf  # κ = ∞ if the first step from κ = ∞ failed
         raise RattleError(
             f"the motion is not followed to kappa = {kappa:g}: its branch, which begins at kappa = infinity, folds "
             f"back or becomes singular at kappa = {fold:g}"

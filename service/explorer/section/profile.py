@@ -12,7 +12,7 @@ from gear_rattle.service.explorer.map.colouring import shown_values, valueless_c
 from gear_rattle.service.explorer.map.planes import MapBlock, MapPlane
 from gear_rattle.workers.pictures.maps import scale_of, title_of
 
-#: Largest numbers of values along δ and ε that are read around a line. If there are more cells, several have one value.
+#: Largest numbers of values along δ and ε that are read around a line. If there are more cells, several share a value.
 ROOM = (1024, 1024)
 OUTSIDE = "outside of the survey"
 Ends = tuple[Pair, Pair]
