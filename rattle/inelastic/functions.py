@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from rattle.errors import RattleError
 from rattle.intensity.table import follow_one_by_one
 
-stretch = follow_one_by_one  # the impacting gear has a function of its own, which follows motions in SIMD lanes
+stretch = follow_one_by_one  # the function `stretch` of the impacting gear follows motions in SIMD lanes instead
 
 
 def rests_late(delta: NDArray[np.float64], *_: Any, **__: Any) -> NDArray[np.bool_]:

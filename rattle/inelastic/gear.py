@@ -106,7 +106,7 @@ class InelasticGear(SampledGear, Rattling):
 
     @property
     def force_zeros(self) -> NDArray[np.float64]:
-        """Phases at which the contact force changes sign and contact with a wall ends; none below the quiet limit."""
+        """Phases at which the contact force changes sign and ends contact with a wall; empty below the quiet limit."""
         return self._point.zeros.copy()
 
     @property
@@ -116,7 +116,7 @@ class InelasticGear(SampledGear, Rattling):
 
     @property
     def flip(self) -> float | None:
-        """Eccentricity of the flip at which C, if admissible, loses stability; None if the gear has `harmonics`."""
+        """Eccentricity of the flip of C, at which C may be virtual; None if the gear has `harmonics`."""
         return None if self.harmonics else flip_of_c(self.delta, self.restitution, self._point.drift)
 
     def first_impact(self, wall: int, phase: float, velocity: float) -> FirstInelasticImpact:

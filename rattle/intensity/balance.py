@@ -26,8 +26,8 @@ MOST_IMPACTS = 1_000_000
 
 
 @kernel
-def write_impulse_imbalances(cell, returns, periods, tau, v, cells, sums, found):
-    """Write the relative error of each motion's impulse balance to `found` (n,); NaN if the motion cannot be followed.
+def write_impulse_imbalances(cell, returns, periods, tau, v, cells, sums, errors):
+    """Write the relative error of each motion's impulse balance to `errors` (n,); NaN if the motion cannot be followed.
 
     Each motion is followed for returns[i] returns to Σ⁺ or periods[i] forcing periods, whichever ends first. If both
     are unlimited, it is followed for PERIODS forcing periods, or RELAXATIONS/δ if this is more. `sums` (1, COLUMNS) is
@@ -41,7 +41,7 @@ def write_impulse_imbalances(cell, returns, periods, tau, v, cells, sums, found)
             most = max(PERIODS, RELAXATIONS / point.delta)
         status, _tau, _v, _time = sum_impacts(tau[i], v[i], returns[i], most, MOST_IMPACTS, point, sums)
         balance = 0.5 * sums[0, IMPULSE] / (0.5 * mean_force_at(point) * sums[0, TIME])
-        found[i] = abs(balance - 1.0) if status == OK else math.nan
+        errors[i] = abs(balance - 1.0) if status == OK else math.nan
 
 
 def impulse_balance_errors(table: AttractorTable, cells: Any) -> NDArray[np.float64]:

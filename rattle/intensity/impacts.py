@@ -55,8 +55,8 @@ def _impacts_of_period(motion: Motion, point: Any) -> Impacts:
     return found
 
 
-def _list_at_point(point: Any, tau: float, v: float, returns: int, periods: float, room: Impacts) -> Any:
-    return list_impacts(tau, v, returns, periods, point, room)
+def _list_at_point(point: Any, tau: float, v: float, returns: int, periods: float, arrays: Impacts) -> Any:
+    return list_impacts(tau, v, returns, periods, point, arrays)
 
 
 def collect_impacts(
@@ -85,14 +85,15 @@ def collect_impacts(
         room = min(GROWTH * room, MOST_IMPACTS)
 
 
-def _repeat_period(one: Impacts, motion: Motion, periods: float) -> Impacts:
+def _repeat_period(impacts: Impacts, motion: Motion, periods: float) -> Impacts:
     """Return the impacts of one period, repeated over `periods` forcing periods, or once if `periods` is infinite."""
     if periods == math.inf:
-        return one
+        return impacts
     times = math.ceil(periods / motion.m)
     require(
-        times * one.time.size <= MOST_IMPACTS, f"the motion makes more than {MOST_IMPACTS} impacts: give fewer periods"
+        times * impacts.time.size <= MOST_IMPACTS,
+        f"the motion makes more than {MOST_IMPACTS} impacts: give fewer periods",
     )
-    time = (one.time + motion.m * np.arange(times)[:, None]).ravel()
+    time = (impacts.time + motion.m * np.arange(times)[:, None]).ravel()
     kept = time <= motion.tau + periods + ROUNDING
-    return Impacts(time[kept], *(np.tile(column, times)[kept] for column in one[1:]))
+    return Impacts(time[kept], *(np.tile(column, times)[kept] for column in impacts[1:]))

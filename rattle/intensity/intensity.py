@@ -39,7 +39,7 @@ from rattle.orbits.iterates import MOST_IMPACTS
 Array = NDArray[np.float64]
 
 
-class Errors(NamedTuple):
+class IntensityErrors(NamedTuple):
     """95 % half-widths of the fields of `Intensity` with the same names; 0 for a field that is exact."""
 
     impacts_plus: float
@@ -50,8 +50,8 @@ class Errors(NamedTuple):
     impulse: float
 
 
-EXACT = Errors(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-UNKNOWN = Errors(*(math.nan for _ in EXACT))
+EXACT = IntensityErrors(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+UNKNOWN = IntensityErrors(*(math.nan for _ in EXACT))
 
 
 @dataclass(frozen=True)
@@ -88,7 +88,7 @@ class Intensity:
     energy: float
     contact: float
     impulse: float
-    errors: Errors = EXACT
+    errors: IntensityErrors = EXACT
 
     @property
     def impacts(self) -> float:
@@ -142,10 +142,10 @@ def intensity(motion: Motion, point: Any, periods: float | None) -> Intensity:
     sums = np.zeros((BATCHES, COLUMNS))
     status, _tau, _v, time = sum_impacts(motion.tau, motion.v, ENDLESS, periods, MOST_IMPACTS, point, sums)
     require_followed(status, time, periods)
-    return _intensity_from_sums(sums, Errors(*map(float, half_widths(sums))))
+    return _intensity_from_sums(sums, IntensityErrors(*map(float, half_widths(sums))))
 
 
-def _intensity_from_sums(sums: Array, errors: Errors) -> Intensity:
+def _intensity_from_sums(sums: Array, errors: IntensityErrors) -> Intensity:
     plus, minus, mean, largest, energy, contact, impulse = map(float, intensity_rates(sums))
     return Intensity(plus, minus, mean, largest, energy, contact, impulse, errors)
 
@@ -166,7 +166,7 @@ def intensity_rates(sums: Array) -> tuple[Array, ...]:
 
 
 def half_widths(sums: Array) -> tuple[Array, ...]:
-    """Return the fields of `Errors` in order, from sums (…, BATCHES, COLUMNS) of `sum_impacts`.
+    """Return the fields of `IntensityErrors` in order, from sums (…, BATCHES, COLUMNS) of `sum_impacts`.
 
     Each field of `Intensity` is the ratio of two sums. The scatter of the batches about this ratio gives its error.
 
@@ -176,9 +176,9 @@ def half_widths(sums: Array) -> tuple[Array, ...]:
         95 % half-widths, each (…,).
     """
 
-    def half_width(column: Array, per: Array) -> Array:
-        whole = per.sum(axis=-1, keepdims=True)
-        spread = column - column.sum(axis=-1, keepdims=True) / whole * per
+    def half_width(numerator: Array, denominator: Array) -> Array:
+        whole = denominator.sum(axis=-1, keepdims=True)
+        spread = numerator - numerator.sum(axis=-1, keepdims=True) / whole * denominator
         return np.asarray(T_95 * np.sqrt((spread**2).sum(axis=-1) * BATCHES / (BATCHES - 1.0)) / whole[..., 0])
 
     time, impacts = sums[..., TIME], sums[..., ON_PLUS] + sums[..., ON_MINUS]

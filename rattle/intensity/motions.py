@@ -115,9 +115,10 @@ def watched_periods(delta: float, periods: float | None) -> float:
 
 
 def require_closed(motion: Motion, status: int, tau: float, v: float, fastest: float) -> None:
-    """Check that a motion is back at its first state after one period, from its status and its state (tau, v) then.
+    """Check that a motion is back at its first state after one period.
 
-    fastest: the largest speed in the period. A difference in v counts relative to it.
+    status, tau, v: the status and the state at the end of the period. fastest: the largest speed in the period; the
+    difference in v is divided by it.
 
     Raises
     ------

@@ -38,8 +38,8 @@ def list_impacts_in_cell(
     return list_impacts(tau, v, returns, periods, point_of(cell, cells), impacts)
 
 
-def _list_in_cell(cell: int, cells: Any, tau: float, v: float, returns: int, periods: float, room: Impacts) -> Any:
-    return list_impacts_in_cell(cell, tau, v, returns, periods, cells, room)
+def _list_in_cell(cell: int, cells: Any, tau: float, v: float, returns: int, periods: float, arrays: Impacts) -> Any:
+    return list_impacts_in_cell(cell, tau, v, returns, periods, cells, arrays)
 
 
 def collect_impacts_in_cell(

@@ -65,8 +65,10 @@ def ringing_samples(time: Array, size: Array, count: int, rate: float, ring: flo
     return heard
 
 
-def wav(heard: Array, rate: int, full_scale: float | None = None) -> bytes:
-    """Return a 16-bit WAV file of samples (n,). A sample of size `full_scale` (default: the largest) has full volume.
+def wav(signal: Array, rate: int, full_scale: float | None = None) -> bytes:
+    """Return a 16-bit WAV file of a signal (n,). A value of size `full_scale` has full volume.
+
+    By default `full_scale` is the largest size of a value in the signal.
 
     Returns
     -------
@@ -81,8 +83,8 @@ def wav(heard: Array, rate: int, full_scale: float | None = None) -> bytes:
     from scipy.io import wavfile  # imported here because it takes a tenth of a second to load
 
     if full_scale is None:
-        full_scale = float(np.abs(heard).max(initial=0.0)) or 1.0
-    scaled = LOUDEST / require_number("full-scale", full_scale, positive=True) * heard
+        full_scale = float(np.abs(signal).max(initial=0.0)) or 1.0
+    scaled = LOUDEST / require_number("full-scale", full_scale, positive=True) * signal
     file = io.BytesIO()
     wavfile.write(file, rate, np.clip(np.rint(scaled), -LOUDEST, LOUDEST).astype(np.int16))
     return file.getvalue()

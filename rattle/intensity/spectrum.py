@@ -50,8 +50,8 @@ class Density(NamedTuple):
     """The spectral density of the force of a chaotic motion, over orders of both signs; its integral is the power.
 
     order, density, low and high are (n,). low and high are the ends of the 95 % interval of the density, which is valid
-    where the spectrum is smooth. The part of the force that is synchronous with the forcing makes peaks at whole
-    orders, five steps wide.
+    where the spectrum is smooth. The part of the force that is synchronous with the forcing adds to the
+    density at whole orders, and at the orders one step of `order` below and above a whole order.
     """
 
     order: Array

@@ -58,7 +58,7 @@ QUIET_VALUES = (0.0, 0.0, 0.0, 0.0, 0.0, 1.0)  # first fields of a quiet motion,
 def write_period_sums(cell, n_plus, tau, v, cells, sums):
     """Write sums (n, COLUMNS) over the impacts of one period of each motion (n,).
 
-    `sums` must be zero at the start. The sums of a motion that does not close become NaN.
+    `sums` must be zero at the start. Sums become NaN if the motion is not back at its first state after the period.
     """
     for i in range(cell.size):
         point = point_of(cell[i], cells)
@@ -69,14 +69,22 @@ def write_period_sums(cell, n_plus, tau, v, cells, sums):
 
 
 @kernel
-def write_mean_forces(cell, cells, found):
-    """Write the mean contact force of the cells with the numbers `cell` (n,) to `found` (n,)."""
+def write_mean_forces(cell, cells, forces):
+    """Write the mean contact force of the cells with the numbers `cell` (n,) to `forces` (n,)."""
     for i in range(cell.size):
-        found[i] = mean_force_at(point_of(cell[i], cells))
+        forces[i] = mean_force_at(point_of(cell[i], cells))
 
 
 def _sums_of_contact_motion(table: AttractorTable, row: int, cells: Any) -> Array:
-    """Return the sums (COLUMNS,) over a period of a motion with contact phases; NaN if the motion does not close."""
+    """Return the sums (COLUMNS,) over a period of a motion with contact phases.
+
+    The sums are NaN if the motion is not back at its first state after the period.
+
+    Returns
+    -------
+    Array
+        The sums of `sums_with_contacts`.
+    """
     tau, v, m = float(table.tau[row]), float(table.v[row]), int(table.m[row])
     returns, periods = period_limits(m, table.n_plus[row], table.contacts[row])
     status, tau1, v1, found = collect_impacts_in_cell(int(table.cell[row]), cells, tau, v, int(returns), float(periods))
@@ -86,9 +94,10 @@ def _sums_of_contact_motion(table: AttractorTable, row: int, cells: Any) -> Arra
 
 @kernel
 def write_batch_sums(cell, tau, v, periods, cells, sums):
-    """Write sums (n, BATCHES, COLUMNS) over the impacts of each motion (n,) in periods[i] forcing periods.
+    """Write sums (n, BATCHES, COLUMNS) over the impacts of each motion (n,) in BATCHES successive batches.
 
-    `sums` must be zero at the start. The sums of a motion that becomes quiet become NaN.
+    Motion i is followed for periods[i] forcing periods, and all its batches last equally long. `sums` must be zero at
+    the start. The sums of a motion that becomes quiet become NaN.
     """
     for i in range(cell.size):
         point = point_of(cell[i], cells)
@@ -97,10 +106,10 @@ def write_batch_sums(cell, tau, v, periods, cells, sums):
             sums[i] = np.nan
 
 
-def follow_one_by_one(cell: NDArray[np.int64], tau: Array, v: Array, longer: Array, cells: Any) -> Array:
+def follow_one_by_one(cell: NDArray[np.int64], tau: Array, v: Array, length_factors: Array, cells: Any) -> Array:
     """Follow chaotic motions (n,) one after another, and sum over their impacts (a function of the type `Stretch`).
 
-    longer (n,): the duration for which each motion is followed, in units of STRETCH forcing periods.
+    length_factors (n,): the duration for which each motion is followed, divided by STRETCH forcing periods.
 
     Returns
     -------
@@ -108,15 +117,15 @@ def follow_one_by_one(cell: NDArray[np.int64], tau: Array, v: Array, longer: Arr
         Sums (n, BATCHES, COLUMNS); NaN for a motion that becomes quiet.
     """
     sums = np.zeros((cell.size, BATCHES, COLUMNS))
-    write_batch_sums(cell, tau, v, STRETCH * longer, cells, sums)
+    write_batch_sums(cell, tau, v, STRETCH * length_factors, cells, sums)
     return sums
 
 
 def intensities_of(table: AttractorTable, cells: Any, stretch: Stretch) -> Intensities:
     """Return how hard every attractor of a table rattles.
 
-    The result is exact for periodic motions. A chaotic motion is followed for a time whose computation costs a few per
-    cent of its classification.
+    The result is exact for periodic motions. A chaotic motion is followed for so long that this takes a few per cent of
+    the computing time that its classification took.
 
     Parameters
     ----------

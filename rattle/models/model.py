@@ -40,7 +40,7 @@ Rows = tuple[Attractors, NDArray[np.bool_], NDArray[np.int64]]
 
 
 class Capability(StrEnum):
-    """Features that not every model has. The value of each is the beginning of the error message of `lacking`."""
+    """Features that not every model has. A member's value begins the error message of `lacking` for this feature."""
 
     CLOSED_FORM = "closed forms of A to D are"
     PERIOD_ONE = "the motions A to D and the regions that they make are"
@@ -103,13 +103,13 @@ class AnyGear(Protocol):
 
     @property
     def sn1(self) -> float | None:
-        """Eccentricity of SN1; None where it is not computed. Where SN1 does not exist, None or RattleError."""
+        """Eccentricity of SN1; None if SN1 is not computed for this gear. Without an SN1, None or RattleError."""
 
     def region(self) -> int:
         """Return the number of the region, an index of `REGIONS`."""
 
     def orbits(self) -> tuple[Orbit, ...]:
-        """Return the motions A to D that exist; some gears return P(1,1,0) without a letter too, or instead, as "P"."""
+        """Return the motions A to D that exist. Some gears return other P(1,1,0) too, or P(1,1,0) only, named "P"."""
 
     def orbit(self, tau: float, v: float, n_plus: int = 1) -> Periodic:
         """Return the periodic motion near the departure (τ, v) that repeats after n_plus impacts on Σ⁺."""
@@ -132,7 +132,7 @@ class AnyGear(Protocol):
     def attractors(
         self, count: int = 256, v_max: SpeedLimit = None, seed: int = 0, budget: int = BUDGET
     ) -> tuple[Attractor, ...]:
-        """Return the attractors that `count` initial conditions reach, and known stable orbits that none reaches."""
+        """Return the attractors that `count` initial conditions reach, then stable orbits that none of them reaches."""
 
     def basins(
         self,
@@ -276,7 +276,7 @@ class Model(ABC):
 
     @property
     def in_closed_form(self) -> bool:
-        """True if A to D have closed forms, so that these motions, regions and limits are computed at once."""
+        """True if A to D have closed forms, so that these motions, regions and limits are computed immediately."""
         return Capability.CLOSED_FORM in self.has
 
     @abstractmethod
@@ -393,5 +393,5 @@ class Model(ABC):
 
     @classmethod
     def joined_rows(cls, parameters: Parameters, table: Attractors) -> Rows:
-        """Join the attractors of cells with parameters (n,) by `join_rows`; each cell neighbours the next one only."""
+        """Join by `join_rows` the attractors of a single row of cells, in the order of their parameters (n,)."""
         return join_rows(table, (1, parameters.size), cls.classifier.cells_of(parameters))

@@ -73,7 +73,7 @@ class InelasticClassifier(Classifier):
         self, cells: InelasticCells, tau: NDArray[np.float64], v: NDArray[np.float64], budget: int = BUDGET
     ) -> None:
         """Prepare the classifier, with an empty table of the states that follow contact phases."""
-        # every contact phase ends at a zero of the contact force, and at most one state follows for each zero
+        # a contact phase ends at a zero of the contact force, and this zero alone determines the next state on Σ⁺
         room = len(cells.delta), cells.zeros.shape[1]
         self.states = ContactStates(
             np.zeros(room[0], np.int64), np.zeros(room), np.zeros(room), np.zeros(room, np.int64)
@@ -105,7 +105,7 @@ class InelasticClassifier(Classifier):
 
     @staticmethod
     def quiet_invariant(parameters: Parameters) -> float:  # noqa: ARG004
-        """Return 0, the largest v³/g (speed v, contact force g) at which a state counts as quiet: none does here."""
+        """Return 0: the speed alone does not decide whether a motion becomes quiet (`Classifier.quiet_invariant`)."""
         return 0.0
 
     @property
@@ -129,8 +129,8 @@ class InelasticClassifier(Classifier):
     def may_leak(self, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
         """Return flags (k,) of cells where a chaotic set may lose samples so slowly that the probes show no loss.
 
-        The flags are those of `Classifier.may_leak`; of the cells where impacts lose energy, only those at weak damping
-        keep their flags.
+        The flags are those of `Classifier.may_leak`, except that a cell where impacts lose energy is flagged at weak
+        damping only.
 
         Returns
         -------
@@ -140,7 +140,13 @@ class InelasticClassifier(Classifier):
         return super().may_leak(cells) & (~self.is_lossy[cells] | self.weak[cells])
 
     def waits_for_leaks(self, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """Return flags (k,) of cells with elastic impacts: their probes wait while samples are expected to settle."""
+        """Return flags (k,) of the cells whose probes must wait while samples still reach attractors.
+
+        Returns
+        -------
+        ndarray of bool, (k,)
+            True for cells with elastic impacts.
+        """
         return ~self.is_lossy[cells]
 
     def judge_by_probes(self, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
@@ -153,15 +159,15 @@ class InelasticClassifier(Classifier):
     def watch_for_contact(self, cells: NDArray[np.int64], decided: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """Follow PROBES states close to unresolved samples of each cell (k,), to see if they leave the chaotic set.
 
-        If some states of a cell become quiet or periodic, the cell is not chaotic: its unresolved samples are assigned
-        to the attractors that the states reach, in the same proportions. If one of these attractors is an orbit without
-        a contact phase, this happens at the last stage only. At earlier stages the cell stays undecided, and its
-        samples are followed further. decided (k,): flags of the cells that are decided already.
+        If no state of a cell becomes quiet or periodic, the flag of the cell in `decided` (k,) stays as it is.
+        Otherwise the cell is not chaotic, and its unresolved samples are assigned to the attractors that the states
+        reach, in the same proportions. But if a state reaches an orbit without a contact phase before the last stage,
+        nothing is assigned yet: the flag becomes False, and the samples of the cell are followed further.
 
         Returns
         -------
         ndarray of bool, (k,)
-            `decided` after this test.
+            `decided` after this test: True for cells that need no further stage.
         """
         if not cells.size:
             return decided

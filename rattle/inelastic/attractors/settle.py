@@ -77,8 +77,8 @@ def outcome_after_contact(tau, v, k, samples, states):
     Returns
     -------
     tuple
-        (PERIODIC, orbit) if the state (τ, v) is recorded with an orbit, (UNRESOLVED, −1) if it is recorded with
-        NO_ORBIT, and (RECURRENT, −1) if it is not recorded.
+        (PERIODIC, orbit) if the state (τ, v) is recorded with the number of an orbit; (UNRESOLVED, −1) if it is
+        recorded with NO_ORBIT, because no orbit was found from it; (RECURRENT, −1) if it is not recorded.
     """
     orbit = orbit_after_contact(tau, v, samples.cell[k], states)
     if orbit == NO_ORBIT:
@@ -120,10 +120,10 @@ def settle(which, cells, samples, balls, states):
 def measure(which, least, periods, cells, samples, balls, states, sums, footprints):
     """Follow samples `which` with a tangent vector, to measure their Lyapunov exponents.
 
-    A sample is followed for at least `least` returns and `periods` forcing periods (k,), or to its limit of returns.
-    sums (k, BATCHES, 3) must be 0; sums[j] becomes the sums of time, ln stretch and ln|det| over the returns of sample
-    which[j] after the first ALIGNMENT ones, in BATCHES successive batches. A contact phase makes ln stretch −∞, which
-    excludes chaos. footprints[j] collects the boxes of the (τ, v) plane that this sample visits.
+    Sample which[j] is followed for at least least[j] returns and periods[j] forcing periods, or to its limit of
+    returns. sums (k, BATCHES, 3) must be 0 at the start. sums[j] becomes the sums of time, ln stretch and ln|det| over
+    the returns of this sample after the first ALIGNMENT ones, in BATCHES successive batches. A contact phase makes
+    ln stretch −∞, which excludes chaos. footprints[j] collects the boxes of the (τ, v) plane that the sample visits.
     """
     for j in range(which.size):
         k = which[j]
@@ -171,9 +171,10 @@ def follow_release(tau, v, cell, point, balls, states):
     Returns
     -------
     orbit : int
-        The number of the orbit to which the state leads, if this orbit is known. Otherwise a code: UNKNOWN if a state
-        after contact repeated, so that the orbit is new; NOT_YET if a state without contact before it almost repeated
-        first; NO_ORBIT if neither happened within MOST_RETURNS returns, or the motion makes no further return.
+        The number of the orbit to which the state leads, if this orbit is recorded or captures the motion. Otherwise a
+        code. UNKNOWN: a state after contact repeated, so the orbit is new. NOT_YET: a state that does not follow a
+        contact phase almost repeated, before any state after contact repeated. NO_ORBIT: no state repeated within
+        MOST_RETURNS returns, or the motion makes no further return.
     gap, tau, v
         For UNKNOWN, the number of returns in a period of the new orbit, and a state on this orbit.
     """
@@ -203,7 +204,7 @@ def follow_release(tau, v, cell, point, balls, states):
 
 @inline
 def record_contact_state(tau, v, orbit, cell, states):
-    """Record a state (τ, v) after contact, if it is new and the cell has room, with the orbit to which it leads."""
+    """Record a state (τ, v) after contact and the number of its orbit, if the state is new and the cell has room."""
     i = states.n[cell]
     if i < states.tau.shape[1] and orbit_after_contact(tau, v, cell, states) == UNKNOWN:
         states.tau[cell, i], states.v[cell, i], states.orbit[cell, i] = tau, v, orbit
@@ -304,7 +305,7 @@ def record_contact_orbit(tau, v, gap, cell, point, orbits, states):
 
 @kernel
 def count_contact_phases(grown, cells, orbits):
-    """Count the contact phases of the new orbits of each cell, whose numbers are grown[cell] and larger."""
+    """Count the contact phases of the orbits that each cell has after its first grown[cell] orbits."""
     for cell in range(grown.size):
         for j in range(grown[cell], orbits.n[cell]):
             if orbits.first[cell, j] == -math.inf:

@@ -69,7 +69,7 @@ def _determinant_condition(beta: float, x: NDArray) -> NDArray:
 
 
 def _second_conditions(beta: float) -> dict[str, Residual]:
-    """Return the condition of each codimension-two point besides the graze.
+    """Return the second condition of each codimension-two point; the first is that the motion grazes.
 
     Returns
     -------

@@ -36,7 +36,15 @@ def inelastic_members(sigma: Array, delta: float, beta: float, r: float) -> Star
 
 @lru_cache(maxsize=256)
 def two_impact_starts(delta: float, beta: float, r: float) -> StartFamily:
-    """Return the P(1,1,1) whose times from Σ⁺ to Σ⁻ are 1/2 + σ with σ > 0, for the σ of `family_nodes`."""
+    """Return motions P(1,1,1) whose times from Σ⁺ to Σ⁻ are 1/2 + σ with σ > 0.
+
+    The values of σ are those of `family_nodes` at which ε(σ) is finite.
+
+    Returns
+    -------
+    StartFamily
+        The motions, in the order of increasing σ.
+    """
     sigma, epsilon = family_nodes(delta, beta, r)
     return inelastic_members(sigma[(sigma > 0.0) & np.isfinite(epsilon)], delta, beta, r)
 
@@ -73,7 +81,15 @@ def flip_starts(delta: float, beta: float, r: float) -> tuple[Array, ...]:
 
 
 def first_flip(delta: float, beta: float, r: float) -> Sequence[Array]:
-    """Return a list of the flip next to SN2, if D loses stability there as ε grows; otherwise an empty list."""
+    """Return a sequence with the unknowns of the flip next to SN2; empty if D does not lose stability at this flip.
+
+    D loses stability if it is stable at smaller ε and unstable at larger ε.
+
+    Returns
+    -------
+    Sequence[Array]
+        One array of unknowns, or none.
+    """
     found = flip_starts(delta, beta, r)
     if not found:
         return ()
@@ -83,7 +99,7 @@ def first_flip(delta: float, beta: float, r: float) -> Sequence[Array]:
 
 
 def later_flips(delta: float, beta: float, r: float) -> Sequence[Array]:
-    """Return the flips at one damping other than `first_flip`, at which D gains or again loses stability."""
+    """Return the unknowns of all flips of B and D at one damping, except the flip that `first_flip` returns."""
     return flip_starts(delta, beta, r)[len(first_flip(delta, beta, r)) :]
 
 

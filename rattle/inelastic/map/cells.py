@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from rattle.flight.forcing import DRIFT
 from rattle.inelastic.map.contact import capture_of, quiet_invariant
-from rattle.inelastic.map.harmonics import AMPLITUDE, ORDER, bounds_of, forcing_shape, isolated_zeros, most_zeros
+from rattle.inelastic.map.harmonics import AMPLITUDE, ORDER, forcing_bounds, forcing_shape, isolated_zeros, most_zeros
 from rattle.inelastic.map.impact_map import InelasticPoint
 from rattle.numerics.compile import for_type, kernel
 from rattle.orbits.return_map import point_between, point_of
@@ -54,7 +54,7 @@ def fill_cells(cells):
         harmonics = scaled_harmonics(cells.shape, cells.epsilon[i])
         count, positive = isolated_zeros(delta, drift, harmonics, cells.zeros[i])
         cells.zero_count[i], cells.positive[i] = count, 1 if positive else 0
-        cells.third[i] = bounds_of(delta, harmonics).third
+        cells.third[i] = forcing_bounds(delta, harmonics).third
         cells.capture[i] = capture_of(delta, cells.restitution[i], harmonics) if cells.restitution[i] < 1.0 else 0.0
         if count == 0 and positive:
             cells.quiet_invariant[i] = quiet_invariant(delta, drift, cells.beta[i], harmonics)
@@ -84,7 +84,7 @@ def _point_of(cell, cells):
 
 
 @for_type(point_between, InelasticPoint)
-def _between(share, one, other):
+def _point_between(share, one, other):
     delta = one.delta + share * (other.delta - one.delta)
     harmonics = one.harmonics + share * (other.harmonics - one.harmonics)
     room = np.empty(2 * int(harmonics[ORDER].max()) + 2)
@@ -99,7 +99,7 @@ def _between(share, one, other):
         harmonics,
         room[:count].copy(),
         positive,
-        bounds_of(delta, harmonics).third,
+        forcing_bounds(delta, harmonics).third,
         capture_of(delta, one.restitution, harmonics) if one.restitution < 1.0 else 0.0,
         quiet_invariant(delta, one.drift, one.beta, harmonics) if quiet else 0.0,
     )

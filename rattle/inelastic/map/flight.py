@@ -19,7 +19,7 @@ from rattle.flight.law import LONGEST_DECAY, decay64
 from rattle.inelastic.map.harmonics import AMPLITUDE, ORDER, PHASE
 from rattle.numerics.compile import inline, kernel
 
-LONGEST_PIECE = 0.5  # longest piece, in forcing periods; longer pieces are cut
+LONGEST_PIECE = 0.5  # longest piece of a flight that is searched at once, in forcing periods; longer pieces are cut
 FIRST_PIECE = 0.25  # length of the first piece, in forcing periods, if the force pulls the motion off its wall
 FIRST_PIECE_FACTOR = 1.2  # length of the first piece of a bounce divided by the estimated flight time, 2|w|/|F''|
 # rows of the array `departure` (2, K): amplitude times cosine and sine of the phase of each harmonic at departure
@@ -155,7 +155,7 @@ def lower_bound_on_piece(length, g0, slope0, g1, slope1, delta):
     Returns
     -------
     float
-        The value at which these two lines meet; −∞ unless δ length < 1/2.
+        The value at which these two lines meet; −∞ if δ length ≥ 1/2.
     """
     x = delta * length
     if not x < 0.5:

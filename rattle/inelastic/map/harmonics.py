@@ -18,7 +18,7 @@ from rattle.numerics.compile import inline, kernel
 
 ORDER, AMPLITUDE, PHASE = range(3)  # rows of an array of harmonics (3, K)
 CLOSEST = 1e-9  # distance in phase below which two zeros of g may be missed or count as one
-MOST_WAITING = 64  # most undecided intervals at once: a halving adds one, and 31 halvings give widths below CLOSEST
+MOST_WAITING = 64  # most intervals to be searched at once: a halving adds one, and 30 halvings reach CLOSEST
 
 
 class ForcingBounds(NamedTuple):
@@ -46,7 +46,7 @@ def force_at(tau, delta, drift, harmonics):
 
 
 @inline
-def bounds_of(delta, harmonics):
+def forcing_bounds(delta, harmonics):
     """Return upper bounds of |g'|, |g''| and |e'''| (g: contact force, e: forcing), each the sum over the harmonics."""
     rate, bend, third = 0.0, 0.0, 0.0
     for j in range(harmonics.shape[1]):
@@ -93,7 +93,7 @@ def isolated_zeros(delta, drift, harmonics, zeros):
     positive : bool
         Whether g is positive at phase 0.
     """
-    bend = bounds_of(delta, harmonics).force_bend
+    bend = forcing_bounds(delta, harmonics).force_bend
     positive = force_at(0.0, delta, drift, harmonics)[0] > 0.0
     low, high = np.empty(MOST_WAITING), np.empty(MOST_WAITING)
     low[0], high[0] = 0.0, 1.0

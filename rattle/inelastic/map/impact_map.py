@@ -127,7 +127,7 @@ def step_tangent(tau, v, point):
         if status != OK:
             return status, tau, abs(w), time, n_minus, j00, j01, j10, j11, log_det, on_plus, on_minus
         k00, k01, k10, k11 = forced_tangent(w1, bend1, lost, point.restitution, flight)
-        if log_det > -math.inf:  # after a contact phase the tangent stays 0, also if the next impact is a graze
+        if log_det > -math.inf:  # after a contact phase the tangent stays 0, even if the next impact is a graze
             j00, j10 = k00 * j00 + k01 * j10, k10 * j00 + k11 * j10
             j01, j11 = k00 * j01 + k01 * j11, k10 * j01 + k11 * j11
             log_det += loss - point.delta * s

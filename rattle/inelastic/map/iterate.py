@@ -45,7 +45,8 @@ def apply_inelastic_returns(tau, v, n, cell, cells, quiet, n_plus, n_minus, cont
 def apply_inelastic_returns_with_tangent(tau, v, n, cell, cells, n_plus, n_minus, growth):
     """Replace states as `apply_inelastic_returns` does, and follow a tangent vector in (t, v²/2) from each.
 
-    growth (3, k): the time, ln stretch of the tangent vector and ln|det| over the returns are added to its rows.
+    The time, ln stretch of the tangent vector and ln|det| over the returns are added to the three rows of `growth`
+    (3, k), in the column of the state.
     """
     for i in range(tau.size):
         point = point_at(cell[i], cells)
@@ -69,7 +70,7 @@ def apply_inelastic_returns_with_tangent(tau, v, n, cell, cells, n_plus, n_minus
 
 
 def _flat_states_and_cells(
-    at: Parameters, tau: ArrayLike, v: ArrayLike, n: ArrayLike
+    parameters: Parameters, tau: ArrayLike, v: ArrayLike, n: ArrayLike
 ) -> tuple[list[Any], Any, tuple[int, ...]]:
     """Broadcast states and parameters, and check them.
 
@@ -83,7 +84,7 @@ def _flat_states_and_cells(
     ParameterError
         If the shapes do not broadcast, or a state is outside its domain.
     """
-    number = np.arange(at.size).reshape(at.shape)
+    number = np.arange(parameters.size).reshape(parameters.shape)
     try:
         phases, speeds, steps, cell = np.broadcast_arrays(
             np.asarray(tau, np.float64), np.asarray(v, np.float64), np.asarray(n), number
@@ -91,15 +92,15 @@ def _flat_states_and_cells(
     except (TypeError, ValueError) as error:
         raise ParameterError(f"the shapes of tau, v, n and the parameters do not broadcast: {error}") from None
     require_states(phases, speeds, steps)
-    flat = at.flat()
+    flat = parameters.flat()
     added = flat.added["restitution"], flat.added["load"]
-    cells: InelasticCells = inelastic_cells(flat.delta, flat.epsilon, flat.beta, *added, at.harmonics)
+    cells: InelasticCells = inelastic_cells(flat.delta, flat.epsilon, flat.beta, *added, parameters.harmonics)
     arrays = (fold(phases), speeds, steps.astype(np.int64), cell)
     return [np.array(x, order="C").ravel() for x in arrays], cells, phases.shape
 
 
-def _zero_counts(size: int, number: int) -> list[NDArray[np.int64]]:
-    """Return `number` arrays (size,) of counts that are 0."""
+def _new_counters(size: int, number: int) -> list[NDArray[np.int64]]:
+    """Return `number` arrays (size,) of zeros, in which kernels count."""
     return [np.zeros(size, np.int64) for _ in range(number)]
 
 
@@ -140,7 +141,7 @@ def iterate(
     """
     at = inelastic_points(delta, epsilon, beta, restitution, load, checked_harmonics(harmonics))
     (tau_, v_, n_, cell), cells, shape = _flat_states_and_cells(at, tau, v, n)
-    n_plus, n_minus, contacts = _zero_counts(tau_.size, 3)
+    n_plus, n_minus, contacts = _new_counters(tau_.size, 3)
     apply_inelastic_returns(
         tau_, v_, n_, cell, cells, np.zeros(tau_.size, np.int8), n_plus, n_minus, contacts, np.zeros(tau_.size)
     )
@@ -170,7 +171,7 @@ def iterate_tangent(
     """
     at = inelastic_points(delta, epsilon, beta, restitution, load, checked_harmonics(harmonics))
     (tau_, v_, n_, cell), cells, shape = _flat_states_and_cells(at, tau, v, n)
-    n_plus, n_minus = _zero_counts(tau_.size, 2)
+    n_plus, n_minus = _new_counters(tau_.size, 2)
     growth = np.zeros((3, tau_.size))
     apply_inelastic_returns_with_tangent(tau_, v_, n_, cell, cells, n_plus, n_minus, growth)
     return Stretched.from_growth((tau_, v_, n_plus, n_minus), growth, shape)

@@ -45,10 +45,10 @@ def contacts_and_merged_impacts(tau, v, n, point):
 
 
 @kernel
-def returns_of_contact_motion(tau, v, most, near, point):
+def returns_of_contact_motion(tau, v, most, tolerance, point):
     """Return the number of returns to Σ⁺ after which a motion with a contact phase is back at its first state (τ, v).
 
-    near: the largest difference in τ, and relative in v, from the first state.
+    tolerance: the largest difference from the first state, in τ and, relative to v, in the speed.
 
     Returns
     -------
@@ -61,6 +61,6 @@ def returns_of_contact_motion(tau, v, most, near, point):
         if status != OK:
             return 0
         contacts += on_plus + on_minus
-        if contacts > 0 and abs(wrapped(t - tau)) < near and abs(w - v) < near * v:
+        if contacts > 0 and abs(wrapped(t - tau)) < tolerance and abs(w - v) < tolerance * v:
             return k
     return 0

@@ -16,9 +16,10 @@ SHORT = 1e-5  # duration, in forcing periods, below which the rest of a chatter 
 
 @kernel
 def chatter_time(wall, v, force, point):
-    """Return about how long a chatter still lasts after an impact that it leaves with speed v: 2v/((1 − r)|g|).
+    """Return about how long a chatter still lasts after one of its impacts: 2v/((1 − r)|g|).
 
-    The relative error is about as large as the duration, in forcing periods. force: the contact force g.
+    v: the speed after this impact. force: the contact force g at the impact. The relative error is about as large as
+    the duration, in forcing periods.
 
     Returns
     -------

@@ -57,7 +57,7 @@ def saddle_node(delta: float, restitution: float, drift: float) -> float:
 
 
 def flip_of_c(delta: float, restitution: float, drift: float) -> float:
-    """Return the ε of PDC, at which C loses stability under forcing by one cosine, if C is admissible there."""
+    """Return the ε of PDC, the flip of C under forcing by one cosine; C may be virtual at this ε."""
     r, decay = restitution, math.exp(-delta)
     size = 2.0 * delta * delta * (1.0 + r * r * decay) * drift / ((1.0 + r) ** 2 * -math.expm1(-delta) * TWO_PI**2)
     return math.hypot(saddle_node(delta, restitution, drift), size)

@@ -63,7 +63,15 @@ class InelasticItinerary(Itinerary):
 
 
 def unknowns_without_load(x: NDArray, load: float) -> NDArray:
-    """Return the unknowns (…, N) of a gear with load, converted to the equivalent gear without load; ε is the last."""
+    """Return the unknowns (…, N), ε last, of the gear without load that is equivalent to a gear with load.
+
+    x (…, N): the unknowns of the gear with load. Times and δ are the same for both gears; ε is divided by 1 + load.
+
+    Returns
+    -------
+    ndarray, (…, N)
+        The unknowns of the gear without load.
+    """
     found = np.array(x)
     found[..., -1] /= 1.0 + load
     return found

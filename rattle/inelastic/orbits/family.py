@@ -157,7 +157,7 @@ def fill_family_nodes(delta, beta, r, sigma, e):
 
 
 @kernel
-def family_one_impact(sign, delta, epsilon, beta, r):
+def one_impact_orbit(sign, delta, epsilon, beta, r):
     """Return (admissible, τ, v, trace of the tangent map) of A or C. sign: that of cos 2πτ, −1 for A and 1 for C."""
     decay, lost = math.exp(-delta), -math.expm1(-delta)
     v = r * delta * DRIFT / (1.0 + r)
@@ -179,7 +179,7 @@ def flight_at_phase(w, x, y, delta):
 
 
 @kernel
-def family_two_impacts(sigma, delta, epsilon, beta, r):
+def two_impact_orbit(sigma, delta, epsilon, beta, r):
     """Return (admissible, τ, v, trace of the tangent map) of the P(1,1,1) with time 1/2 + σ from Σ⁺ to Σ⁻."""
     x, y, v, u, determinant = family_numerators(sigma, delta, beta, r)
     x, y, v, u = x / determinant, y / determinant, v / determinant, u / determinant
@@ -209,7 +209,7 @@ def family_two_impacts(sigma, delta, epsilon, beta, r):
 def store_first_orbit(orbit, found, exists, phase, speed, traces, i):
     """Store an orbit at parameter point i, if it is admissible and no orbit with its letter is stored there.
 
-    orbit: the letter, 0 to 3 for A to D. found: the tuple of `family_one_impact` or `family_two_impacts`. Of
+    orbit: the letter, 0 to 3 for A to D. found: the tuple of `one_impact_orbit` or `two_impact_orbit`. Of
     several orbits with one letter the longest time from Σ⁺ to Σ⁻ wins, because callers store orbits in falling order of
     this time.
     """
@@ -231,8 +231,8 @@ def fill_family_orbits(order, delta, epsilon, beta, r, exists, phase, speed, tra
     sigma, e = np.zeros(MOST_NODES), np.zeros(MOST_NODES)
     for i in order:
         d, eps, b, rest = delta[i], epsilon[i], beta[i], r[i]
-        store_first_orbit(A, family_one_impact(-1.0, d, eps, b, rest), exists, phase, speed, traces, i)
-        store_first_orbit(C, family_one_impact(1.0, d, eps, b, rest), exists, phase, speed, traces, i)
+        store_first_orbit(A, one_impact_orbit(-1.0, d, eps, b, rest), exists, phase, speed, traces, i)
+        store_first_orbit(C, one_impact_orbit(1.0, d, eps, b, rest), exists, phase, speed, traces, i)
         if last < 0 or d != delta[last] or b != beta[last] or rest != r[last]:
             n = fill_family_nodes(d, b, rest, sigma, e)
         last = i
@@ -240,7 +240,7 @@ def fill_family_orbits(order, delta, epsilon, beta, r, exists, phase, speed, tra
             if (e[j] - eps) * (e[j + 1] - eps) <= 0.0 and not sigma[j] < 0.0 < sigma[j + 1]:
                 root = root_of_amplitude(eps, sigma[j], sigma[j + 1], d, b, rest)
                 which = D if e[j + 1] > e[j] else B
-                store_first_orbit(which, family_two_impacts(root, d, eps, b, rest), exists, phase, speed, traces, i)
+                store_first_orbit(which, two_impact_orbit(root, d, eps, b, rest), exists, phase, speed, traces, i)
 
 
 def family_nodes(delta: float, beta: float, r: float) -> tuple[Array, Array]:

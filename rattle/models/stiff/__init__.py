@@ -50,7 +50,7 @@ class Stiff(Model):
     tile_samples = 4096  # computing a return takes a hundred times as long as for the impacting gear
     cell_milliseconds = 100.0
     design_gears = 256
-    compiled_at = (0.1,)  # one cell only: another cell takes longer than the compilation that it would save later
+    compiled_at = (0.1,)  # one cell: computing a second one takes longer than the compilation that it saves
 
     @property
     def dwell(self) -> float:

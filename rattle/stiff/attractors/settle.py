@@ -33,7 +33,7 @@ def _point_of(cell, cells):
 
 
 @for_type(point_between, StiffPoint)
-def _between(share, one, other):
+def _point_between(share, one, other):
     delta = one.delta + share * (other.delta - one.delta)
     return StiffPoint(delta, one.epsilon + share * (other.epsilon - one.epsilon), one.beta, one.kappa)
 
@@ -68,10 +68,10 @@ def settle(which, cells, samples, balls):
 def measure(which, least, periods, cells, samples, balls, sums, footprints):
     """Follow samples `which` with a tangent vector, to measure their Lyapunov exponents.
 
-    A sample is followed for at least `least` returns and `periods` forcing periods (k,), or to its limit of returns.
-    sums (k, BATCHES, 3) must be 0; sums[j] becomes the sums of time, ln stretch and ln|det| over the returns of sample
-    which[j] after the first ALIGNMENT ones, in BATCHES successive batches. footprints[j] collects the boxes of the
-    (τ, v) plane that this sample visits.
+    Sample which[j] is followed for at least least[j] returns and periods[j] forcing periods, or to its limit of
+    returns. sums (k, BATCHES, 3) must be 0 at the start. sums[j] becomes the sums of time, ln stretch and ln|det| over
+    the returns of this sample after the first ALIGNMENT ones, in BATCHES successive batches. footprints[j] collects the
+    boxes of the (τ, v) plane that the sample visits.
     """
     for j in range(which.size):
         k = which[j]

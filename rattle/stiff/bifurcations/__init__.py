@@ -1,1 +1,1 @@
-"""The stiff gear's branches of periodic motions, which grazes join; its bifurcation curves; its diagram."""
+"""The stiff gear's branches of periodic motions, joined at grazes; its bifurcation curves; its diagram."""

@@ -72,7 +72,7 @@ def stiff_branch(
     ParameterError
         If an argument is outside its domain.
     RattleError
-        If the motion is virtual at its own parameters.
+        If the motion is virtual at its parameters.
     """
     orbit = as_stiff_orbit(orbit)
     resolution = require_integer("resolution", resolution, 1, MOST_POINTS)
@@ -100,7 +100,7 @@ def _follower(line: MotionsOnLine, span: tuple[float, float], resolution: int) -
 def stiff_branch_on_line(line: MotionsOnLine, start: Array, span: tuple[float, float], resolution: int) -> StiffBranch:
     """Return the branch through the motion `start` on a line, followed in both directions while it stays in `span`."""
     if not line.is_admissible(start):
-        raise RattleError("the motion is virtual at its own parameters: give a motion from rattle.stiff.stiff_orbit")
+        raise RattleError("the motion is virtual at its parameters: give a motion from rattle.stiff.stiff_orbit")
     followed = _follower(line, span, resolution).follow_both_ways(start, -1, MOST_POINTS)
     ends = (_BranchEnd(CLOSED), _BranchEnd(CLOSED))
     if followed.paths is not None:

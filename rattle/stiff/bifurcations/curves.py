@@ -79,7 +79,7 @@ def trace(
     Returns
     -------
     Curve
-        The curve, with its pieces inside the window from end to end.
+        The pieces of the curve inside the window, each with its points in order from one end to the other.
 
     Raises
     ------
@@ -172,7 +172,7 @@ def _flips_on_curve(name: str, family: StiffFamily) -> list[Array]:
             before, after = ("", *family.letters)[i], (*family.letters, "")[i + 1]
             turns = sorted({*(turns[:1] if before in BORN_WITH else ()), *(turns[-1:] if after in BORN_WITH else ())})
         elif name == "PD2":
-            # whether D gains stability as ε grows; points of one part of a family have monotone ε
+            # whether D gains stability as ε grows; along one part of a family ε is monotone
             gained = np.diff(above) * np.diff(points[:, -1]) > 0.0
             turns = [k for k in turns if gained[k]]
         found += [_flip_by_bisection(points[k], points[k + 1], family.cycle, flip) for k in turns]

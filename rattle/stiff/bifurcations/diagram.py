@@ -41,7 +41,15 @@ class StiffMotions(Motions):
         return Parameters(self.classifier.model, delta, epsilon, beta, {"kappa": 0.5 / p**2})
 
     def period_one(self, steps: Parameters) -> Iterator[Motion]:
-        """Yield A to D and all other P(1,1,0) at LETTER_STEPS of the steps, as far as these motions can be computed."""
+        """Yield A to D and all other P(1,1,0) at LETTER_STEPS evenly spaced points of `steps`.
+
+        A point at which these motions cannot be computed is left out.
+
+        Yields
+        ------
+        Motion
+            Itinerary and unknowns of each motion.
+        """
         for k in np.unique(np.linspace(0, steps.size - 1, LETTER_STEPS).astype(int)):
             try:
                 for _name, orbit in orbits_at(**steps.point(k)):
@@ -67,7 +75,7 @@ class StiffMotions(Motions):
         return None if found is None else line.orbit(found)
 
     def follow_branch(self, motion: Motion, span: tuple[float, float]) -> StiffBranch:
-        """Return the branch through a motion. span: range of positions on the segment, relative to the motion."""
+        """Return the branch through a motion. span: (low, high) of positions on the segment, 0 at the motion."""
         itinerary, x = motion
         line = MotionsOnLine(itinerary.walls, itinerary.m, self.beta, x[-3:], self.segment.direction)
         return stiff_branch_on_line(line, np.append(x[:-3], 0.0), span, POINTS_ACROSS)

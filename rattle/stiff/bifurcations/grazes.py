@@ -20,8 +20,8 @@ from rattle.stiff.bifurcations.line import MotionsOnLine
 from rattle.stiff.orbits.periodic import FailingPiece, first_failing_piece
 
 VANISHING = 1e-5  # duration, in units of p = 1/√(2κ), below which a contact or a flight counts as vanished
-# duration, in units of p² = 1/2κ, of a new contact or flight next to a graze; where C and B meet, C's new contact has
-# grown to 2.1
+# duration, in units of p² = 1/2κ, of a new contact or flight next to a graze; where C and B meet, the new contact of C
+# lasts 2.1 of these units
 STARTING_DURATION = 0.04
 # distances from a graze, in the unknowns, at which an admissible motion is sought
 DISTANCES_TO_TRY = 10.0 ** np.arange(-9, -3)
@@ -51,12 +51,12 @@ def graze_at_end(line: MotionsOnLine, y: Array, tangent: Array) -> Graze | None:
         fewer = _with_merged_contacts(line, y, nearest)
     else:
         found = _with_one_more_contact(line, y, tangent)
-        return None if found is None else Graze(_starting_on_plus(line, y), _starting_on_plus(*found))
-    here = _starting_on_plus(*fewer)
-    return Graze(here, _admissible_nearby(*here))
+        return None if found is None else Graze(_with_sigma_plus_first(line, y), _with_sigma_plus_first(*found))
+    here = _with_sigma_plus_first(*fewer)
+    return Graze(here, _admissible_motion_near(*here))
 
 
-def _starting_on_plus(line: MotionsOnLine, y: Array) -> tuple[MotionsOnLine, Array]:
+def _with_sigma_plus_first(line: MotionsOnLine, y: Array) -> tuple[MotionsOnLine, Array]:
     """Return the motion y with its first contact with Σ⁺ as number 0; unchanged if it has no contact with Σ⁺."""
     first = line.walls.index(1) if 1 in line.walls else 0
     itinerary = line.itinerary(y)
@@ -77,7 +77,7 @@ def _with_merged_contacts(line: MotionsOnLine, y: Array, contact: int) -> tuple[
     return _without_contact(replace(line, walls=walls), y, 1)
 
 
-def _admissible_nearby(line: MotionsOnLine, y: Array) -> tuple[MotionsOnLine, Array] | None:
+def _admissible_motion_near(line: MotionsOnLine, y: Array) -> tuple[MotionsOnLine, Array] | None:
     """Return an admissible motion next to a graze y on a line; None if there is none.
 
     Returns
@@ -125,7 +125,7 @@ def _with_inserted_contact(
 def _with_short_contact(line: MotionsOnLine, y: Array, failure: FailingPiece) -> tuple[MotionsOnLine, Array, Array]:
     """Return a guess of the motion with a short contact where a flight touches a wall, and a row of equations.
 
-    The row is the last of Newton's equations; it keeps the duration of the contact.
+    The row completes the linear system of Newton's method, so that the duration of the new contact does not change.
 
     Returns
     -------
@@ -143,9 +143,9 @@ def _with_short_contact(line: MotionsOnLine, y: Array, failure: FailingPiece) ->
 
 
 def _with_split_contact(line: MotionsOnLine, y: Array, failure: FailingPiece) -> tuple[MotionsOnLine, Array, Array]:
-    """Return a guess of the motion with a short flight where the depth of a contact falls to 0, and a row of equations.
+    """Return a guess of the motion with a short flight where a contact's depth falls to 0, and a row of equations.
 
-    The row is the last of Newton's equations; it keeps the duration of the flight.
+    The row completes the linear system of Newton's method, so that the duration of the new flight does not change.
 
     Returns
     -------

@@ -12,7 +12,7 @@ from rattle.orbits.periodic_motions import solve_at_parameters, twins
 from rattle.stiff.orbits.equations import StiffItinerary
 from rattle.stiff.orbits.periodic import StiffOrbit, is_admissible_solution, orbit_of, trace_of
 
-TWICE = 1e-5  # difference of the halves of a motion, in the unknowns, below which it is one motion run through twice
+TWICE = 1e-5  # a motion whose halves differ by less, in the unknowns, is one motion run through twice
 MOST_BRACKETS = 8  # number of times that the interval around a sought flip is made ten times wider
 
 
@@ -35,7 +35,7 @@ class MotionsOnLine:
         return np.concatenate([y[..., :-1], self.origin + y[..., -1:] * self.direction], axis=-1)
 
     def line_unknowns(self, x: Array) -> Array:
-        """Return the unknowns y on the line of a motion, from all its unknowns x (2c + 3,): inverts `full_unknowns`."""
+        """Return the unknowns y on the line for a motion with the unknowns x (2c + 3,) that `full_unknowns` returns."""
         return np.append(x[:-3], (x[-3:] - self.origin) @ self.direction / (self.direction @ self.direction))
 
     def itinerary(self, y: Array) -> StiffItinerary:
@@ -76,7 +76,16 @@ class MotionsOnLine:
         return None if found is None else np.append(found[:-2], y[-1])
 
     def twins(self, start: Array, y: Array) -> Array:
-        """Return the equivalent unknowns of motion `start` near y: begun at another contact, or whole periods later."""
+        """Return arrays of unknowns (k, 2c + 1) that all describe the motion `start`.
+
+        Each array counts from another contact. Its times are shifted by whole periods so that the first is near the
+        first time of y.
+
+        Returns
+        -------
+        Array
+            The unknowns, an array for each contact from which the motion meets the walls in the same order.
+        """
         return twins(StiffItinerary(self.walls, self.m, self.beta, 0.0), start, y)
 
     def mean_of_halves(self, y: Array) -> tuple["MotionsOnLine", Array, float] | None:

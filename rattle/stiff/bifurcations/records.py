@@ -26,8 +26,8 @@ class StiffEvent(NamedTuple):
     """A saddle-node (SN), flip (PD) or graze (GR) on a branch.
 
     orbit: the motion at the event; at a graze, without the contact that is gained or lost.
-    point: the index of a point of the branch: of a saddle-node, which is itself a point; otherwise of the last point
-    before the flip or graze, or of the end point if the event is at an end of the branch.
+    point: the index of a point of the branch. A saddle-node is this point itself. A flip comes after this point, and
+    before the next one. A graze, or a flip that ends the branch, is at this point, the end point of the branch.
     beyond: for a graze, a motion of the branch with another label that continues from the graze, or None if no such
     motion was found; for a saddle-node or flip, None.
     """
@@ -39,7 +39,7 @@ class StiffEvent(NamedTuple):
 
     @property
     def after(self) -> int:
-        """The number of the branch's last point before the event."""
+        """The number of the branch's point after which the event comes: one less than `point` for a saddle-node."""
         return self.point - (self.kind is Kind.SADDLE_NODE)
 
     @property
@@ -123,7 +123,7 @@ class StiffBranch(FollowedBranch):
         """Return the name of the curve of `rattle.stiff.trace` on which an event lies; None if it lies on no curve."""
         k, letters, x = event.point, self.names, event.unknowns
         if self.label[:2] != (1, 1) or (len(self.walls) > 1 and x[1] - x[0] + 0.5 * x[-1] * (x[3] - x[2]) < 0.5):
-            # on every curve the middle of the contact with Σ⁻ comes more than half a period after that with Σ⁺
+            # on every curve Σ⁻ is met more than half a period after Σ⁺, counted between the middles of both contacts
             return None
         if event.kind is Kind.SADDLE_NODE and 0 < k < len(self) - 1:
             pair = "".join(sorted((letters[k - 1], letters[k + 1])))

@@ -18,10 +18,11 @@ from rattle.flight.first_impact import BISECTED, MOST_STEPS, PIECE, end_of_piece
 from rattle.flight.forcing import TWO_PI, force_ahead, negative_arc, phase_at, versines
 from rattle.numerics.compile import inline, kernel
 
-# status codes of `contact_end`: the contact ends; lasts to the horizon; never ends; has no end found within LONGEST
+# status codes of `contact_end`: the contact ends; lasts to the horizon; never ends; has no end that the search finds
 ENDS, LASTS, STAYS, TOO_LONG = range(4)
-LONGEST = 1000.0  # longest search for the end of a contact, in forcing periods, besides DECAYS decay times
-DECAYS = 100.0  # number of decay times of a free motion that the longest search includes
+# the search for the end of a contact stops after LONGEST forcing periods plus DECAYS decay times of a free motion
+LONGEST = 1000.0
+DECAYS = 100.0
 SHORT = 0.5  # value of (δ + √(2κ)) s below which the response S is computed by a Taylor series
 TERMS = 16  # number of terms of the Taylor series of the response S
 # tests of the depth of permanent contact use this share of the depth, so that rounding cannot decide them
@@ -244,7 +245,7 @@ def contact_end(wall, tau, x0, w0, delta, epsilon, kappa, horizon):
     s, x, v = 0.0, x0, w0
     while s < horizon:
         rest, rest_v = steady_contact(s, contact)
-        # bound, from the time s on, of the difference of the depth x from the depth `rest` of permanent contact
+        # from the time s on, the depth differs from the depth of permanent contact by at most `reach`
         reach = math.sqrt((x - rest) ** 2 + (v - rest_v) ** 2 / (2.0 * kappa))
         if delta < 0.0:  # backwards in time the difference from permanent contact grows without bound
             reach = math.inf

@@ -132,7 +132,8 @@ def next_departure(tau, v, delta, epsilon, beta, kappa):
     Returns
     -------
     tuple
-        (status, τ', v', time, number of contacts with Σ⁻, tangent map at fixed times).
+        (status, τ', v', time, number of contacts with Σ⁻, the four entries of the tangent map). The tangent map
+        relates changes of (Φ, Φ') at the times of the two departures.
     """
     j00, j01, j10, j11, n_minus, time = 1.0, 0.0, 0.0, 1.0, 0, 0.0
     wall, position, w = SIGMA_PLUS, 0.0, -v
@@ -193,7 +194,7 @@ def flight_and_contact(wall, tau, w, delta, epsilon, beta, kappa):
 
 @kernel
 def previous_departure(tau, v, delta, epsilon, beta, kappa):
-    """Return the previous departure from Σ⁺, Π⁻¹(τ, v). The motion is followed backwards, first through its contact.
+    """Return the departure from Σ⁺ before the departure (τ, v), Π⁻¹(τ, v), by following the motion backwards.
 
     Returns
     -------

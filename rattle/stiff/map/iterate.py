@@ -36,7 +36,8 @@ def apply_stiff_returns(tau, v, n, delta, epsilon, beta, kappa, quiet, n_plus, n
 def apply_stiff_returns_with_tangent(tau, v, n, delta, epsilon, beta, kappa, n_plus, n_minus, growth):
     """Replace states as `apply_stiff_returns` does, and follow a tangent vector in (t, v²/2) from each.
 
-    growth (3, k): the time, ln stretch of the tangent vector and ln|det| over the returns are added to its rows.
+    The time, ln stretch of the tangent vector and ln|det| over the returns are added to the three rows of `growth`
+    (3, k), in the column of the state.
     """
     for i in range(tau.size):
         point = StiffPoint(delta[i], epsilon[i], beta[i], kappa[i])

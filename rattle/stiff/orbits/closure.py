@@ -32,7 +32,7 @@ from rattle.stiff.map.contact import ENDS, contact_end, forced_responses, respon
 SAME_TIME = 1e-6  # difference in duration below which two flights or contacts count as the same
 LEAST_CONTACT = 1e-6  # duration of a contact, in units of 1/√(2κ), below which the contact counts as a graze
 GRAZING = 1e-6  # speed, in units of `speed_unit`, below which rounding decides whether a flight meets a wall
-SAME_END = 1e-9  # allowed error of the duration of a contact, in forcing periods: grazing solutions are less exact
+SAME_END = 1e-9  # error of a contact's duration, in forcing periods, that is allowed besides a relative one, for grazes
 
 
 class Cycle(NamedTuple):
@@ -233,7 +233,7 @@ def trace_of_solution(y, cycle):
 
 @kernel
 def failing_piece(y, cycle):
-    """Return the first flight or contact of a solution that does not end at the time and wall that are assumed.
+    """Return the first flight or contact of a solution that does not end as its equations assume.
 
     Returns
     -------

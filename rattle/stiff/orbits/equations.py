@@ -232,7 +232,7 @@ class StiffItinerary(Equations):
         return Flights(*self._residuals_and_jacobian(x, p)[0])
 
     def residual_at(self, x: NDArray, p: NDArray) -> NDArray:
-        """Return the residuals (…, 2c) of motions x at another softness p (…, 1); x must be complex if p is complex."""
+        """Return the residuals (…, 2c) of motions x at the given p = 1/√(2κ), (…, 1); x must be complex if p is."""
         return self._residuals_and_jacobian(x, p)[1]
 
     def residual(self, x: NDArray) -> NDArray:

@@ -136,7 +136,15 @@ def family_lost_error(cycle: Cycle, epsilon: float) -> RattleError:
 
 
 def span_of_family(delta: float, epsilon: float) -> float:
-    """Return the largest ε up to which families are followed for a point (δ, ε); it depends on this point only."""
+    """Return the ε up to which families are followed for a point (δ, ε).
+
+    It is LEAST_SPAN · `plane_scale`(δ) or, if this is more, the smallest power of 2 that is at least 1.5 ε.
+
+    Returns
+    -------
+    float
+        The largest ε of the families.
+    """
     least = LEAST_SPAN * plane_scale(delta)
     return max(least, float(2.0 ** np.ceil(np.log2(1.5 * epsilon)))) if epsilon > 0.0 else least
 
@@ -186,7 +194,9 @@ def explicit_solutions(cycle: Cycle, offset: Array, duration: Array) -> Array:
 
 
 def _guess_of_sn1(cycle: Cycle) -> Array | None:
-    """Return unknowns close to SN1: of the minima of ε over the P(1,1,0), the one with contact duration σ nearest to π.
+    """Return unknowns close to SN1, a minimum of ε over the P(1,1,0).
+
+    Among several minima the function takes the one whose contact duration σ is nearest to π.
 
     Returns
     -------
@@ -194,7 +204,7 @@ def _guess_of_sn1(cycle: Cycle) -> Array | None:
         Unknowns (3,); None if no P(1,1,0) has a minimum of ε.
     """
     p = softness(cycle.kappa)
-    # SN1 is sought at durations σ at these distances from π; it lies at a distance of about 2p · force / speed
+    # distances from π of the durations σ at which SN1 is sought; SN1 has a distance of about 2p · force / speed
     hard = p * np.geomspace(1e-2, 1e4, DURATIONS)
     duration = np.concatenate([np.linspace(0.0, 4 * np.pi, DURATIONS), np.pi - hard, np.pi + hard])
     duration = np.unique(duration[(duration > 0.0) & (duration < 0.999 / p)])
@@ -317,7 +327,15 @@ def _letters_of_parts(family: StiffFamily, plus: Sequence[StiffFamily]) -> tuple
 
 
 def _letter_of_continuation(family: StiffFamily, end: int, plus: Sequence[StiffFamily]) -> str:
-    """Return the letter of the P(1,1,0) that continues a P(1,1,1) family at its end 0 or −1; "" if none does."""
+    """Return the letter of the P(1,1,0) that continues a family of P(1,1,1) at one end; "" if none does.
+
+    end: 0 for the first point of the family, −1 for its last point.
+
+    Returns
+    -------
+    str
+        The letter, A or C, or "P" if the P(1,1,0) has no letter; "" if the family does not continue.
+    """
     y = family.points[end]
     if family.ends[end] != LOST or y[3] > 2.0 * LEAST_CONTACT:
         return ""

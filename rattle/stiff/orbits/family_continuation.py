@@ -234,14 +234,15 @@ def locate_between(a, b, index, level, cycle, y):
 
 @kernel
 def is_solution_between(solution, a, b, cycle, y):
-    """Return whether a solution lies on the family between its points a and b, if its times may shift by whole periods.
+    """Return whether a solution lies on a family between two points a and b of the family.
 
-    If it does, the shifted solution is written to y.
+    The times of the solution may differ from those of the family by whole periods. If the solution lies there, it is
+    written to y, with times that do not differ from those of the family.
 
     Returns
     -------
     bool
-        True if the solution lies there.
+        True if the solution lies between a and b.
     """
     c, along, length, off, size = cycle.walls.size, 0.0, 0.0, 0.0, 0.0
     unit, n = epsilon_unit(cycle), a.size - 1

@@ -59,7 +59,7 @@ class StiffOrbit(Periodic):
 
     @property
     def unknowns(self) -> Array:
-        """The unknowns (2c + 2,) of the motion's equations: times of c contacts, durations times √(2κ), δ and ε."""
+        """The unknowns (2c + 2,) of the equations: times of c contacts, durations multiplied by √(2κ), δ and ε."""
         return np.concatenate([self.times, self.durations / softness(self.kappa), [self.delta, self.epsilon]])
 
 
@@ -72,7 +72,7 @@ class FailingPiece(NamedTuple):
     """A flight or contact that does not end at the wall and time that the equations of a motion assume.
 
     piece: the number of the flight or contact. contact: whether it is a contact. wall, time: the wall and the time at
-    which it ends instead; wall 0 means that it cannot begin or has no end.
+    which the flight or contact ends instead; wall is 0 if the flight or contact cannot begin or has no end.
     """
 
     piece: int
@@ -152,10 +152,10 @@ def from_limit(orbit: PeriodicOrbit, kappa: float) -> StiffOrbit:
     last = path.points[-1]
     if path.outside is None or abs(last[-1] - end) > 1e-12 * end:
         largest = float(max(path.points[:, -1]))
-        fold = 0.5 / largest**2 if largest else math.inf  # infinite if not even the first step from κ = ∞ succeeded
+        fold = 0.5 / largest**2 if largest else math.inf  # κ = ∞ if the first step from κ = ∞ failed
         raise RattleError(
-            f"the motion is not followed to kappa = {kappa:g}: at kappa = {fold:g} its branch folds back, or its "
-            "equations become singular"
+            f"the motion is not followed to kappa = {kappa:g}: its branch, which begins at kappa = infinity, folds "
+            f"back or becomes singular at kappa = {fold:g}"
         )
     itinerary = StiffItinerary(orbit.walls, orbit.m, orbit.beta, end)
     found = solve_at_parameters(itinerary, np.concatenate([last[:n], plane]))
@@ -212,7 +212,7 @@ def follow_contacts(
         if len(walls) > MOST_IMPACTS:
             raise RattleError(
                 f"no periodic motion near tau = {tau}, v = {v}: the motion from this state makes more than "
-                f"{MOST_IMPACTS} contacts before {n_plus} with Σ⁺"
+                f"{MOST_IMPACTS} contacts before it has made {n_plus} contacts with Σ⁺"
             )
         time += s
         if leaves:

@@ -51,7 +51,7 @@ class PinTable(JSComponent):
 
 
 class Pins:
-    """Show the pins of the store's view in a table, and offer the open point to be pinned."""
+    """Show pinned points in a table, with a button that pins the open point. The store has the pinned points."""
 
     def __init__(self, viewer: Viewer, store: Store) -> None:
         self._viewer, self._store = viewer, store

@@ -82,34 +82,34 @@ def table_lines(pins: Sequence[Pin], results: Mapping[Pin, PinResults | str]) ->
     return lines + [[name, *(_cell_text(each, name) for each in all_known)] for name in names]
 
 
-def _region_name(known: PinResults) -> str:
+def _region_name(results: PinResults) -> str:
     """Return the region of a pinned point in words; "" if the results have none."""
-    return "" if known.region is None else region_in_words(known.region)
+    return "" if results.region is None else region_in_words(results.region)
 
 
-def _named_motions(known: PinResults) -> list[tuple[str, rattle.Attractor]]:
+def _named_motions(results: PinResults) -> list[tuple[str, rattle.Attractor]]:
     """Return (name, attractor) of each attractor. If an attractor is a motion A to D, its name includes the letter."""
-    pairs = zip(known.chances.attractors, known.chances.letters, strict=True)
+    pairs = zip(results.chances.attractors, results.chances.letters, strict=True)
     return [(name_with_letter(each, letter), each) for each, letter in pairs]
 
 
-def _largest_exponent(known: PinResults) -> str:
-    """Return the largest Lyapunov exponent of the periodic and chaotic attractors; a dash if there are none."""
-    rattling = (each.lyapunov[0] for each in known.chances.attractors if each.kind in RATTLING)
+def _largest_exponent(results: PinResults) -> str:
+    """Return the largest Lyapunov exponent of a point's periodic and chaotic attractors; a dash if there are none."""
+    rattling = (each.lyapunov[0] for each in results.chances.attractors if each.kind in RATTLING)
     return number_text(max(rattling, default=math.nan))
 
 
-def _cell_text(known: PinResults | None, name: str) -> str:
-    """Return fractions and exponents of a point's attractors of one name; a dash for none, "" if results are None."""
-    if known is None:
+def _cell_text(results: PinResults | None, name: str) -> str:
+    """Return fractions and exponents of a point's attractors with this name; a dash for none, "" without results."""
+    if results is None:
         return ""
-    return "; ".join(_share_text(each) for called, each in _named_motions(known) if called == name) or "–"
+    return "; ".join(_fraction_text(each) for called, each in _named_motions(results) if called == name) or "–"
 
 
-def _share_text(each: rattle.Attractor) -> str:
-    low, high = each.fraction_interval
-    exponent = f", λ₁ {number_text(each.lyapunov[0])}" if each.kind in RATTLING else ""
-    return f"{percent_text(each.fraction)} ({percent_text(low)}–{percent_text(high)}){exponent}"
+def _fraction_text(attractor: rattle.Attractor) -> str:
+    low, high = attractor.fraction_interval
+    exponent = f", λ₁ {number_text(attractor.lyapunov[0])}" if attractor.kind in RATTLING else ""
+    return f"{percent_text(attractor.fraction)} ({percent_text(low)}–{percent_text(high)}){exponent}"
 
 
 def csv_text(pins: Sequence[Pin], results: Mapping[Pin, PinResults | str]) -> str:

@@ -32,14 +32,14 @@ KEPT = 8  # most maps of unfinished surveys in memory
 
 
 class ExactPlane(MapPlane):
-    """Map in closed form. The constructor blocks: use a thread.
+    """Map whose values are closed forms, without a computed survey. The constructor blocks: use a thread.
 
-    `cell_at` computes the closed forms at the point that it is given, not at the centre of the point's cell.
+    `cell_at` computes the closed forms at exactly the point that it is given, not at the centre of a cell.
     """
 
-    def __init__(self, cells: Cells, found: xr.Dataset, variable: str, index: int) -> None:
+    def __init__(self, cells: Cells, dataset: xr.Dataset, variable: str, index: int) -> None:
         self.id, self.number, self.request, self._evaluated = "", 0, REQUEST, cells
-        self.plane, self._levels = plane_of(found, variable, index), possible_levels(REQUEST.shape)
+        self.plane, self._levels = plane_of(dataset, variable, index), possible_levels(REQUEST.shape)
         self.delta, self.epsilon = cells.delta, cells.epsilon
         self.values = drawn_numbers(self.plane).astype(np.float32)
         self.status = np.ones(self.values.shape, np.int8)
@@ -55,9 +55,9 @@ class ExactPlane(MapPlane):
 class ExamplePlane(ExactPlane):
     """Map of the survey that comes with the explorer as an example."""
 
-    def __init__(self, cells: Cells, found: xr.Dataset, variable: str, index: int) -> None:
-        super().__init__(cells, found, variable, index)
-        self._sampled = found[list(SAMPLED)]
+    def __init__(self, cells: Cells, dataset: xr.Dataset, variable: str, index: int) -> None:
+        super().__init__(cells, dataset, variable, index)
+        self._sampled = dataset[list(SAMPLED)]
 
     def cell_at(self, delta: float, epsilon: float) -> xr.Dataset | None:
         """Return the closed forms at a point, with the stored variables of its cell; None unless δ > 0 and ε ≥ 0.
@@ -79,17 +79,23 @@ class ExamplePlane(ExactPlane):
 class UnfinishedPlane(ExactPlane):
     """Closed-form map of an unfinished survey, at most SIDE cells along an axis. The constructor blocks: use a thread.
 
-    computed: returns the map of the cells that the survey has computed, from which `cell_at` reads a cell if possible.
+    load_computed_map: a function that returns the map of the cells that the survey has computed. `cell_at` reads the
+    cell at a point from this map, and returns the closed forms at the point if the cell is not computed yet.
     """
 
     def __init__(
-        self, request: SurveyRequest, survey_id: str, variable: str, index: int, computed: Callable[[], MapPlane]
+        self,
+        request: SurveyRequest,
+        survey_id: str,
+        variable: str,
+        index: int,
+        load_computed_map: Callable[[], MapPlane],
     ) -> None:
         cells = cells_of_tile(_thinned_request(request))
         super().__init__(cells, _closed_form_dataset(cells, {variable}), variable, index)
-        self.id, self.request, self._computed = survey_id, request, computed
+        self.id, self.request, self._load_computed_map = survey_id, request, load_computed_map
         self._levels = possible_levels(cells.shape)
-        # copies without the quantities that `cells` keeps once they are evaluated, which would fill the memory
+        # keep copies, because `cells` holds every quantity that was evaluated, which would fill the memory
         self.plane, self._evaluated = self.plane.copy(), replace(cells)
 
     def cell_at(self, delta: float, epsilon: float) -> xr.Dataset | None:
@@ -104,8 +110,8 @@ class UnfinishedPlane(ExactPlane):
         """
         if self.value_and_status(delta, epsilon) is None:
             return None
-        with suppress(MissingError):  # raised if the survey has no cells yet, as it waits for its turn
-            found = self._computed().cell_at(delta, epsilon)
+        with suppress(MissingError):  # raised while the survey is queued and has no cells yet
+            found = self._load_computed_map().cell_at(delta, epsilon)
             if found is not None and found["status"]:
                 return found
         return super().cell_at(delta, epsilon)
@@ -148,8 +154,10 @@ class ExactMaps:
 
         Parameters
         ----------
-        index, number : int
-            Number of the attractor or orbit, if the variable has several maps; index of the slice.
+        index : int
+            Number of the attractor or orbit, if the variable has a map for each; otherwise 0.
+        number : int
+            Number of the slice; 0 without a third axis.
         computed : Callable[[], MapPlane]
             Called by `cell_at`. Returns the map of the cells that the survey has computed; raises MissingError if it
             has no cells yet.
@@ -172,14 +180,14 @@ class ExactMaps:
 
     def plane(self, variable: str, index: int) -> MapPlane:
         """Return a map of the explorer's example. It blocks: use a thread. index: number of the attractor or orbit."""
-        return ExamplePlane(self._cells, self._found, variable, index)
+        return ExamplePlane(self._cells, self._dataset, variable, index)
 
     @cached_property
     def _cells(self) -> Cells:
         return cells_of_tile(_closed_form_request(REQUEST))
 
     @cached_property
-    def _found(self) -> xr.Dataset:
+    def _dataset(self) -> xr.Dataset:
         return _closed_form_dataset(self._cells).merge(load_sampled(), join="exact")
 
 

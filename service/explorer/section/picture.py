@@ -17,7 +17,7 @@ ROOM = 0.06  # margin above and below the values, as a share of their range
 
 
 class ProfilePicture:
-    """Figure of a map's values along a diagram, against the diagram's parameter."""
+    """Figure of a map's values along the line of a diagram, drawn over the diagram's parameter."""
 
     def __init__(self, theme: str, x_range: Range1d) -> None:
         self.figure: Any = themed_figure("profile", theme, "", "", HEIGHT, x_range, (0.0, 1.0))
@@ -33,12 +33,12 @@ class ProfilePicture:
         """Remove the profile from the figure."""
         clear(self.steps)
 
-    def show(self, found: Profile, span: Pair, limits: Pair | None) -> Pair:
+    def show(self, profile: Profile, span: Pair, limits: Pair | None) -> Pair:
         """Draw a profile over the parameter of the diagram.
 
         Parameters
         ----------
-        found : Profile
+        profile : Profile
             Values along the line.
         span : Pair
             Parameter at the two ends of the line.
@@ -50,29 +50,29 @@ class ProfilePicture:
         Pair
             Range of the axis of values.
         """
-        x = np.repeat(span[0] + found.at * (span[1] - span[0]), 2)[1:-1]
-        values = np.repeat(found.values.astype(float), 2)
-        texts = [_value_text(found, each) for each in found.values.tolist() for _ in range(2)]
+        x = np.repeat(span[0] + profile.positions * (span[1] - span[0]), 2)[1:-1]
+        values = np.repeat(profile.values.astype(float), 2)
+        texts = [_value_text(profile, each) for each in profile.values.tolist() for _ in range(2)]
         self.steps.data = {"x": x, "value": values, "what": texts}
         axis = self.figure.yaxis
-        axis.ticker = FixedTicker(ticks=list(found.names)) if found.names else BasicTicker()
-        axis.major_label_overrides = dict(found.names)
-        low, high = limits or value_range(found)
+        axis.ticker = FixedTicker(ticks=list(profile.names)) if profile.names else BasicTicker()
+        axis.major_label_overrides = dict(profile.names)
+        low, high = limits or value_range(profile)
         self.figure.y_range.update(start=low, end=high)
         return low, high
 
 
-def _value_text(found: Profile, value: float) -> str:
+def _value_text(profile: Profile, value: float) -> str:
     if not np.isfinite(value):
         return ""
-    return found.names[int(value)] if found.names else f"{value:.6g}"
+    return profile.names[int(value)] if profile.names else f"{value:.6g}"
 
 
-def value_range(found: Profile) -> Pair:
+def value_range(profile: Profile) -> Pair:
     """Return the default (low, high) of the axis of values, with a margin around all codes or all finite values."""
-    if found.names:
-        return min(found.names) - 0.5, max(found.names) + 0.5
-    known = found.values[np.isfinite(found.values)].astype(float)
+    if profile.names:
+        return min(profile.names) - 0.5, max(profile.names) + 0.5
+    known = profile.values[np.isfinite(profile.values)].astype(float)
     low, high = (float(known.min()), float(known.max())) if known.size else (0.0, 1.0)
     room = ROOM * (high - low or abs(high) or 1.0)
     return low - room, high + room

@@ -12,7 +12,7 @@ from gear_rattle.service.explorer.map.colouring import shown_values, valueless_c
 from gear_rattle.service.explorer.map.planes import MapBlock, MapPlane
 from gear_rattle.workers.pictures.maps import scale_of, title_of
 
-#: Largest numbers of cells along δ and ε that are read around a line. If there are more, several are read as one.
+#: Largest numbers of values along δ and ε that are read around a line. If there are more cells, several share a value.
 ROOM = (1024, 1024)
 OUTSIDE = "outside of the survey"
 Ends = tuple[Pair, Pair]
@@ -22,18 +22,18 @@ Ends = tuple[Pair, Pair]
 class Profile:
     """Values (k,) of the cells along a line, NaN where a cell has no value.
 
-    at: positions (k + 1,) from 0 to 1 along the line, at which the line enters or leaves a cell.
-
-    names: {code: its meaning}, empty if values are no codes. gaps: {reason: share of the line that has no values for
-    this reason}. together: (p, q) if each value stands for p cells of the survey along δ and q along ε.
+    positions (k + 1,): where the line enters or leaves a cell, from 0 at the start of the line to 1 at its end.
+    names: the meaning of each code, empty if values are no codes. gaps: for each reason why values are missing, the
+    share of the line without values. cells_per_value: (p, q) if a value stands for p cells of the survey along δ and q
+    along ε.
     """
 
     title: str
-    at: np.ndarray
+    positions: np.ndarray
     values: np.ndarray
     names: Mapping[int, str]
     gaps: Mapping[str, float]
-    together: tuple[int, int]
+    cells_per_value: tuple[int, int]
 
 
 def crossed_cells(box: Ranges, shape: tuple[int, int], ends: Ends) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -90,7 +90,7 @@ def profile_of(plane: MapPlane, ends: Ends) -> Profile:
 
 
 def _cells_per_value(plane: MapPlane, block: MapBlock) -> tuple[int, int]:
-    """Return how many cells of a survey each cell of a block stands for, along δ and along ε."""
+    """Return (p, q) if a value of a block stands for p cells of the map along δ and q cells along ε."""
     across, along = (
         round((high - low) / cells.size * (axis.size - 1) / (axis[-1] - axis[0]))
         for (low, high), cells, axis in zip(
@@ -100,10 +100,14 @@ def _cells_per_value(plane: MapPlane, block: MapBlock) -> tuple[int, int]:
     return int(across), int(along)
 
 
-def profile_in_words(found: Profile) -> str:
+def profile_in_words(profile: Profile) -> str:
     """Return the caption of a profile: its map, the cells that it crosses, and its gaps."""
-    cells = "each cell" if found.together == (1, 1) else f"{found.together[0]} × {found.together[1]} cells as one"
-    gaps = "; ".join(f"{share:.2g} of the way: {why}" for why, share in found.gaps.items())
-    return f"{found.title[:1].upper()}{found.title[1:]}, along the diagram above: {cells} that it crosses." + (
+    cells = (
+        "each cell"
+        if profile.cells_per_value == (1, 1)
+        else f"{profile.cells_per_value[0]} × {profile.cells_per_value[1]} cells as one"
+    )
+    gaps = "; ".join(f"{share:.2g} of the way: {why}" for why, share in profile.gaps.items())
+    return f"{profile.title[:1].upper()}{profile.title[1:]}, along the diagram above: {cells} that it crosses." + (
         f" Gaps: {gaps}." if gaps else ""
     )

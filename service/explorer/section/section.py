@@ -29,7 +29,7 @@ from rattle import RattleError
 from rattle.models import Model
 
 OTHER_GEAR = "The survey is of another gear than this point, so it has no profile along this diagram."
-NO_WAY = "The end point needs a δ above 0 and an ε of at least 0."
+NO_END_POINT = "The end point needs a δ above 0 and an ε of at least 0."
 
 
 class ProfileSection:
@@ -40,7 +40,7 @@ class ProfileSection:
         self._theme, self._sheet = theme, sheet
         self.below = FigurePlace()
         self.said = Text("", sheet, margin=(0, 4))
-        self._way: tuple[Any, ...] = ()
+        self._shown_ends: tuple[Any, ...] = ()
         self.drawings = DrawingRunner(viewer, self._show_error)
         self._watch = WidgetWatcher()
         styled: dict[str, Any] = {"stylesheets": [sheet], "margin": (2, 4)}
@@ -53,7 +53,7 @@ class ProfileSection:
         for field in (self.low, self.high):
             self._watch.call_on_change(field, self._on_limits)
         for field in (self.delta, self.epsilon):
-            self._watch.call_on_change(field, self._on_way)
+            self._watch.call_on_change(field, self._on_end_point)
         store.subscribe(
             self._on_view_change, "survey", "slice", "variable", "index", "point", "machine", "point_state", "profile",
             "profile_limits", JOBS,
@@ -108,8 +108,8 @@ class ProfileSection:
             limits = self.picture.show(found, span, view.profile_limits if view.profile == chosen else None)
             with self._watch.paused():
                 self.low.value, self.high.value = limits
-            if self._way != (ends, span):  # for the same diagram the axis stays where a viewer has moved it
-                self._way = ends, span
+            if self._shown_ends != (ends, span):  # otherwise the axis stays where a viewer has moved it
+                self._shown_ends = ends, span
                 self.below.x_range.update(start=span[0], end=span[1])
             self.said.html = faint_html(profile_in_words(found))
             self.below.panel.visible = True
@@ -137,9 +137,9 @@ class ProfileSection:
             chosen = MapChoice.read(str(self.variable.value))
             self._store.dispatch(ProfileChosen(chosen, (float(low), float(high))))
 
-    def _on_way(self) -> None:
+    def _on_end_point(self) -> None:
         delta, epsilon = self.delta.value, self.epsilon.value
         if delta is None or epsilon is None or delta <= 0 or epsilon < 0:
-            self._show_error(NO_WAY)
+            self._show_error(NO_END_POINT)
         else:
             self._store.dispatch(DiagramEndChosen((float(delta), float(epsilon))))

@@ -16,7 +16,7 @@ from gear_rattle.service.explorer.places.exact import ExactMaps
 from gear_rattle.service.explorer.point.point_diagram import DiagramPicture
 from gear_rattle.service.explorer.section.picture import value_range
 from gear_rattle.service.explorer.section.profile import OUTSIDE, crossed_cells, profile_in_words, profile_of
-from gear_rattle.service.explorer.section.section import NO_WAY, ProfileSection
+from gear_rattle.service.explorer.section.section import NO_END_POINT, ProfileSection
 from gear_rattle.service.explorer.state.events import PointOpened
 from gear_rattle.service.state import Front
 from gear_rattle.workers import SurveyRequest
@@ -43,14 +43,14 @@ def test_a_profile_has_the_values_of_the_cells_that_are_crossed(
 ) -> None:
     plane = exact.plane("region", 0)
     found = profile_of(plane, ends)
-    assert (found.at[0], found.at[-1]) == (0.0, 1.0)
-    assert (np.diff(found.at) > 0).all()
-    assert found.together == (1, 1)
+    assert (found.positions[0], found.positions[-1]) == (0.0, 1.0)
+    assert (np.diff(found.positions) > 0).all()
+    assert found.cells_per_value == (1, 1)
     outside = 0
     along = np.random.default_rng(1).random(400)
     for at in along:
         delta, epsilon = (a + at * (b - a) for a, b in zip(*ends, strict=True))
-        value = found.values[np.searchsorted(found.at, at) - 1]
+        value = found.values[np.searchsorted(found.positions, at) - 1]
         cell = plane.value_and_status(delta, epsilon)
         outside += cell is None
         assert np.isnan(value) if cell is None else value == cell[0]
@@ -74,7 +74,7 @@ def test_a_line_crosses_cells_one_after_the_other() -> None:
 def test_gaps_are_where_a_map_has_no_value(exact: ExactMaps) -> None:
     plane = exact.plane("orbit_velocity", 2)  # C
     found = profile_of(plane, ((0.45, 0.02), (0.95, 0.28)))
-    lengths, none = np.diff(found.at), np.isnan(found.values)
+    lengths, none = np.diff(found.positions), np.isnan(found.values)
     assert 0 < found.gaps["no such orbit"] < 1
     assert found.gaps["no such orbit"] == pytest.approx(lengths[none].sum())
     assert f"Gaps: {found.gaps['no such orbit']:.2g} of the way: no such orbit" in profile_in_words(found)
@@ -128,7 +128,7 @@ def test_the_profile_is_of_the_map_that_is_seen_or_of_the_one_that_is_chosen(tmp
         section.epsilon.value = 0.1
         assert shown.view.point_state.to == (0.68, 0.1)
         section.delta.value = -1.0
-        assert NO_WAY in section.said.html
+        assert NO_END_POINT in section.said.html
         assert shown.view.point_state.to == (0.68, 0.1)
         shown.change_point(PointState(direction="delta", span=0.03))
         await eventually(lambda: section.below.x_range.start == pytest.approx(0.49))
