@@ -13,7 +13,7 @@ from rattle.numerics.sampling import Z_95, wilson_interval
 
 # largest distance between the states of a pair; number of distances, of which each is half the one before
 LARGEST_SIZE, SIZES = 2.0**-6, 8
-FEWEST = 5  # the fit leaves out each distance that has fewer than this many uncertain pairs
+LEAST_UNCERTAIN_PAIRS = 5  # the fit leaves out distances with fewer uncertain pairs than this
 MOST_PAIRS = 1 << 20
 LONGEST_BOX = 4096
 
@@ -22,8 +22,8 @@ class BasinEntropy(NamedTuple):
     """Mean entropy per box in nats: over all boxes, and over the boxes at basin boundaries.
 
     `boxes` and `boundary_boxes` are the numbers of these boxes. The entropy over boundaries is NaN if there are none.
-    Both entropies are NaN if a cell is undecided, because its basin is unknown. Source: Daza et al., Scientific Reports
-    6 (2016) 31416.
+    Both entropies are NaN if the trajectory from the centre of some cell is undecided, because its basin is unknown.
+    Source: Daza et al., Scientific Reports 6 (2016) 31416.
     """
 
     entropy: float
@@ -152,7 +152,7 @@ def fit_power_law(
     tuple[float, float]
         α and its half-width, both NaN where fewer than three sizes have enough uncertain pairs.
     """
-    enough = uncertain >= FEWEST
+    enough = uncertain >= LEAST_UNCERTAIN_PAIRS
     if enough.sum() < 3:
         return float("nan"), float("nan")
     x, f = np.log(sizes[enough]), uncertain[enough] / pairs[enough]

@@ -261,7 +261,7 @@ def tabulate_attractors(classifier: Classifier, missed: bool = False) -> tuple[A
 
 
 def attractors_of_samples(classifier: type[Classifier], parameters: Parameters, sample: SampleSpec) -> AttractorTable:
-    """Return the attractors that a sample of each of these points finds, and known stable orbits that it misses.
+    """Return the attractors that samples of these points find, and known stable orbits that the samples miss.
 
     Returns
     -------

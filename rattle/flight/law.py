@@ -46,14 +46,14 @@ class Flight(NamedTuple):
 
 @inline
 def folded(tau):
-    """Return a phase shifted by whole periods into [0, 1). A tiny negative phase gives 0, not 1."""
+    """Return a phase shifted by whole forcing periods into [0, 1). A tiny negative phase gives 0, not 1."""
     fraction = tau - np.floor(tau)
     return fraction if fraction < 1.0 else 0.0
 
 
 @inline
 def wrapped(difference):
-    """Return a phase difference shifted by whole periods into [−1/2, 1/2]."""
+    """Return the difference of two phases, shifted by whole forcing periods into [−1/2, 1/2]."""
     return difference - np.rint(difference)
 
 

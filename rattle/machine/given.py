@@ -66,7 +66,7 @@ def si_number(name: str, value: Any) -> float:
         try:
             value = value.to(UNITS[name]).magnitude
         except TypeError as error:  # pint's DimensionalityError is a TypeError
-            raise ParameterError(f"{name} must be in {UNITS[name]} or another unit of that kind: {error}") from None
+            raise ParameterError(f"{name} must be in {UNITS[name]} or a unit of that dimension: {error}") from None
     return require_number(name, value, positive=name not in MAY_BE_ZERO)
 
 

@@ -34,15 +34,15 @@ Ranges = tuple[Pair, Pair]  # (low, high) of δ and of ε in a figure, which may
 Limits = Literal["auto", "robust", "full"]
 LIMITS: tuple[Limits, ...] = ("auto", "robust", "full")
 OVERLAYS = LINES  # names of all lines and marks that can be drawn over a map
-#: Default lines over a map: FEW_LINES; over a map of the variable REGION instead BORDERS, which are all curves of the
-#: model and its codimension-two points.
+#: Default lines over a map: BORDERS (all curves of the model and its codimension-two points) over the map of regions,
+#: and FEW_LINES over any other map.
 FEW_LINES, BORDERS, REGION = ("SN1", "G1", QUIET_LIMIT), (*NAMES, POINTS), "region"
 UNCHOSEN: Ranges = (0.4, 1.0), (0.0, 0.3)  # window of (δ, ε) if no survey is chosen
 THEMES = ("light", "dark")
 MOST_PINS = 8
 UNNAMED = next(iter(ADDED))  # the additional parameter whose value stands in an address without its name
 HARMONIC = "harmonic:"  # prefix of a harmonic in the text of a pin
-LONGEST = 16_000  # longest value that is read, in characters: 2000 for each of MOST_PINS pins
+LONGEST = 16_000  # a longer value in an address is not read; in characters, 2000 for each of MOST_PINS pins
 POINT_STATE = "p."
 KEYBOARD = "keyboard"
 EXAMPLE = "example"  # stands in place of a survey's id for the example that comes with the explorer
@@ -84,12 +84,13 @@ class EnteredMachine(NamedTuple):
     @property
     def address_text(self) -> str:
         """Text of the machine in an address: the values `inertia` to `stiffness`, then all others as name:value."""
-        plain = ["" if each is None else str(each) for each in self[:NUMBERED]]
-        more = [f"{name}:{value}" for name, value in list(self._asdict().items())[NUMBERED:] if value is not None]
+        plain = ["" if each is None else str(each) for each in self[:UNNAMED_COUNT]]
+        more = [f"{name}:{value}" for name, value in list(self._asdict().items())[UNNAMED_COUNT:] if value is not None]
         return ",".join([*plain, *more])
 
 
-NUMBERED = EnteredMachine._fields.index("restitution")  # number of fields whose values have no names in addresses
+# in addresses the values of this many first fields of a machine stand without their names
+UNNAMED_COUNT = EnteredMachine._fields.index("restitution")
 
 
 class Pin(NamedTuple):
@@ -235,10 +236,10 @@ def _parse_positive_window(text: str) -> Pair:
 
 def _parse_machine(text: str) -> EnteredMachine:
     parts = text.split(",")
-    *numbers, drive, stiffness = parts[:NUMBERED]
+    *numbers, drive, stiffness = parts[:UNNAMED_COUNT]
     inertia, drag, backlash, eccentricity, radius, rpm = map(float, numbers)
-    more = {name: float(value) for name, _, value in (each.partition(":") for each in parts[NUMBERED:])}
-    if not more.keys() <= set(EnteredMachine._fields[NUMBERED:]):
+    more = {name: float(value) for name, _, value in (each.partition(":") for each in parts[UNNAMED_COUNT:])}
+    if not more.keys() <= set(EnteredMachine._fields[UNNAMED_COUNT:]):
         raise ValueError(f"A number of the machine has an unknown name: {text!r}.")
     rigid = float(stiffness) if stiffness else None
     found = EnteredMachine(inertia, drag, backlash, eccentricity, radius, rpm, drive, rigid, **more)

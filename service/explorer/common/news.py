@@ -18,14 +18,18 @@ from gear_rattle.service.errors import UnavailableError
 from gear_rattle.service.operations.surveys import list_jobs
 from gear_rattle.service.state import Front
 
-LISTED = 100  # most surveys that are listed: the newest ones
+LISTED = 100  # the list of surveys holds at most this many, the newest ones
 PAUSE = 0.5  # seconds after a reading of the database until the next; a new listener ends this pause
 WINDOW = 20.0  # seconds over which the rate of a running survey is measured
 
 
 @dataclass(frozen=True)
 class JobStatus:
-    """Status of a survey. rate: cells per second. left: seconds until its end. Either is None if it is not known."""
+    """Status of a survey.
+
+    rate: computed cells per second, None if not known. left: predicted seconds until its last tile is computed, None
+    if not known or if the survey is not running.
+    """
 
     job: JobRow
     rate: float | None
