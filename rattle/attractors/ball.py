@@ -227,7 +227,7 @@ def centres_of(grown: NDArray[np.int64], orbits: Orbits, cells: Any) -> Centres:
 
 
 @kernel
-def enter_balls(centres, balls):
+def append_balls(centres, balls):
     """Append the capture regions of these centres to the tables of their cells, which must have room."""
     for i in range(centres.radius.size):
         radius = centres.radius[i]

@@ -36,9 +36,9 @@ Range = tuple[float, float] | None
 
 METHODS = ("cells", "direct", "refined")
 MOST_CELLS_PER_AXIS = 4096  # 4096² cells need 16 million trajectories and some gigabytes of memory
-SAMPLE = 256  # number of initial conditions that are followed besides the cells, to find all attractors
+SAMPLE_COUNT = 256  # number of initial conditions that are followed besides the cells, to find all attractors
 LATTICE = 8  # method "refined": one cell in 8 along τ and v is followed exactly, whatever the map of cells says
-RETURNS = 8  # a state outside the box is followed exactly if it does not return within this many steps of the map
+MOST_MAP_STEPS = 8  # a state outside the box is followed exactly unless it returns within this many steps of the map
 MOST_IMPACTS = 1000  # largest allowed number of impacts on Σ⁺ in one step of the cell map
 # at weak damping all states together may make MOST_IN_ALL impacts, but each state at least LEAST_BUDGET
 MOST_IN_ALL, LEAST_BUDGET = 1 << 33, 1 << 13
@@ -215,8 +215,8 @@ def boundary_cells(labels: NDArray[np.int64], all_phases: bool = True) -> NDArra
 def _cell_images(plane: StatePlane, tau: Array, v: Array, n: int, box: Box, impacts: int) -> NDArray[np.int64]:
     """Return the map of cells (n² + 1,), induced by Π^impacts. The last cell is the sink of states that become quiet.
 
-    A cell maps to itself if the trajectory from its centre does not return to the box within RETURNS steps of the map.
-    Such a cell is a group of its own, which is followed exactly.
+    A cell maps to itself if the trajectory from its centre leaves the box and does not return within MOST_MAP_STEPS
+    further steps of the map. Such a cell is a group of its own, which is followed exactly.
 
     Returns
     -------
@@ -228,7 +228,7 @@ def _cell_images(plane: StatePlane, tau: Array, v: Array, n: int, box: Box, impa
     image = np.append(np.where(rests, sink, plane.cell_of(t, speed, n, box)), sink)
     image[:-1][plane.cell_of(tau, v, n, box) == sink] = sink
     outside = np.flatnonzero(image < 0)
-    for _ in range(RETURNS):
+    for _ in range(MOST_MAP_STEPS):
         t[outside], speed[outside], rests = plane.states_after(t[outside], speed[outside], impacts)
         image[outside] = np.where(rests, sink, plane.cell_of(t[outside], speed[outside], n, box))
         outside = outside[image[outside] < 0]
@@ -312,12 +312,12 @@ def _classify_by_cell_map(
     if refine:
         each = np.arange(min(LATTICE, n) // 2, n, LATTICE)
         chosen = np.concatenate([chosen, np.setdiff1d(n * each[:, None] + each, chosen)])
-    first, second = plane.sample(SAMPLE, box.v_high)
+    first, second = plane.sample(SAMPLE_COUNT, box.v_high)
     states = GrowingClassification(plane)
     found, made = states.follow(np.append(first, tau[chosen]), np.append(second, v[chosen]))
     # row and impacts of each cell that was followed exactly, and of the sink
     row, needed, known = np.zeros(sink + 1, np.int64), np.zeros(sink + 1, np.int64), np.zeros(sink + 1, np.bool_)
-    row[chosen], needed[chosen], known[chosen] = found[SAMPLE:], made[SAMPLE:], True
+    row[chosen], needed[chosen], known[chosen] = found[SAMPLE_COUNT:], made[SAMPLE_COUNT:], True
     row[sink] = row[on_sink[0]] if on_sink.size else 0
     while refine:
         image[known] = np.flatnonzero(known)

@@ -197,9 +197,9 @@ def fill_unresolved_counts(cells, status, impacts, first, unresolved, leaks):
 def count_unresolved(cells: Counts, status: Counts, impacts: Counts, first: Counts) -> tuple[Counts, NDArray[np.bool_]]:
     """Return the numbers (k,) of unresolved samples in these cells, and flags of cells whose number may still fall.
 
-    A cell is flagged if some of its samples reached attractors after the first stage, and if more are expected to. From
-    the rate at which samples reached attractors until the last one did, the function computes how many should have
-    followed since then. If LEAKS_MISSED or more should have, no more are expected to.
+    A cell is flagged if some of its samples reached attractors after the first stage, and if more are expected to. The
+    expectation comes from the rate at which samples reached attractors until the last of them did. If at this rate
+    LEAKS_MISSED or more samples should have reached an attractor since then, no more are expected to.
 
     Parameters
     ----------

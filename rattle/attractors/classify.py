@@ -17,7 +17,7 @@ from typing import Any, ClassVar, NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from rattle.attractors.ball import BALLS_PER_ORBIT, Centres, centres_of, enter_balls
+from rattle.attractors.ball import BALLS_PER_ORBIT, Centres, append_balls, centres_of
 from rattle.attractors.chaos import BATCHES, are_chaotic, count_unresolved, write_group_numbers
 from rattle.attractors.recurrence import mark_footprints, resolve
 from rattle.attractors.samples import GRID, Outcome, SampleSets, Trajectories, empty_tables, with_twice_the_room
@@ -29,8 +29,8 @@ FIRST, SECOND = 64, 512  # total impacts that a sample may make by the end of th
 GROWTH = 4  # each later stage raises the impacts that a sample may make in all by this factor
 STAGES = 4  # number of stages after the first one, at strong damping; at weak damping only the budget limits it
 FEW = 8  # a cell gets one more stage if at most one in 8 of its samples is unresolved
-MEASURED, PERIODS = 2000, 1000.0  # a probe is followed for at least this many impacts and forcing periods
-CHATTERING = 0.5  # a sample whose impacts take less than this share of the expected time may be chattering
+LEAST_PROBE_IMPACTS, PERIODS = 2000, 1000.0  # a probe is followed for at least this many impacts and forcing periods
+CHATTERING = 0.5  # a sample that uses up its impacts in less than this share of the observation time may be chattering
 # a probe is followed for at least this many relaxation times 1/δ; where this exceeds PERIODS, all stages are longer
 WATCH = 100.0
 # Damping below which the neighbour test has two rounds. Neighbours of a sample have the sample's phase, and speeds that
@@ -40,7 +40,7 @@ WEAK, NEIGHBOUR_STEP = 0.3, 1e-9
 # followed after its first and after its second round.
 CROWDS = (256, 1024)
 BUDGET = 1_000_000  # default budget of impacts of a sample; a sample that is still unresolved then is undecided
-MOST_MEASURED = 20_000  # a probe stops after this many impacts, even if PERIODS forcing periods are not over
+MOST_PROBE_IMPACTS = 20_000  # a probe stops after this many impacts, even if PERIODS forcing periods are not over
 # If cells have fewer samples than this, the neighbour test also follows neighbours of the samples, so that "chaotic" is
 # as reliable as with this many samples.
 ENOUGH_SAMPLES = 64
@@ -52,7 +52,7 @@ CROWD_OF_FEW = 256
 MOST_PROBES = 12
 TRACED_IMPACTS = 1000  # number of impacts during which every state is marked in a visited-cell bitmap
 LONGER_BY = 4  # probes that seem to lie on several attractors are followed this many times as long
-EXTENSIONS = 3  # an unclear exponent is measured again at most this often, each time for twice the observation time
+MOST_EXTENSIONS = 3  # an unclear exponent is measured again at most this often, each time for twice as long
 ROOM = 8  # each cell has room for this many orbits at first; the room is doubled when a cell needs more
 
 
@@ -200,7 +200,7 @@ class Classifier(ABC):
         """
 
     def run(self) -> None:
-        """Follow samples until each is on an attractor, or its cell has had its last stage, or its budget is used up.
+        """Follow each sample until it is on an attractor, has used up its budget, or its cell has had the last stage.
 
         In each stage the unresolved samples of a cell are followed up to a higher limit of impacts. At weak damping
         only the budget limits the number of stages.
@@ -302,7 +302,7 @@ class Classifier(ABC):
             return
         centres = centres_of(self.grown, self.orbits, self.cells)
         self.find_radii(centres)
-        enter_balls(centres, self.balls.for_kernels())
+        append_balls(centres, self.balls.for_kernels())
         self.grown[:] = self.orbits.n
 
     def make_room(self, most: int) -> None:
@@ -439,13 +439,13 @@ class Classifier(ABC):
         return ~np.asarray(gone.reshape(-1, each.size).any(axis=1))
 
     def neighbouring_trajectories(
-        self, left: SampleSets, number: NDArray[np.int64], most: NDArray[np.int64]
+        self, unresolved: SampleSets, number: NDArray[np.int64], most: NDArray[np.int64]
     ) -> Trajectories:
         """Return new trajectories from the unresolved samples of each cell, and from neighbours with larger speeds.
 
         Parameters
         ----------
-        left : SampleSets
+        unresolved : SampleSets
             The unresolved samples of n cells.
         number : ndarray of int, (k,) or (n, k)
             Numbers of the states in a cell: the lowest numbers are the samples themselves, then come the first
@@ -458,8 +458,8 @@ class Classifier(ABC):
         Trajectories
             n·k states, cell by cell.
         """
-        turn, place = np.divmod(number, left.size[:, None])
-        which, samples = left.which[left.starts[:, None] + place].ravel(), self.samples
+        turn, place = np.divmod(number, unresolved.size[:, None])
+        which, samples = unresolved.which[unresolved.starts[:, None] + place].ravel(), self.samples
         v = samples.v[which] * (1.0 + NEIGHBOUR_STEP * turn.ravel())
         return new_trajectories(samples.cell[which], samples.tau[which], v, np.repeat(most, turn.shape[1]))
 
@@ -494,7 +494,7 @@ class Classifier(ABC):
         samples = self.samples
         pace = samples.time / np.maximum(samples.impacts, 1)
         todo = np.flatnonzero(samples.impacts[which] < self.budget)
-        for extension in range(EXTENSIONS + 1):
+        for extension in range(MOST_EXTENSIONS + 1):
             if not todo.size:
                 break
             # samples with the most impacts per period need the most flights: start them first, so that all lanes end
@@ -502,10 +502,12 @@ class Classifier(ABC):
             todo = todo[np.argsort(pace[which[todo]], kind="stable")]
             now = which[todo]
             longer = np.maximum(self.longer[samples.cell[now]], times) * 2**extension
-            most, room = MOST_MEASURED * longer, self.budget - samples.impacts[now]
+            most, room = MOST_PROBE_IMPACTS * longer, self.budget - samples.impacts[now]
             samples.limit[now] = samples.impacts[now] + np.minimum(most, room).astype(np.int64)
             part, before = empty_record(todo.size), samples.time[now]
-            self.follow_with_tangent(now, np.full(todo.size, float(MEASURED * 2**extension)), PERIODS * longer, part)
+            self.follow_with_tangent(
+                now, np.full(todo.size, float(LEAST_PROBE_IMPACTS * 2**extension)), PERIODS * longer, part
+            )
             self.resolve(now[samples.status[now] == Outcome.RECURRENT], samples)
             seen.sums[todo], seen.prints[todo] = part
             left, time = samples.status[now] == Outcome.UNRESOLVED, samples.time[now] - before
@@ -598,7 +600,7 @@ class Classifier(ABC):
 
 
 def stage_impact_limit(stage: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Return the impacts that a sample may make in all until the end of each of these stages, at strong damping."""
+    """Return the total impacts that a sample may make by the end of each of these stages, at strong damping."""
     return np.where(stage == 0, float(FIRST), SECOND * float(GROWTH) ** (stage - 1))
 
 

@@ -127,7 +127,15 @@ def basin_entropy(basins: Basins, box: int = 5) -> BasinEntropy:
 def _random_pairs(
     sizes: NDArray[np.float64], pairs: int, v_max: float, seed: int
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return phases and speeds (k, 2, pairs) of pairs at k distances `sizes`; the first state of a pair is uniform."""
+    """Return phases and speeds (k, 2, pairs) of pairs of states at k distances `sizes`.
+
+    The first state of a pair is uniformly distributed.
+
+    Returns
+    -------
+    tuple[NDArray[np.float64], NDArray[np.float64]]
+        Phases and speeds.
+    """
     random = np.random.default_rng(seed)
     shape = (sizes.size, pairs)
     tau, v = random.random(shape), 1.0 - random.random(shape)

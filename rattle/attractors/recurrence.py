@@ -14,8 +14,8 @@ from rattle.numerics.compile import inline, kernel
 from rattle.orbits.return_map import fastest_point, log_multipliers, newton, point_of, power_map, shortest_return, step
 
 # A trajectory approaches the orbit that Newton's method found if its distance to the orbit falls by the factor
-# APPROACH, or is below ARRIVAL_DISTANCE.
-APPROACH, ARRIVAL_DISTANCE = 0.5, 1e-9
+# APPROACH_RATIO, or is below ARRIVAL_DISTANCE.
+APPROACH_RATIO, ARRIVAL_DISTANCE = 0.5, 1e-9
 RETURN_DISTANCE = 1e-5  # the first return to within this distance gives the period for Newton's method
 LONGEST_PERIOD = 4096  # longest period for Newton's method, in impacts on Σ⁺; slower recurrences are followed further
 SAME_POINT = 1e-6  # two orbits with the same label whose points are closer than this are the same orbit
@@ -49,7 +49,7 @@ def is_approaching(tau, v, star_tau, star_v, k, most, point):
             if status != OK:
                 return False
         distance = math.hypot(wrapped(tau - star_tau), (v - star_v) / unit)
-        if distance < max(APPROACH * start, ARRIVAL_DISTANCE):
+        if distance < max(APPROACH_RATIO * start, ARRIVAL_DISTANCE):
             return True
         if distance > 4.0 * start:
             return False

@@ -31,7 +31,7 @@ from rattle.numerics.complex_step import Array
 #: Largest distance in δ and ε, in units of `plane_scale`, between points that count as the same.
 SAME_POINT = 1e-9
 #: Longest step along a curve in the times of its motion, in forcing periods.
-LONGEST = 0.05
+LONGEST_TIME_STEP = 0.05
 #: Largest difference in an unknown between solutions that count as the same.
 SAME_SOLUTION = 1e-7
 #: Least number of points of a curve across the width of the window.
@@ -250,7 +250,7 @@ class PlaneWindow:
         """Return the longest allowed step along a unit tangent."""
         sizes = (self.delta[1] - self.delta[0], self.epsilon[1] - self.epsilon[0])
         rates = [self.resolution * abs(rate) / size for rate, size in zip(tangent[-2:], sizes, strict=True)]
-        return 1.0 / max(*rates, float(np.max(np.abs(tangent[:-2]))) / LONGEST)
+        return 1.0 / max(*rates, float(np.max(np.abs(tangent[:-2]))) / LONGEST_TIME_STEP)
 
 
 def pieces_in_window(

@@ -32,7 +32,7 @@ from rattle.parameters import Parameters
 
 FORWARD, BACKWARD = 0, 1
 #: A forward run goes from each step to the next, and a backward run to the one before.
-STEP = (1, -1)
+STEP_OF_DIRECTION = (1, -1)
 Array = NDArray[np.float64]
 
 
@@ -190,8 +190,9 @@ class Sweeps:
     ) -> None:
         """Record the attractor that a run reached, and move the run to its next step; or end the run.
 
-        The run ends after the last step, in quiet motion, or at an attractor that had been reached before (`_Run`). If
-        it ends before the last step, a run in the opposite direction starts from its attractor of the step before.
+        The run ends after the last step, in quiet motion, or at an attractor that had been reached before (`_Run`). In
+        the last two cases a run in the opposite direction starts from the attractor that the run had reached at the
+        step before.
 
         A run that the end of an earlier run has started (`back`) may end in quiet motion: this happens on chaotic sets
         that samples leave after some time. Then a new run in its direction also starts, from the attractor that the
@@ -206,9 +207,9 @@ class Sweeps:
         before = [any(known.reached) if run.stops_at_known else known.reached[run.direction] for known in same]
         if kind == Outcome.QUIET or any(before):
             self._runs.remove(run)
-            last = run.step - STEP[run.direction]
+            last = run.step - STEP_OF_DIRECTION[run.direction]
             self._start_run(run.trail.get(last), 1 - run.direction, last, run.trail)
-            again = run.step if run.trail else run.step + STEP[run.direction]
+            again = run.step if run.trail else run.step + STEP_OF_DIRECTION[run.direction]
             if kind == Outcome.QUIET:
                 self._start_run(run.back.get(again), run.direction, again, run.back)
             return
@@ -222,7 +223,7 @@ class Sweeps:
             known.reached[run.direction] = True
         self.visits.append(ReachedAttractor(run.step, run.direction, kind, label, *end))
         run.trail[run.step] = same[0]
-        run.step += STEP[run.direction]
+        run.step += STEP_OF_DIRECTION[run.direction]
         run.tau, run.v = end
         if not 0 <= run.step < len(self.known):
             self._runs.remove(run)

@@ -19,8 +19,8 @@ ERRORS = {"error_um": 1e-6, "error_mm": 1e-3, "error_m": 1.0}
 COLUMNS_WITHOUT_UNIT = ("angle", "error")
 #: Largest difference between the span of angles and whole revolutions, in revolutions.
 REVOLUTION_TOLERANCE = 0.01
-#: Largest and least peak-to-peak height of a transmission error, m.
-WIDEST, NARROWEST = 1e-3, 2e-8
+#: Largest and least plausible peak-to-peak height of a transmission error, m.
+LARGEST_HEIGHT, LEAST_HEIGHT = 1e-3, 2e-8
 #: The errors at both ends of a curve may differ by CLOSING_ERROR times its peak-to-peak height. If the last point does
 #: not repeat the first, they may also differ by JUMP times the largest step between neighbouring points.
 JUMP, CLOSING_ERROR = 4.0, 0.1
@@ -182,12 +182,12 @@ def _whole_revolutions(turn: Array, e: Array) -> tuple[Array, Array, int]:
     )
     height = float(np.ptp(e))
     require(
-        height <= WIDEST,
+        height <= LARGEST_HEIGHT,
         f"the error is {1e3 * height:.3g} mm from peak to peak, more than any gear's: if the errors are in µm, name "
         "the column error_um",
     )
     require(
-        height >= NARROWEST,
+        height >= LEAST_HEIGHT,
         f"the error is {1e6 * height:.2g} µm from peak to peak, less than any gear's: if the errors are in mm, name "
         "the column error_mm; if they are in m, error_m",
     )

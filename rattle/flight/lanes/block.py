@@ -214,17 +214,18 @@ def recompute_phases(b, groups):
 
 
 @inline
-def prepare_flights(b, groups, none_waits):
+def prepare_flights(b, groups, is_queue_empty):
     """Recompute the sines and cosines of the phases, and return the number of groups in use.
 
-    If no trajectory waits for a lane (`none_waits`), the trajectories are moved to the first lanes before.
+    is_queue_empty: whether no further trajectory is to be put on a lane. If so, the trajectories are first moved to the
+    first lanes.
 
     Returns
     -------
     int
         Number of groups in use.
     """
-    if none_waits:
+    if is_queue_empty:
         groups = move_to_front(b)
     recompute_phases(b, groups)
     return groups

@@ -131,7 +131,7 @@ def prove_turns(b, groups):
 
 @inline
 def evaluate_in_double(b, groups):
-    """Evaluate in double precision the height of each flight above the level of its next wall, and its speed."""
+    """Evaluate in double precision each flight's height above the level of its next wall, and the flight's F'."""
     for i in range(GROUP * groups):
         gap = b.gap[i]
         level = 0.0 if b.wall[i] > 0.0 else gap
@@ -288,7 +288,7 @@ def search_lane(b, i, paths):
 
 @kernel
 def compute_unproved(b, groups, paths):
-    """Compute one by one, with `search_lane`, the flights of the lanes whose impact is not proved."""
+    """Compute the flights of the lanes whose impact is not proved, one by one with `search_lane`."""
     for i in range(GROUP * groups):
         if not b.sure[i] > 0.0 and b.n_plus[i] < b.limit[i]:
             search_lane(b, i, paths)
