@@ -122,8 +122,8 @@ class Basins(TabularResult):
         The attractors, ordered by falling fraction of the cells.
     steps : ndarray of int, (n, n)
         Impacts on Σ⁺ until the attractor was certain; −1 where the trajectory from the cell's centre is chaotic or
-        undecided. With cell mapping the steps of the map lead from the cell to another one that was followed exactly,
-        and the number contains the impacts of these steps and the impacts for which that other cell was followed.
+        undecided. With cell mapping, steps of the map lead from each cell to one that was followed exactly. The number
+        is then the sum of the impacts of these steps and of the impacts for which the last cell was followed.
     method : str
         The method: one of `METHODS`.
     box : Box

@@ -27,8 +27,8 @@ from rattle.parameters import Parameters
 PILOT = 8  # this many samples of a cell are followed first; orbits that they find can capture the other samples
 FIRST, SECOND = 64, 512  # total impacts that a sample may make by the end of the first stage, and of the second stage
 GROWTH = 4  # each later stage raises the impacts that a sample may make in all by this factor
-STAGES = 4  # number of stages after the first one, at strong damping; at weak damping only the budget limits it
-FEW = 8  # a cell gets one more stage if at most one in 8 of its samples is unresolved
+STAGES = 4  # stages after the first at strong damping, without that of FEW; at weak damping the budget limits them
+FEW = 8  # at strong damping a cell gets one more stage if at most one in FEW of its samples is unresolved
 LEAST_PROBE_IMPACTS, PERIODS = 2000, 1000.0  # a probe is followed for at least this many impacts and forcing periods
 CHATTERING = 0.5  # a sample that uses up its impacts in less than this share of the observation time may be chattering
 # a probe is followed for at least this many relaxation times 1/δ; where this exceeds PERIODS, all stages are longer

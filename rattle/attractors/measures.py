@@ -22,7 +22,7 @@ class BasinEntropy(NamedTuple):
     """Mean entropy per box in nats: over all boxes, and over the boxes at basin boundaries.
 
     `boxes` and `boundary_boxes` are the numbers of these boxes. The entropy over boundaries is NaN if there are none.
-    Both entropies are NaN if the trajectory from the centre of some cell is undecided, because its basin is unknown.
+    Both entropies are NaN if some cell has no known basin, because the trajectory from its centre is undecided.
     Source: Daza et al., Scientific Reports 6 (2016) 31416.
     """
 

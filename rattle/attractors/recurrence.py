@@ -197,7 +197,7 @@ def resolve_all(which, cells, samples, orbits, balls, grown, waiting):
     Returns
     -------
     int
-        How many samples these are.
+        Number of these samples.
     """
     n = 0
     for k in which:
@@ -233,7 +233,7 @@ def resolve(
     A sample with a stable orbit becomes PERIODIC. Any other sample becomes UNRESOLVED, and does not become recurrent
     again until it has made a number of further impacts.
 
-    The orbit of a sample is not searched if another orbit of its cell has no capture regions yet, because the sample
+    The orbit of a sample is not searched if a known orbit of its cell has no capture regions yet, because the sample
     may be on that orbit. It is also not searched if the table has no room for another orbit of the cell.
 
     grown (n_cells,): the number of orbits of each cell that have capture regions.

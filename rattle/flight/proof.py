@@ -20,7 +20,7 @@ from rattle.numerics.compile import inline
 
 LATER_FACTOR = f32(1.0002)  # the flight may end later in double than in single precision, by up to 1e-4 of its duration
 # longest step of `refine_time` to the impact, as a share of the flight time: `last_step` can remove the error of such a
-# step. After a longer step a second attempt is cheaper.
+# step. After a longer step it is cheaper to locate the impact again.
 LARGEST_STEP = f32(0.05)
 # If the sum of the sizes of the terms of F is more than this number times s |F'|, as in a graze or a long flight, the
 # thirteenth digit of the time s of the impact would be lost.

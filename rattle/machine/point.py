@@ -43,7 +43,8 @@ class MachinePoint(NamedTuple):
     def rate_error(self) -> Any:
         """A bound of the force that the model neglects, as a share of the driving force.
 
-        The model has one damping rate for both gears, so it neglects a force if the rates of the two gears differ.
+        The model has one damping rate for both gears, so it neglects a force if the rates of the two gears differ,
+        unless the speed is imposed.
         """
         backlash = 2.0 * self.beta * self.units.length
         return conversion.rate_error(self.pair, backlash, self.forcing.total, self.added.get("load", 0.0))

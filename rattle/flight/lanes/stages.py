@@ -153,8 +153,8 @@ def copy_to_double(b, groups):
 def select_number(go, new, old):
     """Return `new` if `go` is true, else `old`, for a store that vectorises well.
 
-    LLVM would turn `new if go else old` into a masked store, which is slow without AVX-512. It does not if `old` is
-    written as the maximum of `old` and MOST_NEGATIVE, the most negative number.
+    LLVM would turn `new if go else old` into a masked store, which is slow without AVX-512. LLVM does not do so if
+    `old` is written as the maximum of `old` and MOST_NEGATIVE, the most negative number.
 
     Returns
     -------
@@ -165,7 +165,7 @@ def select_number(go, new, old):
 
 
 def _build_land(tangent):
-    """Build the stage that moves lanes to their impacts; with `tangent`, it also prepares `carry_tangents`."""
+    """Build the stage that moves lanes to their impacts. With `tangent` this stage also prepares `carry_tangents`."""
 
     @inline
     def land_lanes(b, groups):
@@ -208,7 +208,7 @@ land_plain, land_tangent = _build_land(False), _build_land(True)
 
 @inline
 def carry_tangents(b, groups):
-    """Carry the tangent vectors of the lanes that have landed over their flight and impact."""
+    """Carry the tangent vector of each lane that was moved to its impact over this flight and this impact."""
     for i in range(GROUP * groups):
         go = b.s[i] > 0.0
         t0, q0, det0, time0 = b.t_tangent[i], b.w_tangent[i], b.determinant[i], b.time[i]
