@@ -47,8 +47,9 @@ class Centres(NamedTuple):
     m00, m01, m11
         The matrix M of the norm.
     radius
-        Radius of the outer ellipse on which the conditions are checked, twice that of the capture region: before the
-        search the largest radius to try, after it the largest one at which the conditions hold; 0 if there is none.
+        Radius of the outer ellipse on which the conditions are checked, twice that of the capture region. Before the
+        search this is the largest radius to try, and after it the largest tried radius at which the conditions hold,
+        0 if they hold at none.
     """
 
     cell: Any
@@ -168,8 +169,11 @@ def impacts_between_centres(n_plus):
 
 
 @kernel
-def fill_centres(grown, orbits, cells, whole, real):
-    """Fill the integer columns `whole` and the float columns `real` of the result of `centres_of` in compiled code."""
+def fill_centres(grown, orbits, cells, integers, floats):
+    """Compute the columns of the result of `centres_of` in compiled code.
+
+    integers (4, n): receives the columns `cell` to `n_minus`. floats (6, n): receives the columns `tau` to `radius`.
+    """
     n = 0
     for cell in range(grown.size):
         for j in range(grown[cell], orbits.n[cell]):
@@ -184,19 +188,24 @@ def fill_centres(grown, orbits, cells, whole, real):
                     status, _t, _v, _time, _below, a, b, c, d, _ln = power_map(tau, v, n_plus, point)
                     found, m00, m01, m11 = contracting_norm(a, b, c, d, SPEED_WEIGHT / (unit * unit))
                     found = status == OK and found and m00 > 0.0 and m00 * m11 > m01 * m01
-                    whole[0, n], whole[1, n], whole[2, n], whole[3, n] = cell, j, n_plus, orbits.n_minus[cell, j]
-                    real[0, n], real[1, n] = tau, v
-                    real[2, n], real[3, n], real[4, n] = m00, m01, m11
-                    real[5, n] = LARGEST if found else 0.0
+                    integers[0, n], integers[1, n], integers[2, n], integers[3, n] = (
+                        cell,
+                        j,
+                        n_plus,
+                        orbits.n_minus[cell, j],
+                    )
+                    floats[0, n], floats[1, n] = tau, v
+                    floats[2, n], floats[3, n], floats[4, n] = m00, m01, m11
+                    floats[5, n] = LARGEST if found else 0.0
                     n += 1
-                if i // every * every + every < n_plus:  # if the orbit has another centre, go on towards it
+                if i // every * every + every < n_plus:  # after the last centre of the orbit no more steps are needed
                     _status, tau, v, _time, _below = step(tau, v, point)
 
 
 def centres_of(grown: NDArray[np.int64], orbits: Orbits, cells: Any) -> Centres:
     """Return the centres of capture regions for all orbits that have no capture regions yet.
 
-    grown (n_cells,): the number of orbits of each cell, counted from the first, that have capture regions.
+    grown (n_cells,): in cell i the first grown[i] orbits have capture regions.
 
     Orbits with contact phases need no capture regions and have no centres: all samples that enter the same contact
     leave it in the same state.
@@ -212,13 +221,13 @@ def centres_of(grown: NDArray[np.int64], orbits: Orbits, cells: Any) -> Centres:
     n_plus = orbits.n_plus[new & (orbits.first > -np.inf)]
     every = impacts_between_centres(n_plus)
     n = int(((n_plus + every - 1) // every).sum())
-    whole, real = np.zeros((4, n), np.int64), np.zeros((6, n))
-    fill_centres(grown, orbits.for_kernels(), cells, whole, real)
-    return Centres(*whole, *real)
+    integers, floats = np.zeros((4, n), np.int64), np.zeros((6, n))
+    fill_centres(grown, orbits.for_kernels(), cells, integers, floats)
+    return Centres(*integers, *floats)
 
 
 @kernel
-def enter_balls(centres, balls):
+def append_balls(centres, balls):
     """Append the capture regions of these centres to the tables of their cells, which must have room."""
     for i in range(centres.radius.size):
         radius = centres.radius[i]

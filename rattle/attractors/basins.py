@@ -35,10 +35,10 @@ Array = NDArray[np.float64]
 Range = tuple[float, float] | None
 
 METHODS = ("cells", "direct", "refined")
-FINEST = 4096  # most cells along each axis; 4096² cells need 16 million trajectories and some gigabytes of memory
-SAMPLE = 256  # number of initial conditions that are followed besides the cells, to find all attractors
+MOST_CELLS_PER_AXIS = 4096  # 4096² cells need 16 million trajectories and some gigabytes of memory
+SAMPLE_COUNT = 256  # number of initial conditions that are followed besides the cells, to find all attractors
 LATTICE = 8  # method "refined": one cell in 8 along τ and v is followed exactly, whatever the map of cells says
-RETURNS = 8  # a state outside the box is followed exactly if it does not return within this many steps of the map
+MOST_MAP_STEPS = 8  # a state outside the box is followed exactly unless it returns within this many steps of the map
 MOST_IMPACTS = 1000  # largest allowed number of impacts on Σ⁺ in one step of the cell map
 # at weak damping all states together may make MOST_IN_ALL impacts, but each state at least LEAST_BUDGET
 MOST_IN_ALL, LEAST_BUDGET = 1 << 33, 1 << 13
@@ -47,8 +47,8 @@ MOST_IN_ALL, LEAST_BUDGET = 1 << 33, 1 << 13
 def budget_of(delta: float, states: int) -> int:
     """Return the budget of each of `states` states, in impacts on Σ⁺.
 
-    The budget is BUDGET, as in a survey. At damping below WEAK, where states take long, it is smaller if all states
-    together would otherwise make more than MOST_IN_ALL impacts.
+    The budget is BUDGET, as in a survey. At damping below WEAK, where states take long to reach attractors, it is at
+    most MOST_IN_ALL divided by the number of states, but at least LEAST_BUDGET.
 
     Returns
     -------
@@ -121,9 +121,9 @@ class Basins(TabularResult):
     attractors : tuple of Attractor
         The attractors, ordered by falling fraction of the cells.
     steps : ndarray of int, (n, n)
-        Impacts on Σ⁺ until the attractor was certain; −1 for chaotic and undecided cells. With cell mapping, this is
-        the sum of two numbers: the impacts of all steps of the map that lead to a cell which was followed exactly, and
-        the impacts of that cell.
+        Impacts on Σ⁺ until the attractor was certain; −1 where the trajectory from the cell's centre is chaotic or
+        undecided. With cell mapping, steps of the map lead from each cell to one that was followed exactly. The number
+        is then the sum of the impacts of these steps and of the impacts for which the last cell was followed.
     method : str
         The method: one of `METHODS`.
     box : Box
@@ -166,14 +166,28 @@ class Basins(TabularResult):
 
 
 def classified(plane: StatePlane, tau: Array, v: Array) -> tuple[AttractorTable, NDArray[np.int64], NDArray[np.int64]]:
-    """Return the table of attractors that states (n,) go to, the row (n,) of each state in it, and impacts (n,)."""
+    """Return the table of the attractors that states (n,) go to, and the row and the impacts of each state.
+
+    Returns
+    -------
+    tuple[AttractorTable, NDArray[np.int64], NDArray[np.int64]]
+        The table; for each state the row of its attractor, and the impacts on Σ⁺ for which the state was followed.
+    """
     classifier = plane.classify(tau, v)
     table, rows = tabulate_attractors(classifier)
     return table, rows, classifier.samples.impacts
 
 
 def _mark_unconverged(steps: NDArray[np.int64], table: AttractorTable, rows: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return the steps to convergence, with −1 for chaotic and undecided states; `rows` are their rows in the table."""
+    """Return the impacts `steps` of the states, with −1 for chaotic and undecided states.
+
+    rows: for each state the row of its attractor in the table.
+
+    Returns
+    -------
+    NDArray[np.int64]
+        Impacts, or −1, of each state.
+    """
     kind = table.kind[rows]
     return np.where((kind == Outcome.CHAOTIC) | (kind == Outcome.UNDECIDED), -1, steps)
 
@@ -201,8 +215,8 @@ def boundary_cells(labels: NDArray[np.int64], all_phases: bool = True) -> NDArra
 def _cell_images(plane: StatePlane, tau: Array, v: Array, n: int, box: Box, impacts: int) -> NDArray[np.int64]:
     """Return the map of cells (n² + 1,), induced by Π^impacts. The last cell is the sink of states that become quiet.
 
-    A cell maps to itself if the trajectory from its centre does not return to the box within RETURNS steps of the map.
-    Such a cell is a group of its own, which is followed exactly.
+    A cell maps to itself if the trajectory from its centre leaves the box and does not return within MOST_MAP_STEPS
+    further steps of the map. Such a cell is a group of its own, which is followed exactly.
 
     Returns
     -------
@@ -214,7 +228,7 @@ def _cell_images(plane: StatePlane, tau: Array, v: Array, n: int, box: Box, impa
     image = np.append(np.where(rests, sink, plane.cell_of(t, speed, n, box)), sink)
     image[:-1][plane.cell_of(tau, v, n, box) == sink] = sink
     outside = np.flatnonzero(image < 0)
-    for _ in range(RETURNS):
+    for _ in range(MOST_MAP_STEPS):
         t[outside], speed[outside], rests = plane.states_after(t[outside], speed[outside], impacts)
         image[outside] = np.where(rests, sink, plane.cell_of(t[outside], speed[outside], n, box))
         outside = outside[image[outside] < 0]
@@ -223,7 +237,7 @@ def _cell_images(plane: StatePlane, tau: Array, v: Array, n: int, box: Box, impa
 
 
 class GrowingClassification:
-    """Classify states of one parameter point in several calls, with one common table of attractors."""
+    """States of one parameter point, classified in several calls, with one common table of their attractors."""
 
     def __init__(self, plane: StatePlane) -> None:
         self.plane = plane
@@ -233,14 +247,14 @@ class GrowingClassification:
         self.tau, self.v = np.zeros((2, 0))
 
     def follow(self, tau: NDArray[np.float64], v: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """Classify states, and return for each state the row of its attractor in the common table, and its impacts.
+        """Classify states. Return for each state the row of its attractor in the common table, and the state's impacts.
 
         Attractors that are in the table already keep their rows; new ones are appended.
 
         Returns
         -------
         tuple[NDArray[np.int64], NDArray[np.int64]]
-            Rows and impacts of the states.
+            For each state the row, and the impacts on Σ⁺ for which the state was followed.
         """
         known, tau, v = self.tau.size, np.append(self.tau, tau), np.append(self.v, v)
         table, rows, impacts = classified(self.plane, tau, v)
@@ -255,8 +269,8 @@ class GrowingClassification:
     def _rows_in_common_table(self, table: AttractorTable, reached: NDArray[np.int64]) -> NDArray[np.int64]:
         """Return for each row of `table` the row of the same attractor in the common table, `self.table`.
 
-        reached: for each attractor of the common table, the row of `table` to which a state of that attractor went when
-        it was followed again.
+        reached: for each attractor of the common table, a row of `table`. A state of that attractor was followed again,
+        and reached the attractor of this row.
 
         Returns
         -------
@@ -281,13 +295,13 @@ def _classify_by_cell_map(
 ) -> tuple[AttractorTable, NDArray[np.int64], NDArray[np.int64]]:
     """Classify the centres of all cells by simple cell mapping.
 
-    With `refine`, a lattice of cells is then followed exactly, and after it the cells at basin boundaries, until every
-    cell at a boundary has been followed exactly.
+    refine: whether a lattice of cells is also followed exactly, and then cells at basin boundaries, until every cell at
+    a boundary has been followed exactly.
 
     Returns
     -------
     tuple[AttractorTable, NDArray[np.int64], NDArray[np.int64]]
-        The attractors, the row of each cell, and its steps to convergence.
+        The attractors; for each cell the row of its attractor, and the impacts until this attractor was certain.
     """
     # at weak damping a step of the cell map needs more impacts to move a state by more than a cell
     impacts = round(impacts * max(1.0, WEAK / plane.delta))
@@ -298,12 +312,12 @@ def _classify_by_cell_map(
     if refine:
         each = np.arange(min(LATTICE, n) // 2, n, LATTICE)
         chosen = np.concatenate([chosen, np.setdiff1d(n * each[:, None] + each, chosen)])
-    first, second = plane.sample(SAMPLE, box.v_high)
+    first, second = plane.sample(SAMPLE_COUNT, box.v_high)
     states = GrowingClassification(plane)
     found, made = states.follow(np.append(first, tau[chosen]), np.append(second, v[chosen]))
     # row and impacts of each cell that was followed exactly, and of the sink
     row, needed, known = np.zeros(sink + 1, np.int64), np.zeros(sink + 1, np.int64), np.zeros(sink + 1, np.bool_)
-    row[chosen], needed[chosen], known[chosen] = found[SAMPLE:], made[SAMPLE:], True
+    row[chosen], needed[chosen], known[chosen] = found[SAMPLE_COUNT:], made[SAMPLE_COUNT:], True
     row[sink] = row[on_sink[0]] if on_sink.size else 0
     while refine:
         image[known] = np.flatnonzero(known)
@@ -323,7 +337,7 @@ def basins(
     plane: StatePlane, resolution: int, v_max: float, method: str, impacts: int, tau: Range = None, v: Range = None
 ) -> Basins:
     """Return the basins of attraction on a grid of states (τ, v); `rattle.Gear.basins` explains the arguments."""
-    n = require_integer("resolution", resolution, 1, FINEST)
+    n = require_integer("resolution", resolution, 1, MOST_CELLS_PER_AXIS)
     v_max = require_number("v_max", v_max, positive=True)
     phases, speeds = box_of((0.0, 1.0) if tau is None else tau, (0.0, v_max) if v is None else v)
     box = Box(*phases, *speeds)

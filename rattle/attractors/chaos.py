@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from rattle.attractors.samples import Outcome
 from rattle.numerics.compile import inline, kernel
 
-SAME_FOOTPRINT = 0.2  # trajectories are on one attractor if they share over this part of the smaller bitmap's cells
+SAME_FOOTPRINT = 0.2  # trajectories are on one attractor if they share more than this part of the smaller bitmap
 Array = NDArray[np.float64]
 Counts = NDArray[np.int64]
 BATCHES = 32
@@ -146,7 +146,7 @@ def are_chaotic(sums: Array) -> NDArray[np.bool_]:
 def fill_exponents(sums, size, found):
     """Write λ₁, λ₂ and the 95 % half-width of λ₁ of n attractors to found (3, n).
 
-    Attractor i has size[i] consecutive rows of the batch sums `sums`.
+    sums (rows, 3): batch sums of time, ln stretch and ln|det|. Attractor i has size[i] consecutive rows.
     """
     begin = 0
     for i in range(size.size):
@@ -174,13 +174,16 @@ def pooled_exponents(sums: Sequence[Array]) -> Array:
 
 
 @kernel
-def fill_unresolved_counts(cells, status, impacts, first, left, leaks):
-    """Fill the arrays that `count_unresolved` returns, in a compiled loop; `left` must be zero before."""
+def fill_unresolved_counts(cells, status, impacts, first, unresolved, leaks):
+    """Fill the arrays that `count_unresolved` returns, in a compiled loop.
+
+    unresolved (k,): receives the numbers of unresolved samples; must be zero before. leaks (k,): receives the flags.
+    """
     for i in range(cells.size):
         cell, leaked, last, since, before = cells[i], 0, 0, 0, 0
         for k in range(status.shape[1]):
             if status[cell, k] == Outcome.UNRESOLVED:
-                left[i] += 1
+                unresolved[i] += 1
             elif impacts[cell, k] > first[cell]:
                 leaked += 1
                 last = max(last, impacts[cell, k])
@@ -194,9 +197,9 @@ def fill_unresolved_counts(cells, status, impacts, first, left, leaks):
 def count_unresolved(cells: Counts, status: Counts, impacts: Counts, first: Counts) -> tuple[Counts, NDArray[np.bool_]]:
     """Return the numbers (k,) of unresolved samples in these cells, and flags of cells whose number may still fall.
 
-    A cell is flagged if samples of it have reached attractors after the first stage, the last of them not long ago. It
-    is long ago if, at the rate at which samples reached attractors until then, at least LEAKS_MISSED of the unresolved
-    samples should have reached one since.
+    A cell is flagged if some of its samples reached attractors after the first stage, and if more are expected to. The
+    expectation comes from the rate at which samples reached attractors until the last of them did. If at this rate
+    LEAKS_MISSED or more samples should have reached an attractor since then, no more are expected to.
 
     Parameters
     ----------
@@ -205,13 +208,13 @@ def count_unresolved(cells: Counts, status: Counts, impacts: Counts, first: Coun
     status, impacts : ndarray of int, (n_cells, count)
         Outcome and impacts of each sample.
     first : ndarray of int, (n_cells,)
-        Impacts of the first stage.
+        Limit of impacts of a sample in the first stage.
 
     Returns
     -------
     tuple of ndarray, (k,)
         Numbers of unresolved samples, and flags of cells where more of them are expected to reach an attractor.
     """
-    left, leaks = np.zeros(cells.size, np.int64), np.zeros(cells.size, np.bool_)
-    fill_unresolved_counts(cells, status, impacts, first, left, leaks)
-    return left, leaks
+    unresolved, leaks = np.zeros(cells.size, np.int64), np.zeros(cells.size, np.bool_)
+    fill_unresolved_counts(cells, status, impacts, first, unresolved, leaks)
+    return unresolved, leaks

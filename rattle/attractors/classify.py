@@ -17,7 +17,7 @@ from typing import Any, ClassVar, NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from rattle.attractors.ball import BALLS_PER_ORBIT, Centres, centres_of, enter_balls
+from rattle.attractors.ball import BALLS_PER_ORBIT, Centres, append_balls, centres_of
 from rattle.attractors.chaos import BATCHES, are_chaotic, count_unresolved, write_group_numbers
 from rattle.attractors.recurrence import mark_footprints, resolve
 from rattle.attractors.samples import GRID, Outcome, SampleSets, Trajectories, empty_tables, with_twice_the_room
@@ -25,12 +25,12 @@ from rattle.numerics.compile import compile_apart
 from rattle.parameters import Parameters
 
 PILOT = 8  # this many samples of a cell are followed first; orbits that they find can capture the other samples
-FIRST, SECOND = 64, 512  # impacts that a sample may make in all by the end of the first, and of the second, stage
+FIRST, SECOND = 64, 512  # total impacts that a sample may make by the end of the first stage, and of the second stage
 GROWTH = 4  # each later stage raises the impacts that a sample may make in all by this factor
-STAGES = 4  # number of stages after the first at strong damping; weak damping has as many as the budget allows
-FEW = 8  # a cell gets one more stage if at most one in 8 of its samples is unresolved
-MEASURED, PERIODS = 2000, 1000.0  # a probe is followed for at least this many impacts and forcing periods
-CHATTERING = 0.5  # a sample whose impacts take less than this share of the expected time may be chattering
+STAGES = 4  # stages after the first at strong damping, without that of FEW; at weak damping the budget limits them
+FEW = 8  # at strong damping a cell gets one more stage if at most one in FEW of its samples is unresolved
+LEAST_PROBE_IMPACTS, PERIODS = 2000, 1000.0  # a probe is followed for at least this many impacts and forcing periods
+CHATTERING = 0.5  # a sample that uses up its impacts in less than this share of the observation time may be chattering
 # a probe is followed for at least this many relaxation times 1/δ; where this exceeds PERIODS, all stages are longer
 WATCH = 100.0
 # Damping below which the neighbour test has two rounds. Neighbours of a sample have the sample's phase, and speeds that
@@ -40,17 +40,19 @@ WEAK, NEIGHBOUR_STEP = 0.3, 1e-9
 # followed after its first and after its second round.
 CROWDS = (256, 1024)
 BUDGET = 1_000_000  # default budget of impacts of a sample; a sample that is still unresolved then is undecided
-MOST_MEASURED = 20_000  # a probe stops after this many impacts, even if PERIODS forcing periods are not over
-MANY = 64  # with fewer samples in a cell, neighbours are followed too, so that "chaotic" is as reliable as with 64
-# Number of states that the neighbour test follows at strong damping, in a cell with fewer than MANY samples and a quiet
-# motion; without a quiet motion it is MOST_PROBES.
+MOST_PROBE_IMPACTS = 20_000  # a probe stops after this many impacts, even if PERIODS forcing periods are not over
+# If cells have fewer samples than this, the neighbour test also follows neighbours of the samples, so that "chaotic" is
+# as reliable as with this many samples.
+ENOUGH_SAMPLES = 64
+# Number of states (unresolved samples and their neighbours) of the neighbour test at strong damping, in a cell that has
+# fewer than ENOUGH_SAMPLES samples and a quiet motion. In such a cell without a quiet motion the number is MOST_PROBES.
 CROWD_OF_FEW = 256
 # Largest number of probes of a cell. If samples leave a chaotic set after 3000 periods on average, this many probes
 # show it in 98 % of cells.
 MOST_PROBES = 12
-TRACED = 1000  # number of impacts during which every state is marked in a visited-cell bitmap
-LONGER = 4  # probes that seem to lie on several attractors are followed this many times as long
-EXTENSIONS = 3  # an unclear exponent is measured again at most this often, each time over twice as many impacts
+TRACED_IMPACTS = 1000  # number of impacts during which every state is marked in a visited-cell bitmap
+LONGER_BY = 4  # probes that seem to lie on several attractors are followed this many times as long
+MOST_EXTENSIONS = 3  # an unclear exponent is measured again at most this often, each time for twice as long
 ROOM = 8  # each cell has room for this many orbits at first; the room is doubled when a cell needs more
 
 
@@ -64,7 +66,7 @@ class ChaoticSet(NamedTuple):
     sums : ndarray, (k, BATCHES, 3)
         Time, ln stretch and ln|det| of each batch of flights, for the k samples whose exponents were measured.
     watched : float
-        Forcing periods for which the samples that show the chaos were followed; the least of their times.
+        Observation time in forcing periods: the shortest among the samples that show the chaos.
     """
 
     samples: NDArray[np.int64]
@@ -111,7 +113,7 @@ class Classifier(ABC):
         self.grown = np.zeros(n_cells, np.int64)  # number of the cell's orbits that have capture regions
         self.chaos: dict[int, list[ChaoticSet]] = {}
         self.stage = np.zeros(n_cells, np.int64)
-        # cells whose probes all stayed unresolved but were not all chaotic: measuring them again would not help
+        # cells whose probes all stayed unresolved but were not all chaotic; more measurements would not decide them
         self.unclear = np.zeros(n_cells, np.bool_)
         self.enter_known_orbits()
 
@@ -182,7 +184,7 @@ class Classifier(ABC):
 
     @abstractmethod
     def advance(self, which: NDArray[np.int64], samples: Trajectories, early: bool) -> None:
-        """Follow samples to their attractors or limits of impacts, in place.
+        """Follow samples in place until each has reached an attractor or its limit of impacts, or has become recurrent.
 
         which: numbers of the samples. early: True in the first stage, in which attractors soon capture most samples; a
         subclass may then look for captured samples more often.
@@ -198,7 +200,7 @@ class Classifier(ABC):
         """
 
     def run(self) -> None:
-        """Follow samples until each is on an attractor, or its cell has had its last stage, or its budget is used up.
+        """Follow each sample until it is on an attractor, has used up its budget, or its cell has had the last stage.
 
         In each stage the unresolved samples of a cell are followed up to a higher limit of impacts. At weak damping
         only the budget limits the number of stages.
@@ -269,9 +271,10 @@ class Classifier(ABC):
         return SampleSets(cells[row] * self.count + column, left.sum(axis=1))
 
     def settle(self, which: NDArray[np.int64], samples: Trajectories, early: bool = False) -> None:
-        """Follow samples to their attractors or limits of impacts, in place.
+        """Follow samples in place until each has reached an attractor or its limit of impacts.
 
-        When a sample becomes recurrent, its orbit is searched. If no orbit is found, the sample is followed further.
+        which: numbers of the samples. early: True in the first stage (`advance`). When a sample becomes recurrent, its
+        orbit is searched. If no orbit is found, the sample is followed further.
         """
         while which.size:
             self.advance(which, samples, early)
@@ -299,7 +302,7 @@ class Classifier(ABC):
             return
         centres = centres_of(self.grown, self.orbits, self.cells)
         self.find_radii(centres)
-        enter_balls(centres, self.balls.for_kernels())
+        append_balls(centres, self.balls.for_kernels())
         self.grown[:] = self.orbits.n
 
     def make_room(self, most: int) -> None:
@@ -344,26 +347,26 @@ class Classifier(ABC):
     def may_leak(self, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
         """Return flags (k,) of cells where a chaotic set may lose samples so slowly that the probes show no loss.
 
-        Such losses are frequent at weak damping and in cells with a quiet motion. Cells with fewer than MANY samples
-        are flagged too, because few samples may not show a loss.
+        Such losses are frequent at weak damping and in cells with a quiet motion. Cells with fewer samples than
+        ENOUGH_SAMPLES are flagged too, because few samples may not show a loss.
 
         Returns
         -------
         NDArray[np.bool_]
             True for cells whose unresolved samples must all be followed (`samples_outlast_probes`).
         """
-        return np.asarray(self.weak[cells] | self.has_quiet[cells] | (self.count < MANY))
+        return np.asarray(self.weak[cells] | self.has_quiet[cells] | (self.count < ENOUGH_SAMPLES))
 
     def waits_for_leaks(self, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """Return flags (k,) of the cells whose probes must wait while samples still reach attractors.
+        """Return flags (k,) of the cells whose probes are not measured while samples still reach attractors.
 
-        The probes of such a cell are measured only when `count_unresolved` expects no more of its unresolved samples to
-        reach an attractor. This method flags all cells; a subclass may exempt some.
+        The probes of a flagged cell are measured as soon as `count_unresolved` expects that none of the cell's
+        unresolved samples will reach an attractor. This method flags all cells; a subclass may leave some out.
 
         Returns
         -------
         NDArray[np.bool_]
-            True for cells whose probes must wait.
+            True for cells whose probes must not be measured yet.
         """
         return np.ones(cells.size, np.bool_)
 
@@ -372,9 +375,9 @@ class Classifier(ABC):
 
         Chaotic sets that lose samples slowly are frequent at weak damping and in cells with a quiet motion, and twelve
         probes do not reveal the loss. Therefore all unresolved samples of the cells are followed, for as many impacts
-        as the probe with the most impacts. At weak damping, and if cells have fewer samples than MANY, neighbours of
-        these samples are followed too (`neighbours_stay_unresolved`). A cell without a flag loses the chaotic sets that
-        its probes had shown.
+        as the probe with the most impacts. At weak damping, and if cells have fewer samples than ENOUGH_SAMPLES,
+        neighbours of these samples are followed too (`neighbours_stay_unresolved`). For a cell without a flag the
+        chaotic sets that its probes had shown are removed from `chaos`.
 
         Returns
         -------
@@ -395,7 +398,7 @@ class Classifier(ABC):
         for first, last in pairwise((0, *CROWDS)):
             crowd = lasted & weak
             lasted[crowd] = self.neighbours_stay_unresolved(cells[crowd], first, last)
-        if self.count < MANY:
+        if self.count < ENOUGH_SAMPLES:
             for has_quiet, states in ((True, CROWD_OF_FEW), (False, MOST_PROBES)):
                 crowd = lasted & ~weak & (self.has_quiet[cells] == has_quiet)
                 lasted[crowd] = self.neighbours_stay_unresolved(cells[crowd], 0, states)
@@ -436,13 +439,13 @@ class Classifier(ABC):
         return ~np.asarray(gone.reshape(-1, each.size).any(axis=1))
 
     def neighbouring_trajectories(
-        self, left: SampleSets, number: NDArray[np.int64], most: NDArray[np.int64]
+        self, unresolved: SampleSets, number: NDArray[np.int64], most: NDArray[np.int64]
     ) -> Trajectories:
         """Return new trajectories from the unresolved samples of each cell, and from neighbours with larger speeds.
 
         Parameters
         ----------
-        left : SampleSets
+        unresolved : SampleSets
             The unresolved samples of n cells.
         number : ndarray of int, (k,) or (n, k)
             Numbers of the states in a cell: the lowest numbers are the samples themselves, then come the first
@@ -455,8 +458,8 @@ class Classifier(ABC):
         Trajectories
             n·k states, cell by cell.
         """
-        turn, place = np.divmod(number, left.size[:, None])
-        which, samples = left.which[left.starts[:, None] + place].ravel(), self.samples
+        turn, place = np.divmod(number, unresolved.size[:, None])
+        which, samples = unresolved.which[unresolved.starts[:, None] + place].ravel(), self.samples
         v = samples.v[which] * (1.0 + NEIGHBOUR_STEP * turn.ravel())
         return new_trajectories(samples.cell[which], samples.tau[which], v, np.repeat(most, turn.shape[1]))
 
@@ -465,8 +468,9 @@ class Classifier(ABC):
     ) -> NDArray[np.bool_]:
         """Return flags of samples that may be chattering towards quiet motion.
 
-        A sample is flagged if its cell has a quiet motion and it made its impacts too fast: in a time below CHATTERING
-        times `periods`, the observation time. time, periods: in forcing periods.
+        A sample is flagged if its cell has a quiet motion and the sample used up its impacts in less than CHATTERING
+        times the required observation time. time, periods: the time that these impacts took, and the required
+        observation time, both in forcing periods.
 
         Returns
         -------
@@ -490,7 +494,7 @@ class Classifier(ABC):
         samples = self.samples
         pace = samples.time / np.maximum(samples.impacts, 1)
         todo = np.flatnonzero(samples.impacts[which] < self.budget)
-        for extension in range(EXTENSIONS + 1):
+        for extension in range(MOST_EXTENSIONS + 1):
             if not todo.size:
                 break
             # samples with the most impacts per period need the most flights: start them first, so that all lanes end
@@ -498,16 +502,18 @@ class Classifier(ABC):
             todo = todo[np.argsort(pace[which[todo]], kind="stable")]
             now = which[todo]
             longer = np.maximum(self.longer[samples.cell[now]], times) * 2**extension
-            most, room = MOST_MEASURED * longer, self.budget - samples.impacts[now]
+            most, room = MOST_PROBE_IMPACTS * longer, self.budget - samples.impacts[now]
             samples.limit[now] = samples.impacts[now] + np.minimum(most, room).astype(np.int64)
             part, before = empty_record(todo.size), samples.time[now]
-            self.follow_with_tangent(now, np.full(todo.size, float(MEASURED * 2**extension)), PERIODS * longer, part)
+            self.follow_with_tangent(
+                now, np.full(todo.size, float(LEAST_PROBE_IMPACTS * 2**extension)), PERIODS * longer, part
+            )
             self.resolve(now[samples.status[now] == Outcome.RECURRENT], samples)
             seen.sums[todo], seen.prints[todo] = part
             left, time = samples.status[now] == Outcome.UNRESOLVED, samples.time[now] - before
             chattering = self.may_be_chattering(samples.cell[now], time, PERIODS * longer)
-            # the exponent is not judged if the sample may be chattering, or if its budget of impacts ended before the
-            # required observation time
+            # the exponent is not judged if the sample may be chattering, or if the sample used up its budget of impacts
+            # before the required observation time
             stopped = chattering | (time < PERIODS * longer) & (room < most)
             chaotic[todo] = left & ~stopped & are_chaotic(part.sums)
             todo = todo[left & ~chaotic[todo] & ~stopped & (samples.impacts[now] < self.budget)]
@@ -516,13 +522,15 @@ class Classifier(ABC):
     def declare_chaos(self, cells: NDArray[np.int64], probes: SampleSets, seen: ProbeRecord) -> NDArray[np.bool_]:
         """Declare the unresolved samples of these cells to be on the chaotic attractor on which their probes are.
 
-        If the probes of a cell seem to lie on several attractors, they are followed for longer. If they still seem to,
-        all unresolved samples of the cell are followed (`declare_several_sets`). seen: the observations of the probes.
+        If the probes of a cell seem to lie on several attractors, the probes are followed for longer. If they still
+        seem to lie on several, all unresolved samples of the cell are followed (`declare_several_sets`).
+
+        seen: the observations of the probes.
 
         Returns
         -------
         NDArray[np.bool_]
-            False for cells where a longer observation did not show that every followed sample is chaotic.
+            False for cells where some sample that was followed for longer was not found chaotic.
         """
         if not cells.size:
             return np.zeros(0, np.bool_)
@@ -534,7 +542,7 @@ class Classifier(ABC):
             several[several] = self.have_several_sets(some, seen.prints[each])
         if several.any():
             some, each = probes.select_cells(several), np.repeat(several, probes.size)
-            more, chaotic = self.measure_exponents(some.which, LONGER)
+            more, chaotic = self.measure_exponents(some.which, LONGER_BY)
             seen.sums[each] = more.sums
             seen.prints[each] |= more.prints
             declared[several] = some.cells_where_all(chaotic)
@@ -549,19 +557,19 @@ class Classifier(ABC):
         return declared
 
     def declare_several_sets(self, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """Follow all unresolved samples of these cells for longer, and declare on which chaotic attractor each one is.
+        """Follow all unresolved samples of these cells for longer, and declare the chaotic attractor of each sample.
 
-        Samples whose visited-cell bitmaps overlap are on the same attractor. A cell may turn out to have only one.
+        Samples whose visited-cell bitmaps overlap are on the same attractor. A cell may turn out to have one attractor.
 
         Returns
         -------
         NDArray[np.bool_]
-            False for cells where the longer observation did not show that every sample is chaotic.
+            False for cells where some sample was not found chaotic in the longer observation.
         """
         if not cells.size:
             return np.zeros(0, np.bool_)
         left = self.unresolved_in(cells)
-        (sums, prints), chaotic = self.measure_exponents(left.which, LONGER)
+        (sums, prints), chaotic = self.measure_exponents(left.which, LONGER_BY)
         declared = left.cells_where_all(chaotic)
         left, every = left.select_cells(declared), np.repeat(declared, left.size)
         sums, prints = sums[every], self.mark_more_states(left.which, prints[every])
@@ -582,8 +590,8 @@ class Classifier(ABC):
         return ~sets.cells_where_all(number == 0)
 
     def mark_more_states(self, which: NDArray[np.int64], prints: NDArray[np.uint64]) -> NDArray[np.uint64]:
-        """Mark the states of TRACED more impacts of samples (k,) in the bitmaps `prints`, and return the bitmaps."""
-        mark_footprints(which, TRACED, self.cells, self.samples, prints)
+        """Mark the states after the next TRACED_IMPACTS impacts of samples (k,) in the bitmaps `prints`, in place."""
+        mark_footprints(which, TRACED_IMPACTS, self.cells, self.samples, prints)
         return prints
 
     def shortest_observation(self, which: NDArray[np.int64]) -> float:
@@ -592,7 +600,7 @@ class Classifier(ABC):
 
 
 def stage_impact_limit(stage: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Return the impacts that a sample may make in all until the end of each of these stages, at strong damping."""
+    """Return the total impacts that a sample may make by the end of each of these stages, at strong damping."""
     return np.where(stage == 0, float(FIRST), SECOND * float(GROWTH) ** (stage - 1))
 
 

@@ -13,7 +13,7 @@ from rattle.numerics.sampling import Z_95, wilson_interval
 
 # largest distance between the states of a pair; number of distances, of which each is half the one before
 LARGEST_SIZE, SIZES = 2.0**-6, 8
-FEWEST = 5  # the fit leaves out each distance that has fewer than this many uncertain pairs
+LEAST_UNCERTAIN_PAIRS = 5  # the fit leaves out distances with fewer uncertain pairs than this
 MOST_PAIRS = 1 << 20
 LONGEST_BOX = 4096
 
@@ -22,8 +22,8 @@ class BasinEntropy(NamedTuple):
     """Mean entropy per box in nats: over all boxes, and over the boxes at basin boundaries.
 
     `boxes` and `boundary_boxes` are the numbers of these boxes. The entropy over boundaries is NaN if there are none.
-    Both entropies are NaN if a cell is undecided, because its basin is unknown. Source: Daza et al., Scientific Reports
-    6 (2016) 31416.
+    Both entropies are NaN if some cell has no known basin, because the trajectory from its centre is undecided.
+    Source: Daza et al., Scientific Reports 6 (2016) 31416.
     """
 
     entropy: float
@@ -127,7 +127,15 @@ def basin_entropy(basins: Basins, box: int = 5) -> BasinEntropy:
 def _random_pairs(
     sizes: NDArray[np.float64], pairs: int, v_max: float, seed: int
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return phases and speeds (k, 2, pairs) of pairs at k distances `sizes`; the first state of a pair is uniform."""
+    """Return phases and speeds (k, 2, pairs) of pairs of states at k distances `sizes`.
+
+    The first state of a pair is uniformly distributed.
+
+    Returns
+    -------
+    tuple[NDArray[np.float64], NDArray[np.float64]]
+        Phases and speeds.
+    """
     random = np.random.default_rng(seed)
     shape = (sizes.size, pairs)
     tau, v = random.random(shape), 1.0 - random.random(shape)
@@ -152,7 +160,7 @@ def fit_power_law(
     tuple[float, float]
         α and its half-width, both NaN where fewer than three sizes have enough uncertain pairs.
     """
-    enough = uncertain >= FEWEST
+    enough = uncertain >= LEAST_UNCERTAIN_PAIRS
     if enough.sum() < 3:
         return float("nan"), float("nan")
     x, f = np.log(sizes[enough]), uncertain[enough] / pairs[enough]

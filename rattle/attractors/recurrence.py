@@ -14,9 +14,9 @@ from rattle.numerics.compile import inline, kernel
 from rattle.orbits.return_map import fastest_point, log_multipliers, newton, point_of, power_map, shortest_return, step
 
 # A trajectory approaches the orbit that Newton's method found if its distance to the orbit falls by the factor
-# APPROACH, or is below ARRIVED.
-APPROACH, ARRIVED = 0.5, 1e-9
-CANDIDATE = 1e-5  # the first return to within this distance gives the period for Newton's method
+# APPROACH_RATIO, or is below ARRIVAL_DISTANCE.
+APPROACH_RATIO, ARRIVAL_DISTANCE = 0.5, 1e-9
+RETURN_DISTANCE = 1e-5  # the first return to within this distance gives the period for Newton's method
 LONGEST_PERIOD = 4096  # longest period for Newton's method, in impacts on Σ⁺; slower recurrences are followed further
 SAME_POINT = 1e-6  # two orbits with the same label whose points are closer than this are the same orbit
 
@@ -41,7 +41,7 @@ def is_approaching(tau, v, star_tau, star_v, k, most, point):
     """
     unit = speed_unit_at(point)
     start = math.hypot(wrapped(tau - star_tau), (v - star_v) / unit)
-    if start < ARRIVED:
+    if start < ARRIVAL_DISTANCE:
         return True
     for _ in range(k, most + 1, k):
         for _ in range(k):
@@ -49,7 +49,7 @@ def is_approaching(tau, v, star_tau, star_v, k, most, point):
             if status != OK:
                 return False
         distance = math.hypot(wrapped(tau - star_tau), (v - star_v) / unit)
-        if distance < max(APPROACH * start, ARRIVED):
+        if distance < max(APPROACH_RATIO * start, ARRIVAL_DISTANCE):
             return True
         if distance > 4.0 * start:
             return False
@@ -60,7 +60,7 @@ def is_approaching(tau, v, star_tau, star_v, k, most, point):
 def impacts_until_return(tau, v, gap, point):
     """Return the number of impacts on Σ⁺ until the trajectory from (τ, v) first returns close to (τ, v).
 
-    gap: a number of impacts after which it is known to return.
+    gap: a number of impacts after which the trajectory is known to return close to (τ, v).
 
     Returns
     -------
@@ -72,7 +72,7 @@ def impacts_until_return(tau, v, gap, point):
         status, t, speed, _time, _below = step(t, speed, point)
         if status != OK:
             return gap
-        if abs(speed - v) < CANDIDATE * unit and abs(wrapped(t - tau)) < CANDIDATE:
+        if abs(speed - v) < RETURN_DISTANCE * unit and abs(wrapped(t - tau)) < RETURN_DISTANCE:
             return j
     return gap
 
@@ -178,8 +178,8 @@ def mark_footprints(
 def append_period_one(n, n_plus, n_minus, tau, v, trace, cells, orbits):
     """Append stable orbits of period one to the tables of their cells, which must have room.
 
-    The arrays are (n_cells, room). `n` (n_cells,) is the number of orbits in each row, and `trace` the trace of each
-    orbit's tangent map.
+    n (n_cells,): the number of new orbits of each cell. n_plus, n_minus, tau, v, trace (n_cells, most): in row i the
+    impacts, a state, and the trace of the tangent map of the n[i] orbits of cell i.
     """
     for cell in range(n.size):
         for j in range(n[cell]):
@@ -190,7 +190,15 @@ def append_period_one(n, n_plus, n_minus, tau, v, trace, cells, orbits):
 
 @kernel
 def resolve_all(which, cells, samples, orbits, balls, grown, waiting):
-    """Do the work of `resolve` in a compiled loop, and return the number of waiting samples."""
+    """Do the work of `resolve` in a compiled loop.
+
+    Write the numbers of the samples whose orbits could not be searched yet to `waiting`.
+
+    Returns
+    -------
+    int
+        Number of these samples.
+    """
     n = 0
     for k in which:
         cell = samples.cell[k]
@@ -222,17 +230,18 @@ def resolve(
 ) -> NDArray[np.int64]:
     """Find the orbits of recurrent samples.
 
-    A sample with a stable orbit becomes PERIODIC. Another sample becomes UNRESOLVED, and no new recurrence of it is
-    searched until it has made a number of further impacts.
+    A sample with a stable orbit becomes PERIODIC. Any other sample becomes UNRESOLVED, and does not become recurrent
+    again until it has made a number of further impacts.
 
-    A sample is left waiting, without a search, if its cell has an orbit that has no capture regions yet (it may be the
-    orbit of this sample too), or if its cell has no room for another orbit. grown (n_cells,): the number of orbits of
-    each cell that have capture regions.
+    The orbit of a sample is not searched if a known orbit of its cell has no capture regions yet, because the sample
+    may be on that orbit. It is also not searched if the table has no room for another orbit of the cell.
+
+    grown (n_cells,): the number of orbits of each cell that have capture regions.
 
     Returns
     -------
     NDArray[np.int64]
-        Numbers of the waiting samples, in their order.
+        Numbers of the samples whose orbits were not searched, in the order of `which`.
     """
     waiting = np.zeros_like(which)
     tables = samples.for_kernels(), orbits.for_kernels(), balls.for_kernels()

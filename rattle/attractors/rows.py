@@ -49,18 +49,19 @@ def place_of_attractor(kind, which, orbits):
 
 
 @kernel
-def fill_rows(kind, which, impacts, time, known, orbits, room, whole, watched, row):
-    """Fill the columns of `Rows`: `whole` (6, n) with the integer columns in order, `watched` (n,) with the last one.
+def fill_rows(kind, which, impacts, time, known, orbits, scratch, integers, watched, row):
+    """Fill the columns of `Rows`, and write the row of each sample to `row`.
 
-    The function also writes the row of each sample to `row`. `whole` must be zero before. A cell has at most `orbits`
-    orbits. `room` (2, places) is scratch memory for the attractors of one cell.
+    kind to known: as in `rows_of`. orbits: the largest number of orbits of a cell. scratch (2, most attractors of a
+    cell): memory for the attractors of one cell. integers (6, n): receives the columns `cell` to `impacts` in order,
+    and must be zero before. watched (n,): receives the column `watched`.
 
     Returns
     -------
     int
         Number of filled rows.
     """
-    at, seen, n = room[0], room[1], 0
+    at, seen, n = scratch[0], scratch[1], 0
     cells, places = known.size, at.size
     count = kind.size // max(cells, 1)
     for c in range(cells):
@@ -76,8 +77,8 @@ def fill_rows(kind, which, impacts, time, known, orbits, room, whole, watched, r
         for p in range(places):
             if seen[p] >= 0:
                 at[p] = n
-                whole[0, n] = c
-                whole[1, n] = (
+                integers[0, n] = c
+                integers[1, n] = (
                     Outcome.QUIET
                     if p == 0
                     else Outcome.PERIODIC
@@ -86,15 +87,15 @@ def fill_rows(kind, which, impacts, time, known, orbits, room, whole, watched, r
                     if p < places - 1
                     else Outcome.UNDECIDED
                 )
-                whole[2, n] = 0 if p == 0 or p == places - 1 else p - 1 if p <= orbits else p - 1 - orbits
-                whole[3, n] = seen[p]
+                integers[2, n] = 0 if p == 0 or p == places - 1 else p - 1 if p <= orbits else p - 1 - orbits
+                integers[3, n] = seen[p]
                 watched[n] = np.inf
                 n += 1
         for i in range(c * count, (c + 1) * count):
             r = at[row[i]]
             row[i] = r
-            whole[4, r] += 1
-            whole[5, r] += impacts[i]
+            integers[4, r] += 1
+            integers[5, r] += impacts[i]
             watched[r] = min(watched[r], time[i])
     return n
 
@@ -102,9 +103,12 @@ def fill_rows(kind, which, impacts, time, known, orbits, room, whole, watched, r
 def rows_of(kind: Counts, which: Counts, impacts: Counts, time: Array, known: Counts, row: Counts) -> Rows:
     """Return the rows of all attractors that samples reach.
 
-    The samples are ordered by cell, and every cell has the same number of them. For each sample, `kind` is the kind of
-    its attractor, `which` the attractor's number within its cell and kind, `impacts` and `time` are those of the
-    sample. Each cell also has rows for its first `known` orbits. The row of every sample is written to `row`.
+    The samples (n,) are ordered by cell, and every cell has the same number of them.
+
+    kind, which (n,): the kind of each sample's attractor, and its number among those of its cell and kind.
+    impacts, time (n,): the impacts and forcing periods for which each sample was followed.
+    known (n_cells,): cell i has rows also for its orbits 0 to known[i] − 1, even if no sample reached them.
+    row (n,): receives the row of each sample.
 
     Returns
     -------
@@ -114,6 +118,10 @@ def rows_of(kind: Counts, which: Counts, impacts: Counts, time: Array, known: Co
     orbits = int(max(which[kind == Outcome.PERIODIC].max(initial=-1) + 1, known.max(initial=0)))
     sets = int(which[kind == Outcome.CHAOTIC].max(initial=-1) + 1)
     most = kind.size + int(known.sum())  # room for all rows, because each row has a sample or a known orbit
-    whole, watched, room = np.zeros((6, most), np.int64), np.zeros(most), np.zeros((2, 2 + orbits + sets), np.int64)
-    n = fill_rows(kind, which, impacts, time, known, orbits, room, whole, watched, row)
-    return Rows._make([*whole[:, :n], watched[:n]])
+    integers, watched, scratch = (
+        np.zeros((6, most), np.int64),
+        np.zeros(most),
+        np.zeros((2, 2 + orbits + sets), np.int64),
+    )
+    n = fill_rows(kind, which, impacts, time, known, orbits, scratch, integers, watched, row)
+    return Rows._make([*integers[:, :n], watched[:n]])

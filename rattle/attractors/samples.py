@@ -15,7 +15,7 @@ from rattle.numerics.compile import inline
 from rattle.numerics.struct_of_arrays import StructOfArrays, kernel_columns
 
 GRID = 32  # boxes along each side of the visited-cell bitmap of a chaotic trajectory
-HIGHEST = 14.0  # largest speed at which a visited-cell bitmap may end, in units of `speed_unit`
+HIGHEST_BITMAP_SPEED = 14.0  # largest speed at which a visited-cell bitmap may end, in units of `speed_unit`
 RECURRENCE = 1e-6  # a return to within this distance of an earlier state starts Newton's method
 Known = TypeVar("Known", bound=StructOfArrays)
 CONTACT = -1  # value of `Trajectories.pause` for a sample that has entered a contact phase
@@ -190,8 +190,8 @@ def capturing_orbit(tau, v, cell, balls):
 
 @inline
 def top_speed(epsilon, unit):
-    """Return the upper end of the speeds in a visited-cell bitmap. Its last boxes also hold faster states, if any."""
-    return min(DRIFT + largest_slope(epsilon), HIGHEST * unit)
+    """Return the speed at which a visited-cell bitmap ends. unit: the unit of speed differences (`speed_unit`)."""
+    return min(DRIFT + largest_slope(epsilon), HIGHEST_BITMAP_SPEED * unit)
 
 
 @inline

@@ -20,7 +20,7 @@ PAPER_SPEED = 7.0  # largest speed in the paper's figures
 #: Ranges of δ, ε and β around the paper's plane, where `PAPER_SPEED` is the default.
 PLANE = ((0.3, 1.5), (0.0, 0.5), (0.2, 1.2))
 
-WHOLE = (0.0, 1.0, 0.0)  # lowest and highest phase, and lowest speed, of a box of all phases and speeds
+WHOLE_BOX = (0.0, 1.0, 0.0)  # lowest and highest phase, and lowest speed, of a box of all phases and speeds
 MOST_SAMPLES = 1 << 20
 LARGEST_BUDGET = 1_000_000_000
 LARGEST_SEED = (1 << 128) - 1
@@ -72,7 +72,7 @@ class SampleSpec:
     def states(self, parameters: Parameters) -> tuple[Array, Array]:
         """Return the phases and speeds (n, count) of these cells (n,). Raises ParameterError."""
         highest = self.highest_speeds(parameters)
-        if (*self.tau, self.v_min) != WHOLE and parameters.size:
+        if (*self.tau, self.v_min) != WHOLE_BOX and parameters.size:
             box_of(self.tau, (self.v_min, float(highest.min())))
         cells = parameters.delta, parameters.epsilon, parameters.beta
         return initial_conditions(*cells, self.count, highest, self.seed, self.tau, self.v_min)

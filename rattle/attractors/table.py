@@ -223,11 +223,12 @@ def tabulate_attractors(classifier: Classifier, missed: bool = False) -> tuple[A
     watched[(kind != Outcome.CHAOTIC) & (kind != Outcome.UNDECIDED)] = np.nan
     periodic = kind == Outcome.PERIODIC
 
-    def orbit_values(values: NDArray[np.float64], otherwise: ArrayLike) -> NDArray[np.float64]:
+    def values_if_periodic(values: NDArray[np.float64], otherwise: ArrayLike) -> NDArray[np.float64]:
+        """Return for each row the value of its orbit, from `values` (n_cells, room); `otherwise` if it has no orbit."""
         column = np.minimum(which, values.shape[1] - 1)
         return np.where(periodic, values[cell, column], otherwise)
 
-    first, second = orbit_values(orbits.first, np.nan), orbit_values(orbits.second, np.nan)
+    first, second = values_if_periodic(orbits.first, np.nan), values_if_periodic(orbits.second, np.nan)
     error = np.where(periodic, 0.0, np.nan)
     chaotic = np.flatnonzero(kind == Outcome.CHAOTIC)
     if chaotic.size:
@@ -235,9 +236,9 @@ def tabulate_attractors(classifier: Classifier, missed: bool = False) -> tuple[A
         first[chaotic], second[chaotic], error[chaotic] = pooled_exponents([each.sums for each in found])
         watched[chaotic] = [each.watched for each in found]
     labels = orbits.m, orbits.n_plus - orbits.merged, orbits.n_minus, orbits.contacts
-    m, n_plus, n_minus, contacts = (orbit_values(x, 0).astype(np.int64) for x in labels)
-    tau = orbit_values(orbits.tau, samples.tau[first_sample])
-    v = orbit_values(orbits.v, samples.v[first_sample])
+    m, n_plus, n_minus, contacts = (values_if_periodic(x, 0).astype(np.int64) for x in labels)
+    tau = values_if_periodic(orbits.tau, samples.tau[first_sample])
+    v = values_if_periodic(orbits.v, samples.v[first_sample])
     order = np.lexsort((tau, v, n_minus, n_plus, m, kind, -number, cell))
     place = np.empty_like(order)
     place[order] = np.arange(order.size)
@@ -261,7 +262,7 @@ def tabulate_attractors(classifier: Classifier, missed: bool = False) -> tuple[A
 
 
 def attractors_of_samples(classifier: type[Classifier], parameters: Parameters, sample: SampleSpec) -> AttractorTable:
-    """Return the attractors that a sample of each of these points finds, and known stable orbits that it misses.
+    """Return the attractors that samples of these points find, and known stable orbits that the samples miss.
 
     Returns
     -------

@@ -29,7 +29,7 @@ LARGE_CORRECTION = 1e-3
 ACCEPTED_CORRECTION = 1e-11
 #: Step length below which a curve is not followed further.
 SHORTEST_STEP = 1e-10
-#: A rate |dp/ds| of the parameter p along a branch counts as at least this, when a longest step in p is divided by it.
+#: Least divisor |dp/ds|, the rate of the parameter p along a branch, when a longest step in p is converted to one in s.
 LEAST_RATE = 1e-12
 #: Largest angle between the tangents of neighbouring points, in radians.
 LARGEST_TURN = 0.2
@@ -39,7 +39,7 @@ MOST_BISECTIONS = 200
 #: The edge at which a path ends becomes its last point only if an unknown differs by more than this from the previous
 #: point.
 SAME_POINT = 1e-12
-#: A curve is closed if it comes back to its start with no unknown differing by this or more.
+#: A curve is closed if it comes back to its start, so that every unknown differs by less than this.
 SAME_SOLUTION = 1e-8
 CLOSED = "closed: it comes back to its start"
 #: Damping below which tolerances of δ and ε are relative to the damping; at larger dampings they are absolute.
@@ -279,7 +279,7 @@ class Bound:
     high: float
 
     def exceeded_limit(self, x: Array) -> float | None:
-        """Return the limit that x exceeds, or None if x is within the bounds."""
+        """Return `low` if x[index] is below it, `high` if x[index] is above it, else None."""
         value = x[self.index]
         return self.low if value < self.low else self.high if value > self.high else None
 
@@ -290,8 +290,8 @@ def last_inside(
     """Return the last admissible solution between a and b, and the first one that is not admissible.
 
     a is admissible and b is not. Bisection finds both solutions to rounding. If Newton's method fails near a singular
-    solution, the bisection steps along the tangent instead, because b may belong to another branch. If both fail, the
-    step is halved.
+    solution, the bisection steps along the tangent instead, because b may belong to another branch. If Newton's method
+    fails there too, the step is halved.
 
     Returns
     -------
@@ -355,8 +355,8 @@ class Follower:
         "Inside" and "outside" are those of `Follower`; the start is inside. If the curve goes outside, the last point
         is the edge of the inside, to rounding.
 
-        most: the largest number of points. first: the longest first step. Give it if another curve crosses at the
-        start, such as the branch that has a flip: then the orientation of the curve is not checked in this step.
+        most: the largest number of points. first: the longest allowed first step. Give `first` if another curve crosses
+        this one at the start, as at a flip: then the orientation of the curve is not checked in the first step.
 
         Returns
         -------
@@ -449,7 +449,7 @@ def root_between(
         """Return the test function at a share of the way. Raises ArithmeticError if Newton's method fails there."""
         x = solution_above_chord(problem, a, b, share)
         if x is None:
-            raise ArithmeticError
+            raise ArithmeticError("Newton's method failed")
         return test(x)
 
     from scipy.optimize import brentq  # imported here because it takes a quarter of a second to load

@@ -259,7 +259,15 @@ def require_end(name: str, value: ArrayLike) -> Array:
 
 
 def _motions_of_attractors(sweeps: Sweeps, parameters: Parameters, search: Search, unit: float) -> Iterator[Motion]:
-    """Yield a motion near each periodic attractor of the sweeps, at its first step, then at every CHECKED-th step."""
+    """Yield a motion near each periodic attractor of the sweeps.
+
+    An attractor has a motion at the first step at which it is known, and then at every CHECKED-th step.
+
+    Yields
+    ------
+    Motion
+        The motion, at the parameters of the step.
+    """
     last: dict[tuple[int, int, int], list[tuple[int, KnownAttractor]]] = {}
     for step, here in enumerate(sweeps.known):
         now: dict[tuple[int, int, int], list[tuple[int, KnownAttractor]]] = {}
@@ -288,7 +296,7 @@ def _is_close(one: KnownAttractor, other: KnownAttractor, unit: float) -> bool:
 def _unsampled_pieces(sweeps: Sweeps, search: Search, position: Array, unit: float) -> tuple[list[BranchPiece], bool]:
     """Return the stable parts of branches that no sample found.
 
-    The function also adds to `sweeps.known` the motions of stable parts that are not known there, at each step.
+    The function also adds to `sweeps.known`, at each step, the motions of stable parts that are not known at that step.
 
     Returns
     -------
@@ -320,14 +328,14 @@ def _unsampled_pieces(sweeps: Sweeps, search: Search, position: Array, unit: flo
 
 
 def _stable_pieces(search: Search, position: Array) -> Iterator[tuple[BranchPiece, NDArray[np.int64], Array, Array]]:
-    """Yield each stable part of the branches, its steps, and τ and v (steps, n_plus) on Σ⁺ at these steps.
+    """Yield each stable part of the branches, with its phases and speeds on Σ⁺ at the steps of the diagram.
 
-    The phases and speeds are interpolated between the points of the branch.
+    The phases and speeds are interpolated between the points of the branch. position: the positions of all steps.
 
     Yields
     ------
     tuple[BranchPiece, NDArray[np.int64], Array, Array]
-        The part, its steps, τ and v.
+        The part, the numbers (k,) of the steps that it contains, and τ and v (k, n_plus) at these steps.
     """
     for i, found in enumerate(search.branches):
         upper, at = np.flatnonzero(np.array(found.itinerary.walls) > 0), search.paths[i][:, -1]

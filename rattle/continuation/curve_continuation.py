@@ -31,7 +31,7 @@ from rattle.numerics.complex_step import Array
 #: Largest distance in δ and ε, in units of `plane_scale`, between points that count as the same.
 SAME_POINT = 1e-9
 #: Longest step along a curve in the times of its motion, in forcing periods.
-LONGEST = 0.05
+LONGEST_TIME_STEP = 0.05
 #: Largest difference in an unknown between solutions that count as the same.
 SAME_SOLUTION = 1e-7
 #: Least number of points of a curve across the width of the window.
@@ -242,7 +242,7 @@ class PlaneWindow:
         return Bound(-2, *self.delta), Bound(-1, *self.epsilon)
 
     def why_outside(self, x: Array) -> str | None:
-        """Return in words the side of the window that a point x is beyond; None if x is inside the window."""
+        """Return the side of the window beyond which a point x lies, in words; None if x is inside the window."""
         limits = zip(("delta", "epsilon"), (bound.exceeded_limit(x) for bound in self.bounds), strict=True)
         return next((f"window: {name} = {limit:g}" for name, limit in limits if limit is not None), None)
 
@@ -250,7 +250,7 @@ class PlaneWindow:
         """Return the longest allowed step along a unit tangent."""
         sizes = (self.delta[1] - self.delta[0], self.epsilon[1] - self.epsilon[0])
         rates = [self.resolution * abs(rate) / size for rate, size in zip(tangent[-2:], sizes, strict=True)]
-        return 1.0 / max(*rates, float(np.max(np.abs(tangent[:-2]))) / LONGEST)
+        return 1.0 / max(*rates, float(np.max(np.abs(tangent[:-2]))) / LONGEST_TIME_STEP)
 
 
 def pieces_in_window(
@@ -282,7 +282,7 @@ def pieces_in_window(
         The pieces, in the order of δ and ε at their first points.
     """
     found: list[CurvePiece] = []
-    twins = partial(_shifted_near, times)
+    twins = partial(_times_shifted_near, times)
     follower = Follower(problem, window.bounds, lambda x: why_excluded(x) is None, window.longest_step, twins)
     guesses = [*starts]
     solved = solutions_with_values(problem, np.array(guesses), -2) if guesses else np.empty((0, 2))
@@ -292,7 +292,7 @@ def pieces_in_window(
         if not follower.is_inside(x):
             continue
         new = _follow_piece(follower, x, lambda y: window.why_outside(y) or why_excluded(y))
-        # rounding may have ended an earlier piece too early, before this start: then the new piece replaces it
+        # rounding may have ended an earlier piece too early, so that it does not reach x: the new piece replaces it
         found = [
             piece
             for piece in found
@@ -303,8 +303,16 @@ def pieces_in_window(
     return sorted(found, key=lambda piece: (piece.points[0, -2], piece.points[0, -1]))
 
 
-def _shifted_near(times: int | None, start: Array, x: Array) -> Array:
-    """Return the unknowns `start` of a motion (1, N), with its times shifted by whole forcing periods to be near x."""
+def _times_shifted_near(times: int | None, start: Array, x: Array) -> Array:
+    """Return the unknowns of a motion, with all times shifted by a number of whole forcing periods to be near x.
+
+    times: the number of unknowns that are times; None for all but δ and ε. start (N,): the unknowns of the motion.
+
+    Returns
+    -------
+    Array
+        The shifted unknowns (1, N).
+    """
     twin = start.copy()
     twin[: -2 if times is None else times] += np.rint(x[0] - start[0])
     return twin[None]
@@ -313,20 +321,29 @@ def _shifted_near(times: int | None, start: Array, x: Array) -> Array:
 def _lie_on_piece(
     problem: ContinuationProblem, piece: CurvePiece, solved: Array, times: int | None
 ) -> NDArray[np.bool_]:
-    """Return flags of the solutions (k, N) that are on a piece, up to a shift by whole forcing periods."""
+    """Return flags (k,) of the solutions `solved` (k, N) that are on a piece, up to a shift by whole forcing periods.
+
+    times: the number of unknowns that are times; None for all but δ and ε.
+
+    Returns
+    -------
+    NDArray[np.bool_]
+        (k,), True for solutions on the piece.
+    """
     on = np.zeros(len(solved), bool)
     guesses = [_chord_points(piece.points, -2, x[-2]) for x in solved]
     whose = np.repeat(np.arange(len(solved)), [len(each) for each in guesses])
     if whose.size:
         for i, y in zip(whose, solutions_with_values(problem, np.concatenate(guesses), -2), strict=True):
-            on[i] |= bool(np.max(np.abs(_shifted_near(times, solved[i], y)[0] - y)) < SAME_SOLUTION)
+            on[i] |= bool(np.max(np.abs(_times_shifted_near(times, solved[i], y)[0] - y)) < SAME_SOLUTION)
     return on
 
 
 def _follow_piece(follower: Follower, x: Array, why: Test) -> CurvePiece:
     """Return the piece that contains a solution, with the end at smaller δ first.
 
-    The points of the piece include all folds. why: a function of a point that returns why the piece ends there.
+    The points of the piece include all folds. why: a function that returns the reason in words why the piece ends at a
+    point, or None.
 
     Returns
     -------
@@ -362,7 +379,15 @@ def _rate_along(problem: ContinuationProblem, direction: Array, index: int, x: A
 
 
 def _why_path_ends(path: Path, why: Test) -> str:
-    """Return the reason in words why a path ends; `why` returns the reason for a point outside."""
+    """Return the reason in words why a path ends.
+
+    why: a function that returns the reason in words why a point is outside the window or does not belong to the curve.
+
+    Returns
+    -------
+    str
+        The reason.
+    """
     if path.outside is None:
         return "the equations become singular: the curve cannot be followed further"
     return why(path.outside) or "the edge of its existence"

@@ -93,19 +93,28 @@ class Motions(ABC):
 
     @abstractmethod
     def solve_motion(self, itinerary: Any, y: Array) -> Periodic | None:
-        """Return the motion near a guess y = (unknowns (n,), position along the segment), at this position, or None."""
+        """Return the motion near a guess y = (unknowns (n,), position along the segment), at the same position.
+
+        None means that Newton's method found no motion.
+        """
 
     @abstractmethod
     def follow_branch(self, motion: Motion, span: tuple[float, float]) -> Any:
-        """Return the branch that contains a motion. span: range of positions, relative to the motion's position."""
+        """Return the branch that contains a motion.
+
+        span: the range of positions of the branch, relative to the position of the motion.
+        """
 
     @abstractmethod
     def follow_doubled_branch(self, event: Any, span: tuple[float, float]) -> Any:
-        """Return the branch of doubled period from a flip. span: its range of positions, relative to the flip's."""
+        """Return the branch of doubled period that starts at a flip `event`.
+
+        span: the range of positions of this branch, relative to the position of the flip.
+        """
 
     @abstractmethod
     def events_of(self, found: Any) -> tuple[Any, ...]:
-        """Return all events of a branch."""
+        """Return all events on a branch `found` of this model."""
 
     @abstractmethod
     def motions_at_event(self, event: Any) -> Iterator[Motion]:

@@ -43,7 +43,7 @@ def is_same_motion(one: Motion, other: Motion) -> bool:
 
 
 def _twins(motion: Motion, like: Equations, phase: float) -> Iterator[Array]:
-    """Yield all unknowns of a motion whose walls have the order of `like` and whose first time is near `phase`."""
+    """Yield all unknowns of a motion (twins) with the order of walls of `like` and a first time near `phase`."""
     impacts = len(motion[0].walls)
     for first in range(impacts):
         itinerary, x = motion_from_impact(motion, first)

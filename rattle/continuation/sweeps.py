@@ -7,13 +7,13 @@
             attractors that only backward runs have reached.
 
     finish: until all runs have ended, follow the state of each run at its next step to an attractor:
-        if this is quiet motion, or an attractor that was reached in this direction before: the run ends, and a run in
-            the opposite direction starts from its attractor at the step before.
-        if this is quiet motion, and the run had been started by the end of an earlier run: a new run in its direction
-            also starts, from the attractor that the earlier run had reached at this step (at the next step, if the run
-            ends at its first).
-        if this is another attractor: it becomes known and reached in this direction, and its state starts the next
-            step. After the last step the run ends.
+        quiet motion, or an attractor that a run in this direction has reached before: the run ends. A run in the
+            opposite direction starts from the attractor that the ended run had reached at the step before.
+        quiet motion, and the end of an earlier run had started this run: besides, a new run in the direction of this
+            run starts, from the attractor that the earlier run had reached at this step. (If this run ends at its first
+            step, the new one starts from the attractor of the next step.)
+        any other attractor: it becomes known and reached in this direction. The run goes on from it to the next step,
+            and ends after the last one.
 
 In this way all known attractors are followed. Where the two directions reach different attractors, there is hysteresis.
 """
@@ -31,8 +31,8 @@ from rattle.continuation.motions import Motions
 from rattle.parameters import Parameters
 
 FORWARD, BACKWARD = 0, 1
-#: Change of the number of the step in a forward run and in a backward run.
-STEP = (1, -1)
+#: A forward run goes from each step to the next, and a backward run to the one before.
+STEP_OF_DIRECTION = (1, -1)
 Array = NDArray[np.float64]
 
 
@@ -128,8 +128,8 @@ class Sweeps:
     def run(self) -> None:
         """Follow all known attractors, each at least in one direction.
 
-        A known attractor is forgotten if the run from its state ends at once: in quiet motion, or at an attractor that
-        had been reached before.
+        If the run from the state of a known attractor ends at its first step, in quiet motion or at an attractor that a
+        run had reached before, the known attractor is removed from `known`.
         """
         for direction, step in ((FORWARD, 0), (BACKWARD, len(self.known) - 1)):
             for known in self.known[step]:
@@ -153,7 +153,11 @@ class Sweeps:
         back: dict[int, KnownAttractor] | None = None,
         stops_at_known: bool = False,
     ) -> None:
-        """Start a run from a known attractor, unless a run in this direction has reached it, or `known` is None."""
+        """Start a run from a known attractor.
+
+        Nothing starts if `known` is None, or if a run in this direction has reached the attractor. back: the attractors
+        that an earlier run reached, if the end of this run starts the new one (`_Run`).
+        """
         if known is not None and not known.reached[direction]:
             self._runs.append(_Run(direction, step, known.tau, known.v, back or {}, stops_at_known))
 
@@ -169,7 +173,7 @@ class Sweeps:
             self._advance_runs(list(now.values()))
 
     def _advance_runs(self, runs: list[_Run]) -> None:
-        """Advance runs by a step: find the attractor that the state of each run reaches, and whether it was known."""
+        """Advance runs by a step: follow the state of each run to an attractor, and compare it with the known ones."""
         states = [[(run.tau, run.v), *((known.tau, known.v) for known in self.known[run.step])] for run in runs]
         count = max(map(len, states))
         tau, v = (np.array([[s[i] for s in (here * count)[:count]] for here in states]) for i in (0, 1))
@@ -187,10 +191,12 @@ class Sweeps:
         """Record the attractor that a run reached, and move the run to its next step; or end the run.
 
         The run ends after the last step, in quiet motion, or at an attractor that had been reached before (`_Run`). In
-        the last two cases a run in the opposite direction starts from the attractor of the step before. If the run ends
-        in quiet motion and has an earlier run (`back`), a new run in its own direction also starts, from the attractor
-        that the earlier run had reached at this step (at the next step, if the run ends at its first). This happens on
-        chaotic sets that samples leave after some time.
+        the last two cases a run in the opposite direction starts from the attractor that the run had reached at the
+        step before.
+
+        A run that the end of an earlier run has started (`back`) may end in quiet motion: this happens on chaotic sets
+        that samples leave after some time. Then a new run in its direction also starts, from the attractor that the
+        earlier run had reached at this step. If the run ends at its first step, the next step is used instead.
 
         rows: the rows of `table` with the attractors that states go to, first the state of the run, then the states of
         the known attractors of the step. end: the state of the run after it was followed.
@@ -201,9 +207,9 @@ class Sweeps:
         before = [any(known.reached) if run.stops_at_known else known.reached[run.direction] for known in same]
         if kind == Outcome.QUIET or any(before):
             self._runs.remove(run)
-            last = run.step - STEP[run.direction]
+            last = run.step - STEP_OF_DIRECTION[run.direction]
             self._start_run(run.trail.get(last), 1 - run.direction, last, run.trail)
-            again = run.step if run.trail else run.step + STEP[run.direction]
+            again = run.step if run.trail else run.step + STEP_OF_DIRECTION[run.direction]
             if kind == Outcome.QUIET:
                 self._start_run(run.back.get(again), run.direction, again, run.back)
             return
@@ -217,7 +223,7 @@ class Sweeps:
             known.reached[run.direction] = True
         self.visits.append(ReachedAttractor(run.step, run.direction, kind, label, *end))
         run.trail[run.step] = same[0]
-        run.step += STEP[run.direction]
+        run.step += STEP_OF_DIRECTION[run.direction]
         run.tau, run.v = end
         if not 0 <= run.step < len(self.known):
             self._runs.remove(run)
@@ -225,8 +231,8 @@ class Sweeps:
     def points(self, position: Array, chaotic: int) -> SweepPoints:
         """Return impacts on Σ⁺ of all attractors that runs reached.
 
-        A periodic attractor has all its impacts, any other attractor `chaotic` impacts. position (steps,): the
-        positions of the steps.
+        position (steps,): the positions of the steps. chaotic: the number of impacts by which a chaotic attractor is
+        represented. A periodic attractor has all impacts of a period.
 
         Returns
         -------

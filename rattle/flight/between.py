@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from rattle.flight.forcing import DRIFT, add_analytic_acceleration, add_slope, analytic_change
 from rattle.numerics.compile import inline
 
-SMALL = 0.1  # below this |δs| `drift_lag` sums a series, because the closed form would lose digits by cancellation
+# below this |δs| `drift_lag` sums a series, because the closed form would lose digits by cancellation
+SERIES_BELOW = 0.1
 # the Taylor series of 1 − x/(1 − e^(−x)) has these coefficients of x, x², x⁴, x⁶, …
 LAG = (-1 / 2, -1 / 12, 1 / 720, -1 / 30240, 1 / 1209600, -1 / 47900160, 691 / 1307674368000)
 
@@ -46,14 +47,14 @@ def decay_loss(z):
 def drift_lag(x, s, pull):
     """Return 1 − x/(1 − e^(−x)) without cancellation, for x = δs of a flight with duration s.
 
-    Unless x is small, this is computed as 1 − s · pull. pull: δ/(1 − e^(−x)).
+    pull: δ/(1 − e^(−x)). The result is computed as 1 − s · pull, or by a series where |Re x| is below SERIES_BELOW.
 
     Returns
     -------
     complex
         The number; it has no unit.
     """
-    if not abs(x.real) < SMALL:
+    if not abs(x.real) < SERIES_BELOW:
         return 1.0 - s * pull
     y = x * x
     series = LAG[1] + y * (LAG[2] + y * (LAG[3] + y * (LAG[4] + y * (LAG[5] + y * LAG[6]))))

@@ -26,7 +26,8 @@ SLOWEST = 1e-150  # a lower speed into the gap counts as contact: its square and
 #: A chatter is certain to complete only if a bound of its duration is at most this share of the time until the contact
 #: force may vanish (`rattle.inelastic.map.contact`).
 SHARE = 0.4
-LOW = 2.0 * (1.0 - SHARE) ** 2  # up to this v²/(gap × force) a bounce is certain to stay clear of the other wall
+# up to this v²/(gap × force) a bounce is certain to stay clear of the other wall
+LARGEST_CLEAR_BOUNCE = 2.0 * (1.0 - SHARE) ** 2
 
 
 @inline
@@ -61,7 +62,7 @@ def chatter_completes(speed, pressing, gap, capture):
         True if it is certain.
     """
     certain = speed <= capture * pressing * pressing
-    return (pressing > 0.0) & (speed * speed <= LOW * gap * pressing) & certain
+    return (pressing > 0.0) & (speed * speed <= LARGEST_CLEAR_BOUNCE * gap * pressing) & certain
 
 
 @kernel

@@ -176,7 +176,9 @@ def root_in(lo, hi, guess, level, rising, flight):
 
 @kernel
 def extremum_in(lo, hi, guess, convex, flight):
-    """Return the zero of F' in (lo, hi), where e^(δs) F' is monotone, to 1e-9. F at this time is exact to rounding.
+    """Return the zero of F' in (lo, hi), where e^(δs) F' is monotone, with an error below 1e-9.
+
+    An error of this size changes F, which is flat there, by less than rounding.
 
     convex: whether the extremum of F is a minimum.
 

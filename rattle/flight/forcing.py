@@ -81,10 +81,10 @@ class FlightFunctions(NamedTuple):
     add_acceleration_after: Inline
 
 
-def _build_functions(real, versine, sine_defect):
+def _build_functions(dtype, versine, sine_defect):
     """Build the functions of a flight in one precision, as straight-line code that a loop over flights vectorises."""
-    two_pi = real(TWO_PI)
-    rounder = real(1.5 * 2.0 ** (52 if real is np.float64 else 23))  # x + rounder − rounder is the nearest integer
+    two_pi = dtype(TWO_PI)
+    rounder = dtype(1.5 * 2.0 ** (52 if dtype is np.float64 else 23))  # x + rounder − rounder is the nearest integer
 
     @inline
     def versines(s):

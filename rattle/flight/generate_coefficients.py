@@ -69,7 +69,7 @@ def polynomials() -> list[Polynomial]:
 
 
 def coefficients(p: Polynomial) -> list[np.floating]:
-    """Return the coefficients of the polynomial that equals the function at the Chebyshev nodes, rounded."""
+    """Return the rounded coefficients of the polynomial that equals `p.function` at the Chebyshev nodes."""
     n = p.degree + 1
     nodes = [(p.low + p.high + (p.high - p.low) * mp.cos(mp.pi * (2 * k + 1) / (2 * n))) / 2 for k in range(n)]
     matrix, values = mp.matrix(n, n), mp.matrix(n, 1)
@@ -80,9 +80,15 @@ def coefficients(p: Polynomial) -> list[np.floating]:
     return [p.real(str(mp.nstr(c, 25))) for c in mp.lu_solve(matrix, values)]
 
 
-def largest_error(p: Polynomial, found: list[np.floating]) -> Any:
-    """Return the largest error of a polynomial on the grid: absolute if its name begins with MEAN, else relative."""
-    worst, powers = mp.mpf(0), [mp.mpf(float(c)) for c in reversed(found)]
+def largest_error(p: Polynomial, rounded: list[np.floating]) -> Any:
+    """Return the largest error of the polynomial with these coefficients, on a grid over its interval.
+
+    Returns
+    -------
+    mpf
+        The absolute error if the name of the polynomial begins with MEAN, else the relative error.
+    """
+    worst, powers = mp.mpf(0), [mp.mpf(float(c)) for c in reversed(rounded)]
     for i in range(GRID + 1):
         x = p.low + (p.high - p.low) * mp.mpf(i) / GRID
         true = p.function(x)

@@ -34,10 +34,11 @@ from rattle.flight.law import LONGEST_DECAY, Flight, evaluate32
 from rattle.numerics.compile import inline
 
 ERROR = f32(6e-6)
-CLOSE = f32(1e-5)  # difference of flight times or phases below which they count as equal
-FARTHEST = f32(0.1)  # longest Taylor step to the minimum; a longer step is unreliable where F hardly bends
-NEAREST = f32(3e-6)  # shortest step whose sixth power is not a denormal number, which processors handle slowly
-TOO_FAR = f32(LONGEST_DECAY)  # largest δs for which the polynomials hold
+EQUAL_WITHIN = f32(1e-5)  # difference of flight times or phases below which they count as equal
+LONGEST_TAYLOR_STEP = f32(0.1)  # longest Taylor step to the minimum; a longer step is unreliable where F hardly bends
+# shortest step whose sixth power is not a denormal number; processors handle denormal numbers slowly
+SHORTEST_TAYLOR_STEP = f32(3e-6)
+LONGEST_DECAY32 = f32(LONGEST_DECAY)  # largest δs for which the polynomials hold
 UNBOUNDED = f32(-1e30)  # a lower bound so low that it proves nothing
 SCAN_STEP = f32(1 / 8)  # time between two points of a scan, in forcing periods
 SCAN_STEPS = 16
@@ -59,9 +60,9 @@ class Scan(NamedTuple):
     g: f32  # F' at the last time
     turned: bool  # the flight has passed a minimum of F
     turn: f32  # time of the last minimum
-    ended: bool  # the end is found
+    ended: bool  # the scan has found the end of the flight
     falls: bool  # the flight ends on Σ⁻
-    end: f32  # time of the end; −1 if a minimum is in the same step, because then the end is computed from the minimum
+    end: f32  # time of the flight's end; −1 if the same step has a minimum, from which the end is computed then
 
 
 @inline
@@ -77,14 +78,14 @@ def first_guess(wall, gap, inverse_delta, flight):
     w, _a, sin0, cos0, delta, epsilon = flight
     speed = abs(w)
     u = speed * PER_DRIFT
-    # 2π times the time to the turning point without forcing
+    # y/2π is the time to the turning point if there were no forcing
     y = W1 * u * (f32(1.0) - u * (f32(0.5) - f32(0.25) * u)) * inverse_delta
     y = min(y, W1)
     cosine = mean_cosine32(y, sin0, cos0)
     force = add_mean_acceleration32(delta * (Q + f32(0.5) * speed), cosine, epsilon)
     rise = delta * (Q - f32(1.2))
     mean_speed = f32(0.5) * (speed + sqrt(speed * speed + f32(2.0) * gap * rise))
-    way, pace = speed, max(force, f32(0.35) * Q * delta)  # time to turn = speed / force; time to arrive = gap / speed
+    way, pace = speed, max(force, f32(0.35) * Q * delta)  # time to turn: speed/force; to arrive: gap/speed
     way = way if wall > f32(0.0) else gap
     pace = pace if wall > f32(0.0) else mean_speed
     return min(way / pace, f32(0.95 * LONGEST_DECAY) * inverse_delta)
@@ -180,9 +181,9 @@ def estimated_minimum(s, series, flight):
     u = -c1 * i2
     k3 = f32(3.0) * c3 * i2
     u *= f32(1.0) - u * (k3 - u * (f32(2.0) * k3 * k3 - f32(4.0) * c4 * i2))
-    u = min(max(u, -FARTHEST), FARTHEST)
+    u = min(max(u, -LONGEST_TAYLOR_STEP), LONGEST_TAYLOR_STEP)
     lowest = taylor_value(u, c0, c1, c2, c3, c4, c5)
-    reach = max(abs(u), NEAREST)
+    reach = max(abs(u), SHORTEST_TAYLOR_STEP)
     r2 = reach * reach
     m6 = largest_sixth32(epsilon) + f32(1 / 360) * (delta * delta) * (delta * delta) * (
         delta * abs(a)

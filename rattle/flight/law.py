@@ -46,14 +46,14 @@ class Flight(NamedTuple):
 
 @inline
 def folded(tau):
-    """Return a phase shifted by whole periods into [0, 1). A tiny negative phase gives 0, not 1."""
+    """Return a phase shifted by whole forcing periods into [0, 1). A tiny negative phase gives 0, not 1."""
     fraction = tau - np.floor(tau)
     return fraction if fraction < 1.0 else 0.0
 
 
 @inline
 def wrapped(difference):
-    """Return a phase difference shifted by whole periods into [−1/2, 1/2]."""
+    """Return the difference of two phases, shifted by whole forcing periods into [−1/2, 1/2]."""
     return difference - np.rint(difference)
 
 
@@ -91,15 +91,15 @@ def decay32(x):
     return degree_6(coefficients.DECAY_32, x)
 
 
-def _build_evaluate(real, decay, forced):
+def _build_evaluate(dtype, decay, functions):
     """Build the flight law in one precision, as an inline kernel of straight-line code for vectorised loops."""
-    one, versines, phase_changes = real(1.0), forced.versines, forced.phase_changes
-    tangent_drop, slope_loss_of_change = forced.tangent_drop, forced.slope_loss_of_change
-    add_acceleration_after = forced.add_acceleration_after
+    one, versines, phase_changes = dtype(1.0), functions.versines, functions.phase_changes
+    tangent_drop, slope_loss_of_change = functions.tangent_drop, functions.slope_loss_of_change
+    add_acceleration_after = functions.add_acceleration_after
 
     @inline
     def evaluate(s, flight):
-        """Return the height F of a flight, F', F'', 1 − e^(−δs), and the forcing's sine and cosine; −0.05 ≤ δs ≤ 2."""
+        """Return F, F', F'' and 1 − e^(−δs) of a flight at s, and the forcing's sine and cosine; −0.05 ≤ δs ≤ 2."""
         w, a, sin0, cos0, delta, epsilon = flight
         step = versines(s)
         x = delta * s

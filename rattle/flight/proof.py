@@ -14,13 +14,13 @@ from rattle.flight.forcing import (
     largest_slope_loss32,
     sine_changes_to_arc32,
 )
-from rattle.flight.guess import CLOSE, ERROR, TOO_FAR, height_scale, speed_scale
+from rattle.flight.guess import EQUAL_WITHIN, ERROR, LONGEST_DECAY32, height_scale, speed_scale
 from rattle.flight.law import decay32, evaluate32
 from rattle.numerics.compile import inline
 
-LATER = f32(1.0002)  # the flight may end later in double than in single precision, by up to 1e-4 of its duration
+LATER_FACTOR = f32(1.0002)  # the flight may end later in double than in single precision, by up to 1e-4 of its duration
 # longest step of `refine_time` to the impact, as a share of the flight time: `last_step` can remove the error of such a
-# step. After a longer step a second attempt is cheaper.
+# step. After a longer step it is cheaper to locate the impact again.
 LARGEST_STEP = f32(0.05)
 # If the sum of the sizes of the terms of F is more than this number times s |F'|, as in a graze or a long flight, the
 # thirteenth digit of the time s of the impact would be lost.
@@ -42,7 +42,7 @@ def is_located(s, step, speed, flight):
     bool
         False means that the impact has to be located in another way.
     """
-    near = (abs(step) < LARGEST_STEP * s) & (flight.delta * s < TOO_FAR)
+    near = (abs(step) < LARGEST_STEP * s) & (flight.delta * s < LONGEST_DECAY32)
     return near & (height_scale(s, flight) < STEEPEST * s * abs(speed))
 
 
@@ -79,7 +79,12 @@ def is_off_arc_ends(to_exit, arc_length, delta):
     bool
         False means that the departure may be inside or outside.
     """
-    return (delta < FASTEST) & (to_exit > CLOSE) & (to_exit < f32(1.0) - CLOSE) & (abs(to_exit - arc_length) > CLOSE)
+    return (
+        (delta < FASTEST)
+        & (to_exit > EQUAL_WITHIN)
+        & (to_exit < f32(1.0) - EQUAL_WITHIN)
+        & (abs(to_exit - arc_length) > EQUAL_WITHIN)
+    )
 
 
 @inline
@@ -107,15 +112,15 @@ def has_single_turn(wall, rising, tau, s, turn, flight, arc):
     at_exit = add_slope_change32(w + a * y * (f32(1.0) - y * decay32(y)), dsin_exit, epsilon)
     falls_in = (at_entry < -slack) | (inside & (w < f32(0.0)))
     rises_out = at_exit > slack
-    end = s * LATER + CLOSE
+    end = s * LATER_FACTOR + EQUAL_WITHIN
     from_top = wall > f32(0.0)
     next_entry = to_exit + f32(1.0) - arc.length
-    before = (turn < to_entry - CLOSE) | (not from_top)
-    after = (turn > to_exit + CLOSE) & (turn < next_entry - CLOSE) & from_top
+    before = (turn < to_entry - EQUAL_WITHIN) | (not from_top)
+    after = (turn > to_exit + EQUAL_WITHIN) & (turn < next_entry - EQUAL_WITHIN) & from_top
     up = before & ((end < to_exit) | (rises_out & (end < to_exit + f32(1.0))))
     up |= after & falls_in & (end < to_exit + f32(1.0))
     down = (end < to_entry) | (falls_in & (end < next_entry))
-    safe = is_off_arc_ends(to_exit, arc.length, delta) & (y < TOO_FAR)
+    safe = is_off_arc_ends(to_exit, arc.length, delta) & (y < LONGEST_DECAY32)
     return (not arc.exists) | (safe & ((up & rising) | (down & (not rising))))
 
 
@@ -134,8 +139,8 @@ def height_lower_bound(s, minimum, delta):
         The bound, in the unit of F.
     """
     x = delta * s
-    # an upper bound of LATER e^(LATER x) for x < 2; LATER, because the flight may end later in double precision
-    growth = LATER + x * (f32(1.0006) + f32(1.101) * x)
+    # an upper bound of k e^(kx) for x < 2, with k = LATER_FACTOR, because the flight may end later in double precision
+    growth = LATER_FACTOR + x * (f32(1.0006) + f32(1.101) * x)
     return minimum.bound - minimum.tilt * s * growth
 
 
@@ -152,7 +157,7 @@ def clears_the_gap(wall, rising, s, minimum, gap, flight):
         False if it is not certain. True for flights that leave or reach Σ⁻, for which there is nothing to check.
     """
     fastest = abs(flight.w) + largest_slope_loss32(flight.sin0, flight.cos0, flight.epsilon)
-    shallow = fastest * s * LATER < f32(0.9999) * gap
+    shallow = fastest * s * LATER_FACTOR < f32(0.9999) * gap
     turns_above = (height_lower_bound(s, minimum, flight.delta) > -gap) & (minimum.time < s)
     return ((shallow & (flight.a > f32(0.0))) | turns_above) | ((wall < f32(0.0)) | (not rising))
 
@@ -190,11 +195,11 @@ def clears_with_two_minima(wall, rising, tau, s, minimum, gap, flight, arc):
     )  # an upper bound of |F''|, because double precision may move the end by 1e-4
     # after the arc F' lies between down and steep
     steep = (g_end + slack + f32(1e-4) * bend) * decay_exit / decay_end
-    early, late = s * (f32(2.0) - LATER) - CLOSE, s * LATER + CLOSE
+    early, late = s * (f32(2.0) - LATER_FACTOR) - EQUAL_WITHIN, s * LATER_FACTOR + EQUAL_WITHIN
     second = f_exit + down * (f_exit + steep * (late - to_exit)) / (steep - down)
-    behind = (minimum.time > to_exit + CLOSE) & (minimum.time < s)
+    behind = (minimum.time > to_exit + EQUAL_WITHIN) & (minimum.time < s)
     second = max(second, height_lower_bound(s, minimum, delta)) if behind else second
     clear = (top < -low) & (first > low - gap) & (second > low - gap)
     placed = (early > to_exit) & (late < to_exit + f32(1.0) - arc.length) & is_off_arc_ends(to_exit, arc.length, delta)
     from_top = (wall > f32(0.0)) & rising & arc.exists
-    return from_top & turned & clear & placed & (delta * s < TOO_FAR)
+    return from_top & turned & clear & placed & (delta * s < LONGEST_DECAY32)

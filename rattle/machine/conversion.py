@@ -141,7 +141,7 @@ def _float_or_array(number: Any) -> Any:
 
 
 def rate_error(pair: Reduced, backlash: Any, forcing: Any, load: Any) -> Any:
-    """Return a bound of the force that the reduction of `reduce_pair` neglects, over the driving force.
+    """Return a bound of the force that the reduction of `reduce_pair` neglects, as a share of the driving force.
 
     The bound holds after transients; m, γ and V are those of `reduce_pair`, and u₁, u₂ the speeds of the base circles.
     The common motion has the speed u with m₁u₁ + m₂u₂ = (m₁ + m₂)u, which impacts do not change, so y = u − V obeys

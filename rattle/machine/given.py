@@ -35,13 +35,13 @@ RPM = TWO_PI / 60.0
 LARGEST_RADIUS = 5.0
 #: Largest plausible ratio of backlash or eccentricity to the base radius.
 WIDEST = 0.1
-#: Largest relative difference between the ratios of the radii and of the tooth numbers, because drawings round radii.
-ROUNDED = 0.01
+#: Largest relative difference of the ratio of the radii from that of the tooth numbers: drawings round radii.
+RADIUS_ROUNDING = 0.01
 MOST_TEETH = 1000
-#: Density of steel in kg/m³, and largest plausible ratio of an inertia to that of a steel disc as wide as its radius.
-STEEL, HEAVIEST = 7850.0, 1e4
+#: Density of steel in kg/m³; largest plausible inertia, over that of a steel disc whose width is equal to its radius.
+STEEL, LARGEST_INERTIA_RATIO = 7850.0, 1e4
 #: Speed of the base circle in m/s above which a number in rad/s is probably in rpm; gears of turbines reach 200.
-FASTEST = 100.0
+FASTEST_PLAUSIBLE = 100.0
 #: Largest possible speed of the base circle, m/s.
 IMPOSSIBLE = 1000.0
 
@@ -66,7 +66,7 @@ def si_number(name: str, value: Any) -> float:
         try:
             value = value.to(UNITS[name]).magnitude
         except TypeError as error:  # pint's DimensionalityError is a TypeError
-            raise ParameterError(f"{name} must be in {UNITS[name]} or another unit of that kind: {error}") from None
+            raise ParameterError(f"{name} must be in {UNITS[name]} or a unit of that dimension: {error}") from None
     return require_number(name, value, positive=name not in MAY_BE_ZERO)
 
 
@@ -93,9 +93,9 @@ def require_plausible(inertia: float, backlash: float, eccentricity: float, radi
         )
     disc = 0.25 * TWO_PI * STEEL * radius**5
     require(
-        inertia <= HEAVIEST * disc,
-        f"{prefix}inertia must be in kg m²: {inertia:g} is over {HEAVIEST:g} times the {disc:.2g} of a steel disc of "
-        f"radius {radius:g} m; "
+        inertia <= LARGEST_INERTIA_RATIO * disc,
+        f"{prefix}inertia must be in kg m²: {inertia:g} is over {LARGEST_INERTIA_RATIO:g} times the {disc:.2g} "
+        f"of a steel disc of radius {radius:g} m; "
         f"for {inertia:g} kg mm² give {1e-6 * inertia:g}, for {inertia:g} kg cm² {1e-4 * inertia:g}",
     )
 
@@ -136,7 +136,7 @@ def require_matching_gears(given: Mapping[str, Any], radius: Any, teeth: int | N
     elif teeth is not None and driven_teeth is not None:
         off = float(np.max(np.abs(np.divide(driven, radius) * (teeth / driven_teeth) - 1.0)))
         require(
-            off <= ROUNDED,
+            off <= RADIUS_ROUNDING,
             f"base radii must have the ratio of the tooth numbers, {driven_teeth}/{teeth}, but their ratio is "
             f"{100 * off:.3g} % off: check the radii, or leave out driven_radius",
         )
@@ -154,7 +154,7 @@ def require_plausible_speed(speed: float, radius: float, sure: bool) -> None:
     rpm, velocity = speed / RPM, speed * radius
     require(velocity <= IMPOSSIBLE, f"no gear turns at {rpm:.6g} rpm with a base radius of {radius:g} m: check both")
     require(
-        sure or velocity <= FASTEST,
+        sure or velocity <= FASTEST_PLAUSIBLE,
         f"speed is in rad/s: {speed:g} rad/s are {rpm:.6g} rpm, {velocity:.3g} m/s at the base circle; for "
         f"{speed:g} rpm give rpm={speed:g}, and if the speed is right give rpm={rpm:.6g}",
     )

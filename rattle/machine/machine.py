@@ -275,7 +275,7 @@ class Machine:
 
     @property
     def rate_error(self) -> float:
-        """A bound of the force that the model neglects, over the driving force.
+        """A bound of the force that the model neglects, as a share of the driving force.
 
         The model has one damping rate for both gears. It neglects nothing, and the bound is 0, if the speed is imposed
         or if c₁/I₁ = c₂/I₂.
@@ -292,7 +292,13 @@ class Machine:
 
     @property
     def gear(self) -> "AnyGear":
-        """The gear at the machine's parameter point: `Gear`, `StiffGear` or `InelasticGear`. Raises ParameterError."""
+        """The gear at the machine's parameter point: a `Gear`, `StiffGear` or `InelasticGear`.
+
+        Raises
+        ------
+        ParameterError
+            If a parameter is outside the domain of the gear.
+        """
         from rattle.models import model_of, with_harmonics  # imported here, because it loads all gears
 
         return with_harmonics(model_of(self.beta, **self.added), self.harmonics).gear(self.delta, self.epsilon)

@@ -41,7 +41,11 @@ class MachinePoint(NamedTuple):
 
     @property
     def rate_error(self) -> Any:
-        """A bound of the force that the model neglects by having one damping rate, over the driving force."""
+        """A bound of the force that the model neglects, as a share of the driving force.
+
+        The model has one damping rate for both gears, so it neglects a force if the rates of the two gears differ,
+        unless the speed is imposed.
+        """
         backlash = 2.0 * self.beta * self.units.length
         return conversion.rate_error(self.pair, backlash, self.forcing.total, self.added.get("load", 0.0))
 

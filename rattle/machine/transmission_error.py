@@ -16,14 +16,14 @@ from rattle.parameters import HIGHEST_ORDER, MOST_HARMONICS
 ANGLES = {"angle_deg": 1.0 / 360.0, "angle_rad": 1.0 / (2.0 * np.pi), "angle_rev": 1.0}
 ERRORS = {"error_um": 1e-6, "error_mm": 1e-3, "error_m": 1.0}
 #: Column names without a unit, which are refused.
-BARE = ("angle", "error")
+COLUMNS_WITHOUT_UNIT = ("angle", "error")
 #: Largest difference between the span of angles and whole revolutions, in revolutions.
-WHOLE = 0.01
-#: Largest and least peak-to-peak height of a transmission error, m.
-WIDEST, NARROWEST = 1e-3, 2e-8
-#: The errors at both ends of a curve may differ by CLOSING times its peak-to-peak height, or by JUMP times its largest
-#: step between neighbouring points if that is more. If the last point repeats the first, only CLOSING counts.
-JUMP, CLOSING = 4.0, 0.1
+REVOLUTION_TOLERANCE = 0.01
+#: Largest and least plausible peak-to-peak height of a transmission error, m.
+LARGEST_HEIGHT, LEAST_HEIGHT = 1e-3, 2e-8
+#: The errors at both ends of a curve may differ by CLOSING_ERROR times its peak-to-peak height. If the last point does
+#: not repeat the first, they may also differ by JUMP times the largest step between neighbouring points.
+JUMP, CLOSING_ERROR = 4.0, 0.1
 MOST_POINTS = 1_000_000
 Array = NDArray[np.float64]
 
@@ -71,7 +71,7 @@ def transmission_error(angle: ArrayLike, error: ArrayLike, orders: int = 40) -> 
     error : array_like, (n,)
         The error along the line of action in m; its mean has no effect.
     orders : int
-        The highest order. If there are more than 63 orders, the 63 largest are kept.
+        The highest order. Above 63 orders, only the 63 with the largest amplitudes are kept.
 
     Returns
     -------
@@ -112,7 +112,7 @@ def transmission_error(angle: ArrayLike, error: ArrayLike, orders: int = 40) -> 
     require(turn.size >= needed, f"{turn.size} points are too few for {orders} orders: give {needed}, or fewer orders")
     gap = _largest_gap(turn, revolutions)
     require(
-        gap <= 0.5 / orders * (1.0 + WHOLE),
+        gap <= 0.5 / orders * (1.0 + REVOLUTION_TOLERANCE),
         f"there is a gap of {gap:.3g} revolutions between two angles, and order {orders} needs a point every "
         f"{0.5 / orders:.3g}: measure there, or lower orders to {max(1, int(0.5 / gap))}",
     )
@@ -143,9 +143,9 @@ def read_transmission_error(path: str | Path, orders: int = 40) -> TransmissionE
         If columns are missing or appear twice, a cell is not a number, a unit is missing, or `transmission_error`
         refuses the curve.
     """
-    found = read_columns(path, (*ANGLES, *ERRORS, *BARE))
+    found = read_columns(path, (*ANGLES, *ERRORS, *COLUMNS_WITHOUT_UNIT))
     columns = []
-    for bare, units in zip(BARE, (ANGLES, ERRORS), strict=True):
+    for bare, units in zip(COLUMNS_WITHOUT_UNIT, (ANGLES, ERRORS), strict=True):
         given = [name for name in units if name in found]
         require(
             bool(given) or bare not in found,
@@ -173,8 +173,8 @@ def _whole_revolutions(turn: Array, e: Array) -> tuple[Array, Array, int]:
     """
     span, step = float(turn[-1] - turn[0]), float(np.median(np.diff(turn)))
     with_end, without = round(span), round(span + step)
-    repeats = abs(span - with_end) <= min(WHOLE, 0.5 * step) and with_end >= 1
-    near = repeats or (abs(span + step - without) <= max(WHOLE, step) and without >= 1)
+    repeats = abs(span - with_end) <= min(REVOLUTION_TOLERANCE, 0.5 * step) and with_end >= 1
+    near = repeats or (abs(span + step - without) <= max(REVOLUTION_TOLERANCE, step) and without >= 1)
     require(
         near,
         f"the angles must span whole revolutions, but span {span:.3g}: cut the table to whole revolutions, or "
@@ -182,18 +182,18 @@ def _whole_revolutions(turn: Array, e: Array) -> tuple[Array, Array, int]:
     )
     height = float(np.ptp(e))
     require(
-        height <= WIDEST,
+        height <= LARGEST_HEIGHT,
         f"the error is {1e3 * height:.3g} mm from peak to peak, more than any gear's: if the errors are in µm, name "
         "the column error_um",
     )
     require(
-        height >= NARROWEST,
+        height >= LEAST_HEIGHT,
         f"the error is {1e6 * height:.2g} µm from peak to peak, less than any gear's: if the errors are in mm, name "
         "the column error_mm; if they are in m, error_m",
     )
     open_by = abs(float(e[-1] - e[0]))
     largest = float(np.max(np.abs(np.diff(e))))
-    allowed = max(JUMP * largest * (0.0 if repeats else 1.0), CLOSING * height)
+    allowed = max(JUMP * largest * (0.0 if repeats else 1.0), CLOSING_ERROR * height)
     require(
         open_by <= allowed,
         f"the error does not close after a revolution: it begins at {1e6 * float(e[0]):.3g} µm and ends at "
@@ -209,7 +209,7 @@ def _largest_gap(turn: Array, revolutions: int) -> float:
 
 
 def _fit_orders(turn: Array, e: Array, orders: int, revolutions: int) -> TransmissionError:
-    """Fit orders 1 to `orders` by least squares, and keep the largest of them, at most MOST_HARMONICS − 1."""
+    """Fit orders 1 to `orders` by least squares, and keep the MOST_HARMONICS − 1 orders with the largest amplitudes."""
     order = np.arange(1, orders + 1)
     basis = np.exp(-2j * np.pi * turn[:, None] * order)
     matrix = np.hstack([np.ones((turn.size, 1)), basis.real, -basis.imag])

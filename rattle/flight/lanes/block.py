@@ -19,7 +19,7 @@ LANES, GROUP = 192, 16  # numbers of lanes of a block, and of a group; only grou
 GROUPS, NONE, ONCE = np.array([LANES // GROUP, 0, 1])
 SMOOTH, ROUGH, ARCS = range(3)
 ROUGHNESS = 0.75  # the first guess is improved on lanes where `relative_swing` exceeds this number
-HUGE = 1e100  # a tangent vector is reset when it has grown by this factor
+LARGEST_GROWTH = 1e100  # a tangent vector is reset when it has grown by this factor
 ZERO, ONE = f32(0.0), f32(1.0)
 
 #: Fields that also have a copy in single precision, named with a trailing underscore.
@@ -88,7 +88,7 @@ BLOCK = _layout()
 
 
 @inline
-def flag(condition):
+def flag_as_float(condition):
     """Return 1 if the condition holds, else 0, as a float32, so that all numbers of a stage have the same width."""
     return ONE if condition else ZERO
 
@@ -129,7 +129,7 @@ def load(b, i, tau, v, delta, epsilon, beta, limit):
     arc = negative_arc(delta, epsilon)
     b.arc_exit[i], b.arc_length[i], b.sin_entry[i], b.sin_exit[i] = arc.leave, arc.length, arc.sin_entry, arc.sin_exit
     b.no_arc[i] = ZERO if arc.exists else ONE
-    b.rough[i] = flag(has_swing_beyond(ROUGHNESS, delta, epsilon))
+    b.rough[i] = flag_as_float(has_swing_beyond(ROUGHNESS, delta, epsilon))
     b.at_v[i], b.next_look[i], b.batch[i] = -1.0, 1.0, -1.0  # a reference state that no state is close to
 
 
@@ -181,7 +181,12 @@ def normalise_tangent(b, i):
 def is_near_overflow(b, i):
     """Return whether the tangent vector or determinant of lane i must be reset to stay within double precision."""
     size, determinant = abs(b.t_tangent[i]) + abs(b.w_tangent[i]), abs(b.determinant[i])
-    inside = (size > 1.0 / HUGE) & (size < HUGE) & (determinant > 1.0 / HUGE) & (determinant < HUGE)
+    inside = (
+        (size > 1.0 / LARGEST_GROWTH)
+        & (size < LARGEST_GROWTH)
+        & (determinant > 1.0 / LARGEST_GROWTH)
+        & (determinant < LARGEST_GROWTH)
+    )
     return not inside
 
 
@@ -195,7 +200,7 @@ def clear_block(b):
 
 @inline
 def has_ended(b, i):
-    """Return whether lane i has reached its limit on Σ⁺ or was stopped, here because of too many impacts on Σ⁻."""
+    """Stop lane i if it made too many impacts on Σ⁻. Return whether it is stopped or at its limit of impacts on Σ⁺."""
     if b.n_minus[i] > MOST_BOUNCES * (b.n_plus[i] + 1.0):
         b.stuck[i], b.limit[i] = ENDLESS, -1.0
     return not b.n_plus[i] < b.limit[i]
@@ -209,17 +214,18 @@ def recompute_phases(b, groups):
 
 
 @inline
-def prepare_flights(b, groups, none_waits):
+def prepare_flights(b, groups, is_queue_empty):
     """Recompute the sines and cosines of the phases, and return the number of groups in use.
 
-    If no trajectory waits for a lane (`none_waits`), the trajectories are moved to the first lanes before.
+    is_queue_empty: whether no further trajectory is to be put on a lane. If so, the trajectories are first moved to the
+    first lanes.
 
     Returns
     -------
     int
         Number of groups in use.
     """
-    if none_waits:
+    if is_queue_empty:
         groups = move_to_front(b)
     recompute_phases(b, groups)
     return groups

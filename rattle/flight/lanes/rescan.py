@@ -8,9 +8,9 @@ from numpy import float32 as f32
 
 from rattle.flight.forcing import NegativeArc
 from rattle.flight.guess import (
+    LONGEST_DECAY32,
     SCAN_STEP,
     SCAN_STEPS,
-    TOO_FAR,
     UNBOUNDED,
     Minimum,
     Scan,
@@ -21,25 +21,25 @@ from rattle.flight.guess import (
     taylor_coefficients,
     wall_level,
 )
-from rattle.flight.lanes.block import ARCS, GROUP, ONE, ZERO, flag
+from rattle.flight.lanes.block import ARCS, GROUP, ONE, ZERO, flag_as_float
 from rattle.flight.law import Flight
 from rattle.flight.proof import clears_the_gap, clears_with_two_minima, has_single_turn, is_located
 from rattle.numerics.compile import inline, kernel
 
-# `paths[SCANNED]` counts the flights that need this second attempt, `paths[SAFE]` those that also need the safe search.
+# `paths[SCANNED]` counts the flights that need a scan, `paths[SAFE]` the flights that also need the safe search.
 SCANNED, SAFE = range(2)
 
 
 @kernel
-def second_attempt(b, groups, force, paths):
+def prove_by_scan(b, groups, force, paths):
     """Compact the lanes without proof, locate their impacts by a scan at fixed steps, and try the proof again."""
-    n = compact(b, groups)
+    n = compact_unproved(b, groups)
     paths[SCANNED] += n
     if n == 0:
         return
     padded = (n + GROUP - 1) // GROUP * GROUP
-    scan(b, n, padded)
-    locate(b, padded)
+    scan_flights(b, n, padded)
+    locate_impacts(b, padded)
     if force == ARCS:
         prove_scanned_turns(b, padded)
     else:
@@ -50,7 +50,7 @@ def second_attempt(b, groups, force, paths):
 
 
 @inline
-def compact(b, groups):
+def compact_unproved(b, groups):
     """Copy the data of the lanes without proof to the first places of `b.compacted`, and return the number of lanes."""
     n = 0
     for i in range(GROUP * groups):
@@ -72,18 +72,18 @@ def compacted_flight(b, i):
 
 @inline
 def compacted_arc(b, i):
-    """Return the arc of negative contact force at place i of the compacted lanes, those without proof."""
+    """Return the arc of negative contact force at place i of the compacted lanes, in single precision."""
     k = np.uint64(i)
     return NegativeArc(not b.z_no_arc[k] > ZERO, b.z_arc_exit[k], b.z_arc_length[k], b.z_sin_entry[k], b.z_sin_exit[k])
 
 
 @inline
-def scan(b, n, padded):
+def scan_flights(b, n, padded):
     """Evaluate the n compacted flights at fixed steps until each has ended. Places n to padded − 1 count as ended."""
     for k in range(padded):
         from_bottom = b.z_wall[k] < ZERO
         b.z_f[k], b.z_g[k], b.z_turn[k], b.z_end[k] = ZERO, b.z_w[k], ZERO, ZERO
-        b.z_turned[k], b.z_ended[k], b.z_falls[k] = flag(from_bottom), ZERO, ZERO
+        b.z_turned[k], b.z_ended[k], b.z_falls[k] = flag_as_float(from_bottom), ZERO, ZERO
     for k in range(n, padded):
         b.z_ended[k] = ONE
     for j in range(SCAN_STEPS):
@@ -93,7 +93,11 @@ def scan(b, n, padded):
             before = Scan(b.z_f[k], b.z_g[k], turned, b.z_turn[k], ended, falls, b.z_end[k])
             now = advance_scan(s0, s1, b.z_wall[k], b.z_gap[k], before, compacted_flight(b, k))
             b.z_f[k], b.z_g[k], b.z_turn[k], b.z_end[k] = now.f, now.g, now.turn, now.end
-            b.z_turned[k], b.z_ended[k], b.z_falls[k] = flag(now.turned), flag(now.ended), flag(now.falls)
+            b.z_turned[k], b.z_ended[k], b.z_falls[k] = (
+                flag_as_float(now.turned),
+                flag_as_float(now.ended),
+                flag_as_float(now.falls),
+            )
         left = np.int32(0)
         for k in range(padded):
             # np.int32 twice, because numba widens the result of `|` to 64 bits, and mixed widths vectorise badly
@@ -103,8 +107,8 @@ def scan(b, n, padded):
 
 
 @inline
-def locate(b, n):
-    """Compute in single precision the impact of each of n compacted flights, after the scan.
+def locate_impacts(b, n):
+    """Compute the impact of each of n compacted flights in single precision, from the result of the scan.
 
     For the proof the function also computes a lower bound of F at the last turning point that the scan found.
     """
@@ -113,10 +117,10 @@ def locate(b, n):
         turn, end, scanned_fall = b.z_turn[k], b.z_end[k], b.z_falls[k]
         series = taylor_coefficients(turn, flight)
         lowest, minimum = estimated_minimum(turn, series, flight)
-        b.z_f[k] = minimum.bound if flight.delta * turn < TOO_FAR else UNBOUNDED
+        b.z_f[k] = minimum.bound if flight.delta * turn < LONGEST_DECAY32 else UNBOUNDED
         # whether the flight falls below Σ⁻ at its minimum, which may be between two points of the scan
         misses = (turn > ZERO) & (wall > ZERO) & (lowest < -gap)
-        falls = flag(misses | (scanned_fall > ZERO))
+        falls = flag_as_float(misses | (scanned_fall > ZERO))
         level = wall_level(wall, falls > ZERO, gap)
         near_turn = turn + step_to_level(falls == ZERO, level, series)
         from_turn = (end < ZERO) | (misses & (scanned_fall == ZERO))
@@ -124,7 +128,7 @@ def locate(b, n):
         s, _u, _speed = refine_time(s, level, flight)
         s, step, speed = refine_time(s, level, flight)
         b.z_s[k], b.z_falls[k], b.z_g[k], b.z_turn[k] = s, falls, minimum.tilt, minimum.time
-        b.z_proved[k] = flag(is_located(s, step, speed, flight))
+        b.z_proved[k] = flag_as_float(is_located(s, step, speed, flight))
 
 
 @inline

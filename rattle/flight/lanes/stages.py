@@ -2,8 +2,8 @@
 
 Every stage is a short loop over the lanes of a block whose state stays in the first-level cache, and whose body is
 straight-line code: LLVM turns it into vector instructions, and short stages overlap in the processor. All lanes without
-proof of their first impact get a second attempt, from a scan. Lanes that are still without proof are computed one by
-one by `first_impact.safe_impact`. docs/kernel.md explains the stages.
+proof of their first impact are located again by a scan, and the proof is tried again. Lanes that are still without
+proof are computed one by one by `first_impact.safe_impact`. docs/kernel.md explains the stages.
 """
 
 import numpy as np
@@ -13,7 +13,7 @@ from rattle.flight.contact_phase import IN_CONTACT, chatter_completes, stays_in_
 from rattle.flight.first_impact import OK, last_step, safe_impact, state_after_step
 from rattle.flight.forcing import DRIFT, Q, add_slope32, contact_force
 from rattle.flight.guess import (
-    TOO_FAR,
+    LONGEST_DECAY32,
     Minimum,
     better_guess,
     estimated_minimum,
@@ -24,44 +24,47 @@ from rattle.flight.guess import (
     wall_level,
 )
 from rattle.flight.impact_law import reflected_velocity
-from rattle.flight.lanes.block import ARCS, GROUP, ROUGH, ZERO, arc32, flag, flight32, flight64
-from rattle.flight.lanes.rescan import SAFE, second_attempt
+from rattle.flight.lanes.block import ARCS, GROUP, ROUGH, ZERO, arc32, flag_as_float, flight32, flight64
+from rattle.flight.lanes.rescan import SAFE, prove_by_scan
 from rattle.flight.law import evaluate_short, folded, second_derivative
 from rattle.flight.proof import clears_the_gap, has_single_turn, is_located
 from rattle.flight.tangent import carried_tangent
 from rattle.numerics.compile import inline, kernel
 
-LEAST = -np.finfo(np.float64).max  # the most negative finite number
+MOST_NEGATIVE = -np.finfo(np.float64).max  # the most negative finite number
 
 
 @inline
 def copy_to_single(b, groups):
-    """Copy the state of each lane to single precision, in its own loop: mixed widths would halve the vector length."""
+    """Copy the state of each lane to single precision.
+
+    This is a loop of its own, because a loop that mixes single and double precision uses vectors of half the length.
+    """
     for field in range(len(b.state)):
         for i in range(GROUP * groups):
             b.state_[field, i] = f32(b.state[field, i])
 
 
 @inline
-def guess(b, groups):
-    """Compute A of the flight law, and a first guess of where the flight turns (from Σ⁺) or ends (from Σ⁻)."""
+def guess_times(b, groups):
+    """Compute A of the flight law, and guess the time at which the flight turns (from Σ⁺) or ends (from Σ⁻)."""
     for i in range(GROUP * groups):
         b.a_[i] = add_slope32(Q, b.sin0_[i], b.cos0_[i], b.epsilon_[i]) - b.w_[i]
         b.s_[i] = first_guess(b.wall_[i], b.gap_[i], b.inverse_delta_[i], flight32(b, i))
 
 
 @inline
-def improve(b, groups):
-    """Improve the guess on lanes where the contact force varies so much that its mean gives a poor guess."""
+def improve_guesses(b, groups):
+    """Improve the guessed time on lanes where the contact force varies so much that its mean gives a poor guess."""
     for i in range(GROUP * groups):
         s = better_guess(b.s_[i], b.wall_[i], b.gap_[i], flight32(b, i))
-        s = min(s, f32(0.95) * TOO_FAR * b.inverse_delta_[i])
+        s = min(s, f32(0.95) * LONGEST_DECAY32 * b.inverse_delta_[i])
         # only rough lanes are improved, so that a lane's result does not depend on its neighbours
         b.s_[i] = s if b.rough[i] > ZERO else b.s_[i]
 
 
 @inline
-def expand(b, groups):
+def expand_heights(b, groups):
     """Compute the Taylor coefficients of the height F of each flight at the guessed time."""
     for i in range(GROUP * groups):
         c = taylor_coefficients(b.s_[i], flight32(b, i))
@@ -76,7 +79,7 @@ def choose_wall(b, groups):
         lowest, minimum = estimated_minimum(b.s_[i], series, flight32(b, i))
         falls = (b.wall_[i] > ZERO) & (lowest < -b.gap_[i])
         b.bound[i], b.tilt[i], b.turn[i] = minimum
-        b.falls[i] = flag(falls)
+        b.falls[i] = flag_as_float(falls)
 
 
 @inline
@@ -97,7 +100,7 @@ def solve_again(b, groups):
 
 
 @inline
-def refine(b, groups):
+def refine_impact_times(b, groups):
     """Refine the time of each impact by a step of fourth order, and keep the step and the speed for the proof."""
     for i in range(GROUP * groups):
         level = wall_level(b.wall_[i], b.falls[i] > ZERO, b.gap_[i])
@@ -105,18 +108,21 @@ def refine(b, groups):
 
 
 @inline
-def prove(b, groups):
+def prove_first_impacts(b, groups):
     """Decide for each lane whether its located impact is proved to be the first of its flight."""
     for i in range(GROUP * groups):
         rising, s, flight = b.falls[i] == ZERO, b.s_[i], flight32(b, i)
         minimum = Minimum(b.bound[i], b.tilt[i], b.turn[i])
         clear = clears_the_gap(b.wall_[i], rising, s, minimum, b.gap_[i], flight)
-        b.proved[i] = flag(clear & is_located(s, b.step[i], b.speed[i], flight))
+        b.proved[i] = flag_as_float(clear & is_located(s, b.step[i], b.speed[i], flight))
 
 
 @inline
 def prove_turns(b, groups):
-    """Withdraw the flag `proved` of lanes whose F' may change sign twice; it may only if the contact force does."""
+    """Withdraw the flag `proved` of lanes whose F' may change sign twice.
+
+    F' can do so only where the contact force changes sign.
+    """
     for i in range(GROUP * groups):
         flight, rising = flight32(b, i), b.falls[i] == ZERO
         certain = has_single_turn(b.wall_[i], rising, b.tau_[i], b.s_[i], b.turn[i], flight, arc32(b, i))
@@ -125,7 +131,7 @@ def prove_turns(b, groups):
 
 @inline
 def evaluate_in_double(b, groups):
-    """Evaluate in double precision the height of each flight above the level of its next wall, and its speed."""
+    """Evaluate in double precision each flight's height above the level of its next wall, and the flight's F'."""
     for i in range(GROUP * groups):
         gap = b.gap[i]
         level = 0.0 if b.wall[i] > 0.0 else gap
@@ -147,26 +153,27 @@ def copy_to_double(b, groups):
 def select_number(go, new, old):
     """Return `new` if `go` is true, else `old`, for a store that vectorises well.
 
-    LLVM would turn `new if go else old` into a masked store, which is slow without AVX-512. It does not if `old` is
-    written as the maximum of `old` and LEAST, the most negative number.
+    LLVM would turn `new if go else old` into a masked store, which is slow without AVX-512. LLVM does not do so if
+    `old` is written as the maximum of `old` and MOST_NEGATIVE, the most negative number.
 
     Returns
     -------
     float
         `new` or `old`.
     """
-    return new if go else max(old, LEAST)
+    return new if go else max(old, MOST_NEGATIVE)
 
 
 def _build_land(tangent):
-    """Build the stage that moves lanes to their impacts. tangent: whether it also stores the numbers for `carry`."""
+    """Build the stage that moves lanes to their impacts. With `tangent` this stage also prepares `carry_tangents`."""
 
     @inline
-    def land(b, groups):
-        """Move each lane to its impact and reflect its velocity, if the impact is proved and the lane below its limit.
+    def land_lanes(b, groups):
+        """Move each lane to its impact and reflect its velocity.
 
+        A lane is moved only if its impact is proved, and only if the lane has made fewer impacts on Σ⁺ than its limit.
         If tangent vectors are followed, a lane that is not moved gets the flight duration 0, and the fields sin1 and
-        cos1 of all lanes get sine and cosine of the phase of departure. `carry` reads both.
+        cos1 of all lanes get sine and cosine of the phase at which this flight departed, for `carry_tangents`.
         """
         for i in range(GROUP * groups):
             tau, wall, target, s, flight = b.tau[i], b.wall[i], b.target[i], b.s[i], flight64(b, i)
@@ -193,15 +200,15 @@ def _build_land(tangent):
             b.n_plus[i] = select_number(go, b.n_plus[i] + plus, b.n_plus[i])
             b.n_minus[i] = select_number(go, b.n_minus[i] + minus, b.n_minus[i])
 
-    return land
+    return land_lanes
 
 
 land_plain, land_tangent = _build_land(False), _build_land(True)
 
 
 @inline
-def carry(b, groups):
-    """Carry the tangent vectors of the lanes that have landed over their flight and impact."""
+def carry_tangents(b, groups):
+    """Carry the tangent vector of each lane that was moved to its impact over this flight and this impact."""
     for i in range(GROUP * groups):
         go = b.s[i] > 0.0
         t0, q0, det0, time0 = b.t_tangent[i], b.w_tangent[i], b.determinant[i], b.time[i]
@@ -247,8 +254,11 @@ def enter_contact(b, groups):
 
 
 @kernel
-def search(b, i, paths):
-    """Compute lane i's flight and tangent by `safe_impact`; stop a lane in lasting contact or without an impact."""
+def search_lane(b, i, paths):
+    """Compute the flight and the tangent of lane i by `safe_impact`.
+
+    A lane that is in lasting contact, or whose flight has no impact, is stopped instead.
+    """
     wall, flight = np.int64(b.wall[i]), flight64(b, i)
     if stays_in_contact(wall, flight.w, b.tau[i], flight.delta, flight.epsilon, DRIFT):
         b.stuck[i], b.limit[i] = IN_CONTACT, -1.0
@@ -277,20 +287,20 @@ def search(b, i, paths):
 
 
 @kernel
-def repair(b, groups, paths):
-    """Compute one by one, with `search`, the flights of the lanes whose impact is not proved."""
+def compute_unproved(b, groups, paths):
+    """Compute the flights of the lanes whose impact is not proved, one by one with `search_lane`."""
     for i in range(GROUP * groups):
         if not b.sure[i] > 0.0 and b.n_plus[i] < b.limit[i]:
-            search(b, i, paths)
+            search_lane(b, i, paths)
 
 
 @kernel
 def advance(memory, groups, flights, force, tangent, paths):
-    """Compute the next `flights` flights of every lane of a block that is below its limit.
+    """Compute the next `flights` flights of every lane that has made fewer impacts on Σ⁺ than its limit.
 
-    memory: the block, as `new_block` returns it. groups: number of groups in use. force: the result of `needed_stage`.
-    tangent: whether tangent vectors are carried along. paths: counters, to which the flights that need a scan and those
-    that need the safe search are added.
+    memory: the block, as `new_block` returns it. groups: number of groups of lanes in use. force: the result of
+    `needed_stage`. tangent: whether tangent vectors are carried along. paths: two counters, of the flights that need a
+    scan and of the flights that also need the safe search.
     """
     b = memory[0]
     lossy = has_lossy_lane(b, groups)
@@ -298,15 +308,15 @@ def advance(memory, groups, flights, force, tangent, paths):
         if lossy:
             enter_contact(b, groups)
         copy_to_single(b, groups)
-        guess(b, groups)
+        guess_times(b, groups)
         if force >= ROUGH:
-            improve(b, groups)
-        expand(b, groups)
+            improve_guesses(b, groups)
+        expand_heights(b, groups)
         choose_wall(b, groups)
         solve_locally(b, groups)
         solve_again(b, groups)
-        refine(b, groups)
-        prove(b, groups)
+        refine_impact_times(b, groups)
+        prove_first_impacts(b, groups)
         if force == ARCS:
             prove_turns(b, groups)
         unproved = np.int32(0)
@@ -314,16 +324,16 @@ def advance(memory, groups, flights, force, tangent, paths):
             # np.int32 twice, because numba widens the result of `|` to 64 bits, and mixed widths vectorise badly
             unproved = np.int32(unproved | np.int32(b.proved[i] == ZERO))
         if unproved:
-            second_attempt(b, groups, force, paths)
+            prove_by_scan(b, groups, force, paths)
         copy_to_double(b, groups)
         evaluate_in_double(b, groups)
         if tangent:
             land_tangent(b, groups)
-            carry(b, groups)
+            carry_tangents(b, groups)
         else:
             land_plain(b, groups)
         unsure = np.int64(0)
         for i in range(GROUP * groups):
             unsure |= np.int64(b.sure[i] == 0.0)
         if unsure:
-            repair(b, groups, paths)
+            compute_unproved(b, groups, paths)

@@ -34,16 +34,16 @@ Ranges = tuple[Pair, Pair]  # (low, high) of δ and of ε in a figure, which may
 Limits = Literal["auto", "robust", "full"]
 LIMITS: tuple[Limits, ...] = ("auto", "robust", "full")
 OVERLAYS = LINES  # names of all lines and marks that can be drawn over a map
-#: Default lines over a map: FEW_LINES; over a map of the variable REGION instead BORDERS, which are all curves of the
-#: model and its codimension-two points.
+#: Default lines over a map: BORDERS (all curves of the model and its codimension-two points) over the map of regions,
+#: and FEW_LINES over any other map.
 FEW_LINES, BORDERS, REGION = ("SN1", "G1", QUIET_LIMIT), (*NAMES, POINTS), "region"
 UNCHOSEN: Ranges = (0.4, 1.0), (0.0, 0.3)  # window of (δ, ε) if no survey is chosen
 THEMES = ("light", "dark")
 MOST_PINS = 8
-UNNAMED = next(iter(ADDED))  # the additional parameter whose value stands in an address without its name
-HARMONIC = "harmonic:"  # prefix of a harmonic in the text of a pin
-LONGEST = 16_000  # longest value that is read, in characters: 2000 for each of MOST_PINS pins
-POINT_STATE = "p."
+UNNAMED_PARAMETER = next(iter(ADDED))  # the additional parameter whose value stands in an address without its name
+HARMONIC_PREFIX = "harmonic:"  # prefix of a harmonic in the text of a pin
+LONGEST_VALUE = 16_000  # characters; longer values of an address are ignored. MOST_PINS pins have 2000 each
+POINT_STATE_PREFIX = "p."
 KEYBOARD = "keyboard"
 EXAMPLE = "example"  # stands in place of a survey's id for the example that comes with the explorer
 MOST_FURTHER = 3
@@ -84,12 +84,13 @@ class EnteredMachine(NamedTuple):
     @property
     def address_text(self) -> str:
         """Text of the machine in an address: the values `inertia` to `stiffness`, then all others as name:value."""
-        plain = ["" if each is None else str(each) for each in self[:NUMBERED]]
-        more = [f"{name}:{value}" for name, value in list(self._asdict().items())[NUMBERED:] if value is not None]
+        plain = ["" if each is None else str(each) for each in self[:UNNAMED_COUNT]]
+        more = [f"{name}:{value}" for name, value in list(self._asdict().items())[UNNAMED_COUNT:] if value is not None]
         return ",".join([*plain, *more])
 
 
-NUMBERED = EnteredMachine._fields.index("restitution")  # number of fields whose values have no names in addresses
+# in addresses the values of this many first fields of a machine stand without their names
+UNNAMED_COUNT = EnteredMachine._fields.index("restitution")
 
 
 class Pin(NamedTuple):
@@ -113,8 +114,8 @@ class Pin(NamedTuple):
     @property
     def address_text(self) -> str:
         """Text of the pin in an address. The stiffness κ is written without its name, as in older addresses."""
-        more = [repr(value) if name == UNNAMED else f"{name}:{value!r}" for name, value in self.added]
-        harmonics = [HARMONIC + each for each in harmonic_texts(self.harmonics)]
+        more = [repr(value) if name == UNNAMED_PARAMETER else f"{name}:{value!r}" for name, value in self.added]
+        harmonics = [HARMONIC_PREFIX + each for each in harmonic_texts(self.harmonics)]
         return ",".join([*map(repr, self[:3]), *more, *harmonics])
 
     @property
@@ -235,10 +236,10 @@ def _parse_positive_window(text: str) -> Pair:
 
 def _parse_machine(text: str) -> EnteredMachine:
     parts = text.split(",")
-    *numbers, drive, stiffness = parts[:NUMBERED]
+    *numbers, drive, stiffness = parts[:UNNAMED_COUNT]
     inertia, drag, backlash, eccentricity, radius, rpm = map(float, numbers)
-    more = {name: float(value) for name, _, value in (each.partition(":") for each in parts[NUMBERED:])}
-    if not more.keys() <= set(EnteredMachine._fields[NUMBERED:]):
+    more = {name: float(value) for name, _, value in (each.partition(":") for each in parts[UNNAMED_COUNT:])}
+    if not more.keys() <= set(EnteredMachine._fields[UNNAMED_COUNT:]):
         raise ValueError(f"A number of the machine has an unknown name: {text!r}.")
     rigid = float(stiffness) if stiffness else None
     found = EnteredMachine(inertia, drag, backlash, eccentricity, radius, rpm, drive, rigid, **more)
@@ -250,11 +251,11 @@ def _parse_pins(text: str) -> tuple[Pin, ...]:
     found = []
     for each in text.split(";")[:MOST_PINS]:
         delta, epsilon, beta, *more = each.split(",")
-        plain = [one for one in more if not one.startswith(HARMONIC)]
+        plain = [one for one in more if not one.startswith(HARMONIC_PREFIX)]
         added = dict(_parse_added_parameter(one) for one in plain)
         if len(added) < len(plain):
             raise ValueError(f"A pin has two values of one parameter: {text!r}.")
-        harmonics = read_harmonics(one.removeprefix(HARMONIC) for one in more if one.startswith(HARMONIC))
+        harmonics = read_harmonics(one.removeprefix(HARMONIC_PREFIX) for one in more if one.startswith(HARMONIC_PREFIX))
         pin = Pin(*parse_point(f"{delta},{epsilon}"), float(beta), tuple(added.items()), harmonics)
         pin.model.gear(pin.delta, pin.epsilon)  # raises a ParameterError, which is a ValueError, if no gear is possible
         found.append(pin)
@@ -263,7 +264,7 @@ def _parse_pins(text: str) -> tuple[Pin, ...]:
 
 def _parse_added_parameter(text: str) -> tuple[str, float]:
     name, _, value = text.rpartition(":")
-    return name or UNNAMED, float(value)
+    return name or UNNAMED_PARAMETER, float(value)
 
 
 def _parse_share(text: str) -> float:
@@ -380,11 +381,13 @@ class View:
     def parse(cls, query: Mapping[str, Sequence[bytes]]) -> View:
         """Return the view that a query describes. A field whose text is missing or invalid gets its default."""
         firsts = {name: values[0].decode("utf-8", "replace") for name, values in query.items() if values}
-        texts = {name: value for name, value in firsts.items() if len(value) <= LONGEST}
+        texts = {name: value for name, value in firsts.items() if len(value) <= LONGEST_VALUE}
         found = read_fields(cls, texts)
         if "point" in found:
             state = {
-                name.removeprefix(POINT_STATE): text for name, text in texts.items() if name.startswith(POINT_STATE)
+                name.removeprefix(POINT_STATE_PREFIX): text
+                for name, text in texts.items()
+                if name.startswith(POINT_STATE_PREFIX)
             }
             found["point_state"] = PointState.read(state)
         else:
@@ -399,5 +402,5 @@ class View:
         if self.point is None:
             texts.pop("machine", None)
         else:
-            texts |= {POINT_STATE + name: text for name, text in self.point_state.text().items()}
+            texts |= {POINT_STATE_PREFIX + name: text for name, text in self.point_state.text().items()}
         return "?" + urlencode(texts, safe=",;") if texts else ""

@@ -50,9 +50,9 @@ def change_document(document: Document, change: Callable[[], object]) -> None:
     The call is delayed while a browser loads the document. This function may be called in any thread.
     """
 
-    async def apply() -> None:
+    async def call_change() -> None:
         if document in _waiting:
-            _waiting[document].append(apply)
+            _waiting[document].append(call_change)
             return
         with set_curdoc(document):
             # all changes are sent together; otherwise Panel's own would be sent after later ones of Bokeh
@@ -66,7 +66,7 @@ def change_document(document: Document, change: Callable[[], object]) -> None:
 
     # Bokeh accepts a coroutine function here too, although its type hint does not say so
     schedule: Any = document.add_next_tick_callback
-    schedule(apply)
+    schedule(call_change)
 
 
 async def change_and_wait(document: Document, change: Callable[[], object]) -> None:
@@ -79,7 +79,7 @@ async def change_and_wait(document: Document, change: Callable[[], object]) -> N
     """
     done: asyncio.Future[None] = asyncio.get_running_loop().create_future()
 
-    def apply() -> None:
+    def change_and_report() -> None:
         error: Exception | None = None
         try:
             change()
@@ -92,7 +92,7 @@ async def change_and_wait(document: Document, change: Callable[[], object]) -> N
         else:
             done.set_exception(error)
 
-    change_document(document, apply)
+    change_document(document, change_and_report)
     await done
 
 

@@ -36,26 +36,28 @@ class DrawingRunner:
         self._pause = 0.0
         self._task: asyncio.Task[None] | None = None
 
-    def request(self, what: Hashable, jobs: Sequence[JobRow], draw: Callable[[], AsyncGenerator[Show, None]]) -> None:
+    def request(
+        self, identity: Hashable, jobs: Sequence[JobRow], draw: Callable[[], AsyncGenerator[Show, None]]
+    ) -> None:
         """Request a drawing of surveys, unless the same drawing is finished or under way.
 
         Parameters
         ----------
-        what : Hashable
+        identity : Hashable
             Value that identifies the drawing. It stays the same when a survey has computed more cells.
         jobs : Sequence[JobRow]
             Surveys of the drawing. If the state or the number of computed cells of a survey has changed, the drawing is
             made again.
         draw : Callable[[], AsyncGenerator[Show, None]]
-            Yields functions that show the drawing so far. They are called only while `what` is the requested drawing.
+            Yields functions that show the drawing so far. They are called only while this drawing is the requested one.
         """
-        self._wanted = what, tuple((job.id, job.state, job.cells_done) for job in jobs)
+        self._wanted = identity, tuple((job.id, job.state, job.cells_done) for job in jobs)
         self._draw, self._pause = draw, 0.0 if all(State(job.state).is_final for job in jobs) else PAUSE
         if self._wanted != self._drawn and (self._task is None or self._task.done()):
             self._task = self._viewer.start(self._keep_drawing())
 
     def stop(self) -> None:
-        """Cancel the drawing that is under way, and request no other."""
+        """Cancel the drawing that is under way, and forget the requested one."""
         if self._task is not None:
             self._task.cancel()
         self._wanted, self._drawn, self._draw, self._task = (), (), None, None
@@ -74,5 +76,5 @@ class DrawingRunner:
                 self._show(drawn[0], partial(self._show_error, error))
                 await asyncio.sleep(self._pause)
 
-    def _show(self, what: Hashable, show: Show) -> None:
-        self._viewer.change(lambda: show() if self._wanted[:1] == (what,) else None)
+    def _show(self, identity: Hashable, show: Show) -> None:
+        self._viewer.change(lambda: show() if self._wanted[:1] == (identity,) else None)

@@ -14,7 +14,7 @@ Limits = tuple[float, float]
 #: Style of a printed column of parts: as a block it may continue on the next sheet of paper after any part, while
 #: Chromium does not divide a flexible box between sheets.
 PRINTED = "@media print { :host { display: block !important; } }"
-CONTRAST = 4.5  # least contrast of a thin line with a dark background, by the formula of WCAG 2
+LEAST_CONTRAST = 4.5  # least contrast of a thin line with a dark background, by the formula of WCAG 2
 BESIDE = 62  # pixels to the left of the frames of stacked figures, equal so that their axes are in line
 
 
@@ -73,6 +73,6 @@ def line_colour(colour: str, theme: str) -> str:
     if theme != "dark":
         return colour
     paper, found = RGB.from_hex_string(INK[theme][1]), RGB.from_hex_string(colour)
-    while found.luminance + 0.05 < CONTRAST * (paper.luminance + 0.05):
+    while found.luminance + 0.05 < LEAST_CONTRAST * (paper.luminance + 0.05):
         found = found.lighten(0.02)
     return found.to_hex()

@@ -80,10 +80,10 @@ def style_of(name: str) -> tuple[str, tuple[float, ...]]:
     return ("#000000" if colour == "black" else colour), tuple(2.0 * d for d in dashes[1]) if dashes != "-" else ()
 
 
-def image_renderer(source: ColumnDataSource, mapper: Any, **named: Any) -> Any:
+def image_renderer(source: ColumnDataSource, mapper: Any, **properties: Any) -> Any:
     """Return a renderer of images that are drawn below all other glyphs."""
     glyph = Image(image="image", x="x", y="y", dw="dw", dh="dh", color_mapper=mapper)
-    return _renderer(source, glyph, level="image", **named)
+    return _renderer(source, glyph, level="image", **properties)
 
 
 def transparent_mapper() -> Any:
@@ -232,5 +232,5 @@ def _edged_markers(source: ColumnDataSource, marker: str, *strokes: tuple[int, s
     ]
 
 
-def _renderer(source: ColumnDataSource, glyph: Any, **named: Any) -> Any:
-    return GlyphRenderer(data_source=source, glyph=glyph, nonselection_glyph=None, muted_glyph=None, **named)
+def _renderer(source: ColumnDataSource, glyph: Any, **properties: Any) -> Any:
+    return GlyphRenderer(data_source=source, glyph=glyph, nonselection_glyph=None, muted_glyph=None, **properties)

@@ -18,14 +18,18 @@ from gear_rattle.service.errors import UnavailableError
 from gear_rattle.service.operations.surveys import list_jobs
 from gear_rattle.service.state import Front
 
-LISTED = 100  # most surveys that are listed: the newest ones
-PAUSE = 0.5  # seconds after a reading of the database until the next; a new listener ends this pause
-WINDOW = 20.0  # seconds over which the rate of a running survey is measured
+LISTED = 100  # the list of surveys holds at most this many, the newest ones
+PAUSE_SECONDS = 0.5  # seconds after a reading of the database until the next; a new listener ends this pause
+RATE_SECONDS = 20.0  # seconds over which the rate of a running survey is measured
 
 
 @dataclass(frozen=True)
 class JobStatus:
-    """Status of a survey. rate: cells per second. left: seconds until its end. Either is None if it is not known."""
+    """Status of a survey.
+
+    rate: computed cells per second, None if not known. left: predicted seconds until its last tile is computed, None
+    if not known or if the survey is not running.
+    """
 
     job: JobRow
     rate: float | None
@@ -92,7 +96,7 @@ class StatusPublisher:
                 for listener in self._listeners.intersection(listeners):
                     listener(statuses)
             with suppress(TimeoutError):  # a new listener ends the pause early
-                await asyncio.wait_for(self._arrived.wait(), PAUSE)
+                await asyncio.wait_for(self._arrived.wait(), PAUSE_SECONDS)
 
     def _status_of(self, job: JobRow, now: float) -> JobStatus:
         if job.state != State.RUNNING:
@@ -100,7 +104,7 @@ class StatusPublisher:
             return JobStatus(job, overall_rate(job), None)
         past = self._past.setdefault(job.id, [])
         past.append((now, job.cells_done))
-        while len(past) > 2 and past[1][0] < now - WINDOW:
+        while len(past) > 2 and past[1][0] < now - RATE_SECONDS:
             past.pop(0)
         (began, before), (ended, after) = past[0], past[-1]
         rate = (after - before) / (ended - began) if ended > began and after > before else None

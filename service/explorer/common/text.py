@@ -53,10 +53,10 @@ class Heading(Text):
         super().__init__("", sheet)
         self._shown = self._progress = ""
 
-    def show(self, what: str) -> None:
+    def show(self, description: str) -> None:
         """Write the description of the shown map, in HTML."""
-        self._shown = what
-        self._write()
+        self._shown = description
+        self._write_line()
 
     def show_progress(self, text: str) -> None:
         """Write a note after the description: the computation that runs, or why the map has no finer cells.
@@ -65,13 +65,13 @@ class Heading(Text):
         """
         self._progress = text
         if self._shown:
-            self._write()
+            self._write_line()
 
     def show_reason(self, html: str) -> None:
         """Write why no map is shown (HTML), in place of the description."""
         self._shown = self._progress = ""
         self.html = html
 
-    def _write(self) -> None:
+    def _write_line(self) -> None:
         said = f' <span class="faint" role="status">{escape(self._progress)}</span>' if self._progress else ""
         self.html = f"<p>{self._shown}{said}</p>"

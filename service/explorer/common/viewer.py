@@ -39,7 +39,7 @@ class Viewer:
         self._caller = caller
         self._tasks: set[asyncio.Task[Any]] = set()
         self._threads = asyncio.Semaphore(THREADS)
-        # a page replaces this function by one that shows the message on the page
+        # function that shows a message to the viewer; until the page replaces it, messages go to the log
         self.tell: Callable[[str], None] = log.warning
         self.ended = False
 
@@ -136,10 +136,13 @@ class Viewer:
             log.exception("a page of the explorer failed")
             self.tell("A part of this page could not be shown because of an error of the service, which is in its log.")
 
-    def change(self, what: Callable[[], object]) -> None:
-        """Schedule a call of `what` at a time without another change of the document, unless the page is closed."""
+    def change(self, act: Callable[[], object]) -> None:
+        """Schedule a call of `act`, which changes the document, at a time without another change of it.
+
+        Nothing is scheduled after the page was closed.
+        """
         if not self.ended:
-            change_document(self.document, what)
+            change_document(self.document, act)
 
     def end(self) -> None:
         """Cancel the tasks of a page that was closed. Its document is not changed any more."""

@@ -18,8 +18,8 @@ class WidgetWatcher:
         self._is_paused = False
         self._newest: dict[Any, Any] = {}
 
-    def call_on_change(self, widget: Any, used: Callable[[], None], name: str = "value") -> None:
-        """Call `used` whenever a viewer has changed the parameter `name` of a widget."""
+    def call_on_change(self, widget: Any, callback: Callable[[], None], name: str = "value") -> None:
+        """Call `callback` whenever a viewer has changed the parameter `name` of a widget."""
 
         def on_change(event: Any) -> None:
             if not self._is_paused:
@@ -28,15 +28,15 @@ class WidgetWatcher:
 
         def act_on_newest(event: Any) -> None:
             if self._newest[widget] is event:  # an older event is ignored: the call for the newest one follows
-                with self.paused():  # the page may have written another value of the widget meanwhile
+                with self.paused():  # restores the viewer's value, which the page may have overwritten meanwhile
                     setattr(widget, name, event.new)
-                used()
+                callback()
 
         widget.param.watch(on_change, name)
 
     @contextmanager
     def paused(self) -> Iterator[None]:
-        """Call no function for changes inside this context, in which the page itself sets widgets."""
+        """Ignore all changes of widgets inside this context, in which the page itself sets their values."""
         self._is_paused = True
         try:
             yield

@@ -130,8 +130,8 @@ class PointerMoved:
 class PointOpened:
     """A point (δ, ε) was opened. machine: the machine that was entered for the point, or None.
 
-    state: new state of the point's tabs. If it is None and this point is open already, its tabs stay as they are; else
-    they get their default state, except that the chosen tab stays open.
+    state: new state of the point's tabs, or None. None keeps the tabs as they are if the same point with the same
+    machine is open already. If another point or none is open, None gives the default state with the same open tab.
     """
 
     point: Pair

@@ -11,7 +11,7 @@ from bokeh.colors import RGB
 from colour_difference import difference, lab_of
 
 from gear_rattle.service.explorer.common.address import DrawnSettings, View
-from gear_rattle.service.explorer.common.figures import CONTRAST, INK, line_colour
+from gear_rattle.service.explorer.common.figures import INK, LEAST_CONTRAST, line_colour
 from gear_rattle.service.explorer.map.controls import LIMIT_NAMES, LOG, OWN, MapControls, entered_limits
 from gear_rattle.service.explorer.places.example import REQUEST
 from gear_rattle.service.explorer.state.events import MapDrawn
@@ -116,6 +116,6 @@ def test_lines_of_motions_are_visible_in_the_dark() -> None:
     paper = RGB.from_hex_string(INK["dark"][1]).luminance
     for shade in (*REGION_COLOURS, "#000080", "#1b7050", "#ffffff"):
         drawn = RGB.from_hex_string(line_colour(shade, "dark")).luminance
-        assert (drawn + 0.05) / (paper + 0.05) >= CONTRAST
+        assert (drawn + 0.05) / (paper + 0.05) >= LEAST_CONTRAST
         assert line_colour(shade, "light") == shade
     assert line_colour("#ffffff", "dark") == "#ffffff"
