@@ -22,8 +22,8 @@ from rattle.parameters import Parameters
 #: The sides of a cell towards the next row and the next column, as columns of `LinkedOrbits.to`. They suffice to visit
 #: each pair of neighbouring cells once.
 AHEAD = (0, 1)
-#: Number of small steps in which an orbit is followed to the next cell once more, if its continuation there does not
-#: lead back to it.
+#: If an orbit continues to an orbit in the next cell that does not continue back to it, it is followed to that cell
+#: once more, in this number of small steps.
 STEPS = 64
 
 
@@ -101,7 +101,8 @@ def join_rows(
     Returns
     -------
     tuple[AttractorTable, NDArray[np.bool_], NDArray[np.int64]]
-        The attractors; flags (rows,) of those that were continued from neighbours; and their families (rows,).
+        The attractors; flags (rows,), true for orbits that were continued from neighbours; and the number (rows,) of
+        each attractor's family.
     """
     return _join_with_sums(table, shape, cells)[:3]
 
@@ -232,8 +233,8 @@ def spread_all(
 def linked_pairs(orbits: LinkedOrbits, n: int, cells: Any) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Return the pairs among the first n orbits that are one orbit in neighbouring cells.
 
-    Each orbit of a pair continues to the other one. Or only one of them does: then it must also arrive at the other in
-    STEPS small steps, because a large step may have jumped to another orbit.
+    Two orbits are one orbit if each continues to the other. If only one of the two continues to the other, it must also
+    arrive there in STEPS small steps, because a large step may have jumped to the wrong orbit.
 
     Returns
     -------
@@ -299,7 +300,7 @@ def empty_orbits(n: int, n_cells: int) -> LinkedOrbits:
 
 
 def with_more_room(orbits: LinkedOrbits) -> LinkedOrbits:
-    """Return the orbits in arrays that have room for half as many orbits again."""
+    """Return the orbits in larger arrays, which have room for 1.5 times as many orbits and 64 more."""
     more = orbits.cell.size // 2 + 64
     wider = [np.concatenate([x, np.zeros((more, *x.shape[1:]), x.dtype)]) for x in orbits]
     return LinkedOrbits._make(wider)._replace(last=orbits.last)

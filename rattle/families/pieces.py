@@ -57,25 +57,26 @@ class GridPiece:
 def continue_into_piece(
     inside: AttractorTable, beside: AttractorTable, tried: bool, columns: int, piece: Rectangle, cells: Any
 ) -> AttractorTable:
-    """Continue orbits from cell to cell into a piece of a grid, and return the new orbits that this finds.
+    """Continue orbits from cell to cell into a rectangle of a grid, and return the orbits that are new there.
 
     Parameters
     ----------
     inside, beside : AttractorTable
-        The attractors in the piece, and the attractors in cells next to it; rows of the same cell follow each other.
+        The attractors in the rectangle, and the attractors in the cells next to it; rows of the same cell follow each
+        other.
     tried : bool
-        Whether the orbits in the piece were continued before.
+        Whether an earlier call continued the orbits of `inside`; then only those of `beside` are continued.
     columns : int
         The number of columns of the grid.
     piece : Rectangle
-        The piece.
+        The rectangle.
     cells : NamedTuple of ndarray
         The cells of the grid as kernels take them.
 
     Returns
     -------
     AttractorTable
-        A row, with 0 samples, for each new orbit of each cell of the piece.
+        A row, with 0 samples, for each new orbit of each cell of the rectangle.
     """
     n, m = (int(np.count_nonzero(table.kind == Outcome.PERIODIC)) for table in (inside, beside))
     orbits, end = continue_orbits(together(inside, beside), columns, piece, cells, n if tried else 0)

@@ -57,8 +57,8 @@ ACCURACY = 2.0**-8
 class Limit(NamedTuple):
     """The design limit of a number, in the unit of the number, with its 95 % interval.
 
-    The value, or an end of the interval, is NaN if it is outside the scanned range: the gear is not quiet often enough
-    at the first value of the scan, or still is at the last.
+    The value, or an end of the interval, is NaN if it lies outside the scanned range. It does if the gear is not quiet
+    often enough at the first value of the scan, or is still quiet often enough at the last value.
     """
 
     value: float
@@ -252,7 +252,7 @@ class _Solver:
         return 1.0 / end, RANGE_RATIO / end
 
     def _is_inelastic(self) -> bool:
-        """Return whether the gear is inelastic, by the names of its numbers and of the one whose limit is sought."""
+        """Return whether the gear's model is the inelastic one, judged by the names of its given and sought numbers."""
         return model_of_numbers({**self.given, self.of: 0.5}) is Inelastic
 
     @property
@@ -386,7 +386,7 @@ class _Solver:
 
         def is_nonnegative(i: int) -> bool:
             """Return whether the field is at least 0 at value number i of the scan; i = −1 stands for the value 0."""
-            if i < 0:  # if an eccentricity is the only forcing, all motions become quiet at 0
+            if i < 0:  # eccentricity is the only forcing of a gear that is not inelastic: at 0 all motions become quiet
                 return self.of in ("epsilon", "eccentricity") and not self._is_inelastic()
             return bool(getattr(self.excess(float(self.scanned[i])), which) >= 0.0)
 

@@ -127,7 +127,7 @@ def _read_manifest(files: FileSource) -> tuple[Manifest, bytes]:
 
 
 def _earlier_manifest(place: Place) -> Manifest | None:
-    """Return the manifest that an earlier copy has left, or None."""
+    """Return the manifest that an earlier copy has left at the target, or None if there is none."""
     with suppress(FileNotFoundError, NotADirectoryError):
         return Manifest.from_bytes(place.read(MANIFEST))
     return None
@@ -171,8 +171,9 @@ def _copy_to_place(
         place.put(CREATING, b"")
     place.put(MANIFEST, content)
 
-    def copy_file(one: tuple[str, tuple[str, ...]]) -> tuple[int, bool]:
-        key, known = one
+    def copy_file(file: tuple[str, tuple[str, ...]]) -> tuple[int, bool]:
+        """Copy a file, given by its key and its allowed digests. Return its size, and whether the target had it."""
+        key, known = file
         part = _read_whole(files, key, known)
         if kept := _is_whole(place, key, known):
             return len(part), kept
@@ -184,7 +185,7 @@ def _copy_to_place(
     total, size, kept, done = _count_files(manifest), len(content), 0, 1
     keys = list(_keys_with_digests(manifest))
     with ThreadPoolExecutor(READERS) as threads:
-        for some in _batches(keys[:-1]):
+        for some in _batches_of_files(keys[:-1]):
             for length, was_there in threads.map(copy_file, some):
                 size, kept, done = size + length, kept + was_there, done + 1
             if on_file:
@@ -207,9 +208,9 @@ def _copy_to_zip(
         with _rename_at_end(path) as part:
             with ZipFile(part, "w", ZIP_STORED) as archive, ThreadPoolExecutor(READERS) as threads:
                 archive.writestr(MANIFEST, content)
-                for some in _batches(_keys_with_digests(manifest)):
+                for some in _batches_of_files(_keys_with_digests(manifest)):
                     for (key, _), whole in zip(
-                        some, threads.map(lambda one: _read_whole(files, *one), some), strict=True
+                        some, threads.map(lambda file: _read_whole(files, *file), some), strict=True
                     ):
                         archive.writestr(key, whole)
                         size, done = size + len(whole), done + 1
@@ -228,8 +229,9 @@ def _require_whole(files: FileSource, keys: Iterable[tuple[str, tuple[str, ...]]
             raise OSError(f"{key} does not read back as it was written")
 
 
-def _batches(keys: Iterable[tuple[str, tuple[str, ...]]]) -> Iterator[list[tuple[str, tuple[str, ...]]]]:
-    left = iter(keys)
+def _batches_of_files(files: Iterable[tuple[str, tuple[str, ...]]]) -> Iterator[list[tuple[str, tuple[str, ...]]]]:
+    """Yield at most BATCH files at a time; a file is given by its key and its allowed digests."""
+    left = iter(files)
     while some := list(islice(left, BATCH)):
         yield some
 
