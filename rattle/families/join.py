@@ -116,7 +116,7 @@ def _join_with_sums(
     attractors = together(table, table_of_continued(orbits, periodic.size, n))
     # row[i] is the row of orbit i in attractors
     row = np.append(periodic, np.arange(table.cell.size, attractors.cell.size))
-    component = components(attractors, row, orbits, shape, cells)
+    component = number_components(attractors, row, orbits, shape, cells)
     order = in_order(attractors)
     attractors, component = attractors.take(order), component[order]
     sums = sums_of(attractors, component, shape[1])
@@ -142,7 +142,7 @@ def in_order(table: AttractorTable) -> NDArray[np.int64]:
     return np.lexsort(keys)
 
 
-def components(
+def number_components(
     table: AttractorTable, row: NDArray[np.int64], orbits: LinkedOrbits, shape: tuple[int, int], cells: Any
 ) -> NDArray[np.int64]:
     """Return a number for each row of a table; rows with the same number are one attractor in several cells.
@@ -208,10 +208,10 @@ def continue_orbits(
     cell = orbits.cell[:n]
     orbits.before[1:n] = np.where(cell[1:] == cell[:-1], np.arange(n - 1), NOWHERE)
     orbits.last[cell] = np.arange(n)  # numpy keeps the last value if an index is repeated: the last orbit of the cell
-    return spread_all(first, n, columns, inside, cells, orbits)
+    return continue_until_complete(first, n, columns, inside, cells, orbits)
 
 
-def spread_all(
+def continue_until_complete(
     done: int, n: int, columns: int, inside: Rectangle, cells: Any, orbits: LinkedOrbits
 ) -> tuple[LinkedOrbits, int]:
     """Continue the orbits with numbers `done` to n − 1, and all orbits found on the way, from cell to cell.

@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 from rattle.attractors.samples import Outcome
 from rattle.attractors.table import AttractorTable
 from rattle.families.join import (
-    components,
     continue_orbits,
+    continue_until_complete,
     empty_orbits,
-    spread_all,
+    number_components,
     table_of_continued,
     together,
     with_more_room,
@@ -49,7 +49,7 @@ class GridPiece:
         columns = (getattr(table, name) for name in ORBIT_COLUMNS)
         n = int(add_orbits(*columns, before, self._cells, self.orbits, which))
         inside = Rectangle(0, self.shape[0], 0, self.shape[1])
-        self.orbits, self.n = spread_all(before, n, self.shape[1], inside, self._cells, self.orbits)
+        self.orbits, self.n = continue_until_complete(before, n, self.shape[1], inside, self._cells, self.orbits)
         self.samples = np.append(self.samples, np.full(self.n - before, -1))
         self.samples[which] = table.samples
 
@@ -96,4 +96,4 @@ def connect_attractors(table: AttractorTable, shape: tuple[int, int], cells: Any
         QUIET_FAMILY, undecided samples have NO_FAMILY.
     """
     orbits, _n = continue_orbits(table, shape[1], Rectangle(0, shape[0], 0, shape[1]), cells)
-    return components(table, np.flatnonzero(table.kind == Outcome.PERIODIC), orbits, shape, cells)
+    return number_components(table, np.flatnonzero(table.kind == Outcome.PERIODIC), orbits, shape, cells)

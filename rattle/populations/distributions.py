@@ -68,13 +68,13 @@ class Normal(Distribution):
         )
 
     def _end_probabilities(self) -> tuple[float, float]:
-        """Return the probabilities, before the cut-off, of a number below low and of one below high."""
+        """Return P(number < low) and P(number < high) for the normal distribution without the cut-off."""
         return tuple(float(ndtr((end - self.mean) / self.deviation)) for end in (self.low, self.high))  # type: ignore[return-value]
 
     def quantile(self, u: Array) -> Array:
         """Return the quantiles at u in (0, 1) of the distribution that is cut off at low and high."""
-        below, above = self._end_probabilities()
-        found = self.mean + self.deviation * ndtri(below + u * (above - below))
+        below_low, below_high = self._end_probabilities()
+        found = self.mean + self.deviation * ndtri(below_low + u * (below_high - below_low))
         return np.asarray(np.clip(found, self.low, self.high))
 
 

@@ -210,9 +210,9 @@ class _Solver:
     def _default_range(self) -> tuple[float, float]:
         """Return the default range of the scan.
 
-        On the unsafe side the range goes to the value beyond which no motion is quiet, or to the end of the allowed
-        values if that comes first; on the safe side it goes to the end of the allowed values, such as 0. A side without
-        such an end goes to a typical value divided or multiplied by RANGE_RATIO.
+        The unsafe end of the range is the value beyond which no motion is quiet, or the last allowed value if it comes
+        first. The safe end is the last allowed value, such as 0. Where no such value exists, the end is a typical value
+        divided or multiplied by RANGE_RATIO.
 
         Returns
         -------
@@ -358,8 +358,9 @@ class _Solver:
     def _first_unsafe_index(self) -> int:
         """Return the index of the first value of the scan at which the share of quiet runs is too small.
 
-        At each value FIRST_SAMPLES samples are followed first. They decide if their share of quiet runs is at least the
-        required one, or is significantly below it. Otherwise all samples are followed, and their share decides.
+        At each value FIRST_SAMPLES samples are followed first. If their share of quiet runs is at least the required
+        share, the value is safe; if it is significantly below the required share, the value is unsafe. In the third
+        case all samples are followed, and their share decides.
 
         Returns
         -------

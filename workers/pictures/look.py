@@ -110,9 +110,9 @@ class FinerCells:
 class OverlayData:
     """Overlays of a map, which are computed before the map is drawn, because they take long.
 
-    lines: points (k, 2) of the lines CRISIS and LIMIT, by name, with NaN between pieces. band: the dampings
-    (n,) at which the design limit's confidence interval has two finite ends, and its lower and upper ends; None for no
-    interval. finer: cells of finer resolution, which are drawn where they have a value, or None.
+    lines: points (k, 2) of the lines CRISIS and LIMIT, by name, with NaN between pieces. band: dampings (n,), and the
+    lower and the upper ends (n,) of the design limit's 95 % interval there; None for no interval. finer: cells of finer
+    resolution, which are drawn where they have a value, or None.
     """
 
     lines: Mapping[str, np.ndarray] = field(default_factory=dict)

@@ -41,9 +41,9 @@ def place_names(
 ) -> list[PlacedName | None]:
     """Place a name beside each mark, at the first free place among some directions and increasing distances.
 
-    A name that is farther than the smallest distance gets a leader, a line from its mark. A place is free if the name
-    there is inside the frame and overlaps no mark, no taken box, no other name and no leader of another name, and if
-    its own leader crosses no other name.
+    A name that is farther than the smallest distance gets a leader, a line from its mark. A free place is inside the
+    frame. A name there overlaps no mark, no taken box, no other name and no other leader, and the name's own leader
+    crosses no other name.
 
     Parameters
     ----------
