@@ -115,4 +115,5 @@ def _leader_points(mark: Array, end: tuple[float, float] | None) -> Array:
 
 
 def _is_leader_in_box(leader: Array, box: Box) -> bool:
+    """Return whether a point of a leader (k, 2) lies inside a box."""
     return bool(np.any(np.all((leader > box[:2]) & (leader < box[2:]), axis=1)))

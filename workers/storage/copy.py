@@ -144,6 +144,7 @@ def _keys_with_digests(manifest: Manifest) -> Iterator[tuple[str, tuple[str, ...
 
 
 def _is_whole(files: FileSource, key: str, known: Sequence[str]) -> bool:
+    """Return whether a file exists and has one of the digests `known`."""
     try:
         return digest(files.read(key)) in known
     except (FileNotFoundError, NotADirectoryError):
@@ -223,9 +224,10 @@ def _copy_to_zip(
     return CopyResult(total, size, 0)
 
 
-def _require_whole(files: FileSource, keys: Iterable[tuple[str, tuple[str, ...]]]) -> None:
-    for key, known in keys:
-        if not _is_whole(files, key, known):
+def _require_whole(written: FileSource, files: Iterable[tuple[str, tuple[str, ...]]]) -> None:
+    """Raise OSError unless the written files have their digests; a file is given by its key and its allowed digests."""
+    for key, known in files:
+        if not _is_whole(written, key, known):
             raise OSError(f"{key} does not read back as it was written")
 
 

@@ -72,6 +72,7 @@ def require_readable(dataset: xr.Dataset, names: Sequence[Hashable] | None = Non
 
 
 def _read_bands(values: xr.DataArray, rows: int) -> None:
+    """Read a variable, some rows at a time, to find damage. Raises DamageError if a part cannot be read."""
     for start in range(0, values.sizes.get("epsilon", 1), rows):
         with report_damage(f"{values.name} of this survey"):
             np.asarray(values.isel(epsilon=slice(start, start + rows)) if "epsilon" in values.dims else values)

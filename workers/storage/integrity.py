@@ -233,6 +233,7 @@ def _damaged_variables(place: Place, manifest: Manifest, index: int) -> tuple[st
 
 
 def _is_whole(place: Place, key: str, known: str | None) -> bool:
+    """Return whether a file of a store exists and has the digest `known`."""
     content = read_file(place, key)
     return content is not None and digest(content) == known
 
