@@ -67,11 +67,11 @@ class Plan:
     """The plan of a population; the fields are the arguments of `rattle.population`.
 
     Each row is one gear. Rows are numbered consecutively through the parts of the plan. The first part is the
-    population. All other parts are for Sobol indices, and have `pairs` gears each. The second part repeats the first
-    `pairs` gears of the population, with other samples. Then each varying number has a part with these gears, in which
-    this number is kept and all other numbers are drawn again; and after these parts, each varying number has a part
-    in which this number is drawn again and all others are kept. If only one number varies, the population is the only
-    part. Raises ParameterError.
+    population. All other parts are for Sobol indices, and have `rows_per_sobol_part` gears each. The second part
+    repeats the first gears of the population, with other samples. Then each varying number has a part with these
+    gears, in which this number is kept and all other numbers are drawn again. After these parts, each varying number
+    has a part in which this number is drawn again and all others are kept. If only one number varies, the population
+    is the only part. Raises ParameterError.
     """
 
     tolerances: Tolerances

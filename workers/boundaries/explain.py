@@ -183,7 +183,10 @@ class _CurveSearch:
         return self.pairs.region & np.any(bounds, axis=0)
 
     def unexplained_labels(self, n: int) -> list[Label]:
-        """Return the labels that no curve explains, of those whose number of attractors differs in the n-th pair.
+        """Return the labels of the unexplained differences between the cells of the n-th pair.
+
+        The cells have different numbers of attractors with such a label, and no curve between them makes or ends
+        motions with this label.
 
         Chaos counts as explained if the cells also differ in other attractors and curves explain all of these: chaos
         then takes the place of a motion that a curve ends, or gives way to a motion that a curve makes.

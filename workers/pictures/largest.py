@@ -223,7 +223,7 @@ class _FamilyMaps(BackendArray):
 
 
 class _LargestFamilyMaps(_FamilyMaps):
-    """Two maps of the family with most samples of each cell: among all families, and among all but quiet running.
+    """Two maps with the family that most samples of a cell reach: of all families, and of all except quiet running.
 
     A code is the number of the family plus 1, at most OTHERS; 0 if no sample of the cell goes to such a family.
     """

@@ -11,7 +11,7 @@ import psutil
 
 
 def process_identity() -> dict[str, Any]:
-    """Return the identity of this process, from which `has_died` in other processes tells whether it has ended."""
+    """Return the identity of this process. With it, another process can ask `has_died` whether this process ended."""
     return {
         "host": socket.gethostname(),
         "boot": _boot_id(),

@@ -244,7 +244,7 @@ def _count_files(manifest: Manifest) -> int:
 
 @contextmanager
 def _rename_at_end(path: Path) -> Iterator[Path]:
-    """Yield a temporary path in the same directory; at the end, rename the file there to `path`."""
+    """Yield a temporary path beside `path`; at the end, rename the file at the temporary path to `path`."""
     path.parent.mkdir(parents=True, exist_ok=True)
     part = path.with_name(f".{path.name}.{os.getpid()}")
     try:
