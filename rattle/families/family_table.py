@@ -86,7 +86,8 @@ def tabulate_families(delta: NDArray[np.float64], epsilon: NDArray[np.float64], 
     def by_family(values: NDArray[Any], default: float = 0) -> NDArray[Any]:
         """Return values in the order of families, from `values`, which has one for each entry of `sums`.
 
-        default: the value of a family without an entry: quiet motion, if no cell has it.
+        default: the value of a family without an entry in `sums`. Only quiet motion can be without an entry: it has
+        its family number even if no cell has quiet motion.
 
         Returns
         -------
@@ -98,18 +99,19 @@ def tabulate_families(delta: NDArray[np.float64], epsilon: NDArray[np.float64], 
         return column
 
     def axis_range(
-        axis: NDArray[np.float64], one: NDArray[np.int64], other: NDArray[np.int64]
+        axis: NDArray[np.float64], first: NDArray[np.int64], last: NDArray[np.int64]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return the least and the largest value of an axis at the cells of each family.
 
-        one, other: for each entry of `sums`, the first and the last index along the axis. Values of an axis may fall.
+        first, last: for each entry of `sums`, the indices along the axis of its first and its last cell. The axis may
+        rise or fall.
 
         Returns
         -------
         tuple[NDArray[np.float64], NDArray[np.float64]]
             Values (families,), NaN for a family without cells.
         """
-        low, high = np.minimum(axis[one], axis[other]), np.maximum(axis[one], axis[other])
+        low, high = np.minimum(axis[first], axis[last]), np.maximum(axis[first], axis[last])
         return by_family(low, np.nan), by_family(high, np.nan)
 
     row, column = np.divmod(sums.at, delta.size)

@@ -13,7 +13,8 @@ from rattle.numerics.compile import kernel
 
 #: Number of impacts that mark a footprint. Footprints of this length show 99 % of the overlapping pairs, and no others.
 STRETCH = 128
-#: Number of impacts that mark longer footprints, by which pairs without an overlap are compared once more.
+#: Number of impacts that mark a longer footprint. Pairs whose first footprints do not overlap are compared again by
+#: longer footprints.
 LONGER = 2048
 
 

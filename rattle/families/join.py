@@ -22,8 +22,8 @@ from rattle.parameters import Parameters
 #: The sides of a cell towards the next row and the next column, as columns of `LinkedOrbits.to`. They suffice to visit
 #: each pair of neighbouring cells once.
 AHEAD = (0, 1)
-#: Number of small steps in which an orbit is followed to the next cell once more, if its continuation there does not
-#: lead back to it.
+#: If an orbit continues to an orbit in the next cell that does not continue back to it, it is followed to that cell
+#: once more, in this number of small steps.
 STEPS = 64
 
 
@@ -101,7 +101,8 @@ def join_rows(
     Returns
     -------
     tuple[AttractorTable, NDArray[np.bool_], NDArray[np.int64]]
-        The attractors; flags (rows,) of those that were continued from neighbours; and their families (rows,).
+        The attractors; flags (rows,), true for orbits that were continued from neighbours; and the number (rows,) of
+        each attractor's family.
     """
     return _join_with_sums(table, shape, cells)[:3]
 
@@ -115,7 +116,7 @@ def _join_with_sums(
     attractors = together(table, table_of_continued(orbits, periodic.size, n))
     # row[i] is the row of orbit i in attractors
     row = np.append(periodic, np.arange(table.cell.size, attractors.cell.size))
-    component = components(attractors, row, orbits, shape, cells)
+    component = number_components(attractors, row, orbits, shape, cells)
     order = in_order(attractors)
     attractors, component = attractors.take(order), component[order]
     sums = sums_of(attractors, component, shape[1])
@@ -141,7 +142,7 @@ def in_order(table: AttractorTable) -> NDArray[np.int64]:
     return np.lexsort(keys)
 
 
-def components(
+def number_components(
     table: AttractorTable, row: NDArray[np.int64], orbits: LinkedOrbits, shape: tuple[int, int], cells: Any
 ) -> NDArray[np.int64]:
     """Return a number for each row of a table; rows with the same number are one attractor in several cells.
@@ -207,10 +208,10 @@ def continue_orbits(
     cell = orbits.cell[:n]
     orbits.before[1:n] = np.where(cell[1:] == cell[:-1], np.arange(n - 1), NOWHERE)
     orbits.last[cell] = np.arange(n)  # numpy keeps the last value if an index is repeated: the last orbit of the cell
-    return spread_all(first, n, columns, inside, cells, orbits)
+    return continue_until_complete(first, n, columns, inside, cells, orbits)
 
 
-def spread_all(
+def continue_until_complete(
     done: int, n: int, columns: int, inside: Rectangle, cells: Any, orbits: LinkedOrbits
 ) -> tuple[LinkedOrbits, int]:
     """Continue the orbits with numbers `done` to n − 1, and all orbits found on the way, from cell to cell.
@@ -232,8 +233,8 @@ def spread_all(
 def linked_pairs(orbits: LinkedOrbits, n: int, cells: Any) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Return the pairs among the first n orbits that are one orbit in neighbouring cells.
 
-    Each orbit of a pair continues to the other one. Or only one of them does: then it must also arrive at the other in
-    STEPS small steps, because a large step may have jumped to another orbit.
+    Two orbits are one orbit if each continues to the other. If only one of the two continues to the other, it must also
+    arrive there in STEPS small steps, because a large step may have jumped to the wrong orbit.
 
     Returns
     -------
@@ -299,7 +300,7 @@ def empty_orbits(n: int, n_cells: int) -> LinkedOrbits:
 
 
 def with_more_room(orbits: LinkedOrbits) -> LinkedOrbits:
-    """Return the orbits in arrays that have room for half as many orbits again."""
+    """Return the orbits in larger arrays, which have room for 1.5 times as many orbits and 64 more."""
     more = orbits.cell.size // 2 + 64
     wider = [np.concatenate([x, np.zeros((more, *x.shape[1:]), x.dtype)]) for x in orbits]
     return LinkedOrbits._make(wider)._replace(last=orbits.last)

@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 from rattle.attractors.samples import Outcome
 from rattle.attractors.table import AttractorTable
 from rattle.families.join import (
-    components,
     continue_orbits,
+    continue_until_complete,
     empty_orbits,
-    spread_all,
+    number_components,
     table_of_continued,
     together,
     with_more_room,
@@ -49,7 +49,7 @@ class GridPiece:
         columns = (getattr(table, name) for name in ORBIT_COLUMNS)
         n = int(add_orbits(*columns, before, self._cells, self.orbits, which))
         inside = Rectangle(0, self.shape[0], 0, self.shape[1])
-        self.orbits, self.n = spread_all(before, n, self.shape[1], inside, self._cells, self.orbits)
+        self.orbits, self.n = continue_until_complete(before, n, self.shape[1], inside, self._cells, self.orbits)
         self.samples = np.append(self.samples, np.full(self.n - before, -1))
         self.samples[which] = table.samples
 
@@ -57,25 +57,26 @@ class GridPiece:
 def continue_into_piece(
     inside: AttractorTable, beside: AttractorTable, tried: bool, columns: int, piece: Rectangle, cells: Any
 ) -> AttractorTable:
-    """Continue orbits from cell to cell into a piece of a grid, and return the new orbits that this finds.
+    """Continue orbits from cell to cell into a rectangle of a grid, and return the orbits that are new there.
 
     Parameters
     ----------
     inside, beside : AttractorTable
-        The attractors in the piece, and the attractors in cells next to it; rows of the same cell follow each other.
+        The attractors in the rectangle, and the attractors in the cells next to it; rows of the same cell follow each
+        other.
     tried : bool
-        Whether the orbits in the piece were continued before.
+        Whether an earlier call continued the orbits of `inside`; then only those of `beside` are continued.
     columns : int
         The number of columns of the grid.
     piece : Rectangle
-        The piece.
+        The rectangle.
     cells : NamedTuple of ndarray
         The cells of the grid as kernels take them.
 
     Returns
     -------
     AttractorTable
-        A row, with 0 samples, for each new orbit of each cell of the piece.
+        A row, with 0 samples, for each new orbit of each cell of the rectangle.
     """
     n, m = (int(np.count_nonzero(table.kind == Outcome.PERIODIC)) for table in (inside, beside))
     orbits, end = continue_orbits(together(inside, beside), columns, piece, cells, n if tried else 0)
@@ -95,4 +96,4 @@ def connect_attractors(table: AttractorTable, shape: tuple[int, int], cells: Any
         QUIET_FAMILY, undecided samples have NO_FAMILY.
     """
     orbits, _n = continue_orbits(table, shape[1], Rectangle(0, shape[0], 0, shape[1]), cells)
-    return components(table, np.flatnonzero(table.kind == Outcome.PERIODIC), orbits, shape, cells)
+    return number_components(table, np.flatnonzero(table.kind == Outcome.PERIODIC), orbits, shape, cells)

@@ -27,7 +27,7 @@ FARTHEST = 0.2
 LEAST_STEP = 2.0**-6
 #: `solve_from_rounded` rounds τ, and v in units of `speed_unit_at`, to multiples of this number.
 ROUNDING = 2.0**-26
-#: Stands for the number of an orbit where there is no such orbit.
+#: Takes the place of an orbit's number where there is no orbit.
 NOWHERE = -1
 #: Offsets of the neighbours in rows and columns, in the order of `LinkedOrbits.to`.
 ROWS, COLUMNS = (1, 0, -1, 0), (0, 1, 0, -1)
@@ -189,7 +189,7 @@ def continue_orbit(k, cell, n, orbits, cells):
     if not is_stable or shortest_return(tau, v, n_plus, point) != n_plus:
         return NOWHERE
     t, w = tau, v
-    # orbits are stored at their fastest departure, which may be another departure in this cell than in the last one
+    # an orbit is stored at its fastest departure; in the new cell, another of its departures may be the fastest
     for _ in range(n_plus):
         known = orbit_at_point(t, w, cell, k, near, orbits)
         if known != NOWHERE:

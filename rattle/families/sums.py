@@ -21,10 +21,11 @@ Integers = NDArray[np.int64]
 
 
 class Sums(NamedTuple):
-    """Sums over some cells of a grid: one entry for each component, in rising order of `component`.
+    """Sums over some cells of a grid: one entry for each component (a set of connected attractors).
 
-    component: the number of the component. kind, m, n_plus, n_minus: its kind and its label.
-    cells: the number of its cells. rows: the number of its attractors, more than `cells` if a cell has two.
+    component: the number of the component, in rising order. kind, m, n_plus, n_minus: its kind and its label.
+    cells: the number of its cells. rows: the number of its attractors, which are rows of the table; larger than `cells`
+    if a cell has two.
     unsampled: the number of its attractors that no sample reaches. samples: the number of samples that reach it.
     top, bottom, left, right: the first and the last row and column of its cells.
     most: the largest number of samples of one attractor. at: the first cell with that number.

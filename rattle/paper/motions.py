@@ -23,7 +23,7 @@ from rattle.paper.records import Finding, FindingEvidence
 
 #: Two ε at δ = 0.6 at which the finding on the birth of chaos lists attractors; both are below the graze.
 FAR_BELOW, JUST_BELOW = 0.0912, 0.096
-#: Least basin fraction of an attractor that is counted.
+#: Attractors with a smaller basin fraction are not counted.
 SEEN = 0.005
 
 

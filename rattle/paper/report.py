@@ -17,11 +17,11 @@ def report() -> Report:
     """Compute the whole report, which takes about twenty seconds on one core with compiled kernels."""
     panels = pictures.compute_panels()
     found = paper_numbers()
-    return Report(found, statements(panels, found), findings(panels))
+    return Report(found, compute_statements(panels, found), compute_findings(panels))
 
 
-def statements(panels: pictures.Panels, found: tuple[Number, ...]) -> tuple[Statement, ...]:
-    """Compute all statements, in the paper's order; found: the computed numbers."""
+def compute_statements(panels: pictures.Panels, found: tuple[Number, ...]) -> tuple[Statement, ...]:
+    """Compute all statements, in the paper's order. found: the numbers of the paper with their computed values."""
     delta, epsilon = plane.plane_cells()
     orbits, region = rattle.period_one(delta, epsilon), rattle.regions(delta, epsilon)
     end = next(number.interval[0] for number in found if number.what == END)
@@ -35,7 +35,7 @@ def statements(panels: pictures.Panels, found: tuple[Number, ...]) -> tuple[Stat
     )
 
 
-def findings(panels: pictures.Panels) -> tuple[Finding, ...]:
+def compute_findings(panels: pictures.Panels) -> tuple[Finding, ...]:
     """Compute all findings: where the paper is wrong or incomplete."""
     return tuple(compute() for compute in _finding_functions(lambda: panels))
 

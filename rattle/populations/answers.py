@@ -181,16 +181,16 @@ class Population:
         if len(self.names) == 1:
             whole = Estimate(1.0, 1.0, 1.0)
             return {self.names[0]: Index(whole, whole)}
-        if not self.plan.n_sharing:
+        if not self.plan.rows_per_sobol_part:
             raise RattleError("Sobol indices need additional gears, but `pairs` is 0: give `pairs` above 0")
         energy = self.rows.energy
         output = (energy == 0.0).mean(axis=1) if of == "quiet" else row_means(energy)
         parts = {part: output[self.plan.rows_of(part)] for part in range(AGAIN, int(self.rows.part.max()) + 1)}
-        base = output[: self.plan.n_sharing]
+        base = output[: self.plan.rows_per_sobol_part]
         return {
             name: Index(
-                covariance_ratio(base, parts[self.plan.part_keeping(i)], parts[AGAIN]),
-                one_minus(covariance_ratio(base, parts[self.plan.part_redrawing(i)], parts[AGAIN])),
+                covariance_ratio(base, parts[self.plan.number_of_keeping_part(i)], parts[AGAIN]),
+                subtract_from_one(covariance_ratio(base, parts[self.plan.number_of_redrawing_part(i)], parts[AGAIN])),
             )
             for i, name in enumerate(self.names)
         }
@@ -266,7 +266,7 @@ def covariance_ratio(base: Array, other: Array, again: Array) -> Estimate:
     if known.sum() < FEWEST:
         raise RattleError(f"Sobol indices need {FEWEST} gears with decided samples: make `pairs` or `budget` larger")
     x, y, z = (each[known] - each[known].mean() for each in (base, other, again))
-    same, shared = x * z, 0.5 * (x + z) * y  # the mean of base and again, outputs of the same gears, has less noise
+    same, shared = x * z, 0.5 * (x + z) * y  # the mean of `base` and `again` has less noise than `base` alone
     whole, error = float(same.mean()), 1.0 / np.sqrt(same.size)
     if whole <= Z_95 * float(same.std()) * error:
         raise RattleError(
@@ -278,6 +278,6 @@ def covariance_ratio(base: Array, other: Array, again: Array) -> Estimate:
     return Estimate(*(float(np.clip(value + step * Z_95 * deviation, 0.0, 1.0)) for step in (0, -1, 1)))
 
 
-def one_minus(of: Estimate) -> Estimate:
-    """Return the estimate of 1 − x, with its interval, from the estimate of x."""
-    return Estimate(1.0 - of.value, 1.0 - of.high, 1.0 - of.low)
+def subtract_from_one(estimate: Estimate) -> Estimate:
+    """Return the estimate of 1 − x, with the interval of 1 − x, from the estimate of a number x."""
+    return Estimate(1.0 - estimate.value, 1.0 - estimate.high, 1.0 - estimate.low)

@@ -49,7 +49,7 @@ class Normal(Distribution):
 
     def __post_init__(self) -> None:
         """Check and convert the fields."""
-        _convert_finite(self, "mean", "deviation")
+        _convert_fields_to_float(self, "mean", "deviation")
         require(
             self.deviation > 0.0,
             f"a normal distribution must have a deviation above 0, got {self.deviation:g}: for a number that does not "
@@ -68,13 +68,13 @@ class Normal(Distribution):
         )
 
     def _end_probabilities(self) -> tuple[float, float]:
-        """Return the probabilities, before the cut-off, of a number below low and of one below high."""
+        """Return P(number < low) and P(number < high) for the normal distribution without the cut-off."""
         return tuple(float(ndtr((end - self.mean) / self.deviation)) for end in (self.low, self.high))  # type: ignore[return-value]
 
     def quantile(self, u: Array) -> Array:
         """Return the quantiles at u in (0, 1) of the distribution that is cut off at low and high."""
-        below, above = self._end_probabilities()
-        found = self.mean + self.deviation * ndtri(below + u * (above - below))
+        below_low, below_high = self._end_probabilities()
+        found = self.mean + self.deviation * ndtri(below_low + u * (below_high - below_low))
         return np.asarray(np.clip(found, self.low, self.high))
 
 
@@ -87,8 +87,8 @@ class Uniform(Distribution):
 
     def __post_init__(self) -> None:
         """Check and convert the fields."""
-        _convert_finite(self, "low", "high")
-        _require_spread(self.low, self.high, "a uniform distribution")
+        _convert_fields_to_float(self, "low", "high")
+        _require_low_below_high(self.low, self.high, "a uniform distribution")
 
     def quantile(self, u: Array) -> Array:
         """Return the quantiles at u in (0, 1)."""
@@ -108,8 +108,8 @@ class Triangular(Distribution):
 
     def __post_init__(self) -> None:
         """Check and convert the fields."""
-        _convert_finite(self, "low", "mode", "high")
-        _require_spread(self.low, self.high, "a triangular distribution")
+        _convert_fields_to_float(self, "low", "mode", "high")
+        _require_low_below_high(self.low, self.high, "a triangular distribution")
         require(
             self.low <= self.mode <= self.high,
             f"the mode must be from low to high, got mode {self.mode:g}, low {self.low:g} and high {self.high:g}",
@@ -157,7 +157,7 @@ class Measured(Distribution):
         values = np.sort(real_array("values", self.values))
         require(values.ndim == 1 and values.size >= 2, "measured values must be a list of at least two numbers")
         require(bool(np.isfinite(values).all()), "measured values must be finite")
-        _require_spread(float(values[0]), float(values[-1]), "the list of measured values")
+        _require_low_below_high(float(values[0]), float(values[-1]), "the list of measured values")
         object.__setattr__(self, "values", tuple(values.tolist()))
 
     def quantile(self, u: Array) -> Array:
@@ -214,13 +214,13 @@ def distribution_of(text: str) -> Distribution:
     return found
 
 
-def _convert_finite(of: Any, *names: str) -> None:
-    """Convert fields of a distribution to float. Raises ParameterError unless they are finite."""
+def _convert_fields_to_float(distribution: Any, *names: str) -> None:
+    """Convert the named fields of a distribution to float. Raises ParameterError unless they are finite numbers."""
     for name in names:
-        object.__setattr__(of, name, require_finite(name, getattr(of, name)))
+        object.__setattr__(distribution, name, require_finite(name, getattr(distribution, name)))
 
 
-def _require_spread(low: float, high: float, what: str) -> None:
-    """Raise ParameterError unless low < high; what: the kind of distribution, for the message."""
+def _require_low_below_high(low: float, high: float, what: str) -> None:
+    """Raise ParameterError unless low < high. what: words for the distribution, the subject of the message."""
     require(low <= high, f"low must be below high, got low {low:g} and high {high:g}")
     require(low < high, f"{what} has no spread: for a number that does not vary give the number itself, {low:g}")

@@ -117,8 +117,8 @@ def follow_gears(
     Returns
     -------
     tuple[AttractorTable, NDArray[np.int64], Any, Stretch]
-        The table of attractors; the row of each state's attractor in the table; and two arguments for `intensities_of`:
-        the record of cells, and the function that continues chaotic motions.
+        The table of attractors; the row of each state's attractor in the table; and the other two arguments of
+        `intensities_of`: the cells, one for each gear, and the function that continues chaotic motions.
     """
     model = MODELS[points.parameters.model]
     found = model.classify_states(points.parameters, tau, v, budget)
@@ -174,7 +174,7 @@ def verdicts_of(plan: Plan, points: Points) -> NDArray[np.int64]:
         open_ = np.flatnonzero(verdict == UNKNOWN)
         here = points.take(open_)
         for rows in blocks_of_gears(here.parameters.delta, after - before):
-            seed = plan.seed + (look + 1 << 64)  # plan.seed + part, the seed of a part, is never this large
+            seed = plan.seed + (look + 1 << 64)  # larger than any seed of the plan's parts, plan.seed + part
             found = sorted_energies(plan, here.take(rows), after - before, seed)
             quiet[open_[rows]] += (found == 0.0).sum(axis=1)
             rattling[open_[rows]] += (found > 0.0).sum(axis=1)

@@ -57,8 +57,8 @@ ACCURACY = 2.0**-8
 class Limit(NamedTuple):
     """The design limit of a number, in the unit of the number, with its 95 % interval.
 
-    The value, or an end of the interval, is NaN if it is outside the scanned range: the gear is not quiet often enough
-    at the first value of the scan, or still is at the last.
+    The value, or an end of the interval, is NaN if it lies outside the scanned range. It does if the gear is not quiet
+    often enough at the first value of the scan, or is still quiet often enough at the last value.
     """
 
     value: float
@@ -210,9 +210,9 @@ class _Solver:
     def _default_range(self) -> tuple[float, float]:
         """Return the default range of the scan.
 
-        On the unsafe side the range goes to the value beyond which no motion is quiet, or to the end of the allowed
-        values if that comes first; on the safe side it goes to the end of the allowed values, such as 0. A side without
-        such an end goes to a typical value divided or multiplied by RANGE_RATIO.
+        The unsafe end of the range is the value beyond which no motion is quiet, or the last allowed value if it comes
+        first. The safe end is the last allowed value, such as 0. Where no such value exists, the end is a typical value
+        divided or multiplied by RANGE_RATIO.
 
         Returns
         -------
@@ -252,7 +252,7 @@ class _Solver:
         return 1.0 / end, RANGE_RATIO / end
 
     def _is_inelastic(self) -> bool:
-        """Return whether the gear is inelastic, by the names of its numbers and of the one whose limit is sought."""
+        """Return whether the gear's model is the inelastic one, judged by the names of its given and sought numbers."""
         return model_of_numbers({**self.given, self.of: 0.5}) is Inelastic
 
     @property
@@ -358,8 +358,9 @@ class _Solver:
     def _first_unsafe_index(self) -> int:
         """Return the index of the first value of the scan at which the share of quiet runs is too small.
 
-        At each value FIRST_SAMPLES samples are followed first. They decide if their share of quiet runs is at least the
-        required one, or is significantly below it. Otherwise all samples are followed, and their share decides.
+        At each value FIRST_SAMPLES samples are followed first. If their share of quiet runs is at least the required
+        share, the value is safe; if it is significantly below the required share, the value is unsafe. In the third
+        case all samples are followed, and their share decides.
 
         Returns
         -------
@@ -386,7 +387,7 @@ class _Solver:
 
         def is_nonnegative(i: int) -> bool:
             """Return whether the field is at least 0 at value number i of the scan; i = −1 stands for the value 0."""
-            if i < 0:  # if an eccentricity is the only forcing, all motions become quiet at 0
+            if i < 0:  # eccentricity is the only forcing of a gear that is not inelastic: at 0 all motions become quiet
                 return self.of in ("epsilon", "eccentricity") and not self._is_inelastic()
             return bool(getattr(self.excess(float(self.scanned[i])), which) >= 0.0)
 

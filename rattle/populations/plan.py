@@ -16,9 +16,10 @@ from rattle.models import Capability, require_capability
 from rattle.populations.distributions import Distribution, Uniform, distribution_of
 from rattle.populations.tolerances import Tolerances
 
-#: Numbers of the parts into which the rows of a plan are divided: the population; its first gears again, with other
-#: samples; and, from FIRST_SHARING on, gears that have some numbers in common with these first gears.
-POPULATION, AGAIN, FIRST_SHARING = 0, 1, 2
+#: Numbers of the parts into which the rows of a plan are divided. POPULATION: the gears of the population. AGAIN: the
+#: first of these gears again, with other samples. FIRST_REDRAWN and above: gears that differ from these first gears in
+#: some numbers, which are drawn again.
+POPULATION, AGAIN, FIRST_REDRAWN = 0, 1, 2
 #: Largest allowed numbers of gears, and of samples of a gear.
 MOST_GEARS, MOST_COUNT = 10_000_000, 65_536
 #: Largest allowed number of samples of all rows, which answers hold in memory several times, eight bytes each.
@@ -31,7 +32,7 @@ LARGEST_SEED = 2**64 - 1
 MOST_SHARE = 0.9999
 #: Distribution of a phase that is random.
 ANY_PHASE = Uniform(0.0, 1.0)
-#: Index of the random stream of the second sample, from which Sobol indices take the numbers that are drawn again.
+#: Index of the random stream of the numbers that are drawn again for Sobol indices; stream 0 draws the population.
 REDRAWN_STREAM = 1
 
 Array = NDArray[np.float64]
@@ -66,11 +67,11 @@ class Plan:
     """The plan of a population; the fields are the arguments of `rattle.population`.
 
     Each row is one gear. Rows are numbered consecutively through the parts of the plan. The first part is the
-    population. All other parts are for Sobol indices, and have `pairs` gears each. The second part repeats the first
-    `pairs` gears of the population, with other samples. Then each varying number has a part with these gears, in which
-    this number is kept and all other numbers are drawn again; and after these parts, each varying number has a part
-    in which this number is drawn again and all others are kept. If only one number varies, the population is the only
-    part. Raises ParameterError.
+    population. All other parts are for Sobol indices, and have `rows_per_sobol_part` gears each. The second part
+    repeats the first gears of the population, with other samples. Then each varying number has a part with these
+    gears, in which this number is kept and all other numbers are drawn again. After these parts, each varying number
+    has a part in which this number is drawn again and all others are kept. If only one number varies, the population
+    is the only part. Raises ParameterError.
     """
 
     tolerances: Tolerances
@@ -113,8 +114,11 @@ class Plan:
             require_capability(Capability.MARGIN, self.tolerances.model)
 
     @cached_property
-    def n_sharing(self) -> int:
-        """The number of rows of each part for Sobol indices: min(`pairs`, `gears`), 0 if only one number varies."""
+    def rows_per_sobol_part(self) -> int:
+        """The number of rows of each part that only Sobol indices need.
+
+        It is the smaller of `pairs` and `gears`; 0 if only one number varies.
+        """
         return min(self.pairs, self.gears) if len(self.tolerances.names) > 1 else 0
 
     @cached_property
@@ -125,7 +129,7 @@ class Plan:
     @property
     def rows(self) -> int:
         """The number of rows, and so of gears, of all parts of the plan together."""
-        return self.gears + self.n_sharing * (1 + 2 * len(self.tolerances.names))
+        return self.gears + self.rows_per_sobol_part * (1 + 2 * len(self.tolerances.names))
 
     def is_judged(self, rows: NDArray[np.int64]) -> NDArray[np.bool_]:
         """Return which rows are tested for the requirement: `n_judged` rows of the population, evenly spread."""
@@ -134,35 +138,35 @@ class Plan:
 
     def parts(self, rows: NDArray[np.int64]) -> NDArray[np.int64]:
         """Return the number of the part of the plan to which each row belongs."""
-        return np.where(rows < self.gears, POPULATION, AGAIN + (rows - self.gears) // max(self.n_sharing, 1))
+        return np.where(rows < self.gears, POPULATION, AGAIN + (rows - self.gears) // max(self.rows_per_sobol_part, 1))
 
     def rows_of(self, part: int) -> slice:
-        """Return the slice of the rows that belong to the part with this number."""
+        """Return the rows of one part of the plan as a slice. part: the number of the part, from 0."""
         if part == POPULATION:
             return slice(0, self.gears)
-        start = self.gears + (part - AGAIN) * self.n_sharing
-        return slice(start, start + self.n_sharing)
+        start = self.gears + (part - AGAIN) * self.rows_per_sobol_part
+        return slice(start, start + self.rows_per_sobol_part)
 
-    def part_keeping(self, i: int) -> int:
-        """Return the number of the part whose gears keep the i-th varying number, with all others drawn again."""
-        return FIRST_SHARING + i
+    def number_of_keeping_part(self, i: int) -> int:
+        """Return the number of the part whose gears keep varying number i, with all other numbers drawn again."""
+        return FIRST_REDRAWN + i
 
-    def part_redrawing(self, i: int) -> int:
-        """Return the number of the part whose gears have the i-th varying number drawn again, with all others kept."""
-        return FIRST_SHARING + len(self.tolerances.names) + i
+    def number_of_redrawing_part(self, i: int) -> int:
+        """Return the number of the part whose gears have varying number i drawn again, with all other numbers kept."""
+        return FIRST_REDRAWN + len(self.tolerances.names) + i
 
     def values(self, rows: NDArray[np.int64]) -> Array:
         """Return the numbers (n, d) that vary, for the gears of these n rows."""
         copula, varying = self.tolerances.copula, len(self.tolerances.names)
         parts = self.parts(rows)
-        base = np.where(parts == POPULATION, rows, (rows - self.gears) % max(self.n_sharing, 1))
+        base = np.where(parts == POPULATION, rows, (rows - self.gears) % max(self.rows_per_sobol_part, 1))
         z = copula.draws(self.seed, 0, base)
-        shared = parts >= FIRST_SHARING
+        shared = parts >= FIRST_REDRAWN
         if shared.any():
             fresh = copula.draws(self.seed, REDRAWN_STREAM, base[shared])
             original, part, found = z[shared], parts[shared], z[shared]
             for i in range(varying):
-                kept, redrawn = part == self.part_keeping(i), part == self.part_redrawing(i)
+                kept, redrawn = part == self.number_of_keeping_part(i), part == self.number_of_redrawing_part(i)
                 found[kept] = copula.with_kept(i, original[kept], fresh[kept])
                 found[redrawn] = copula.with_redrawn(i, original[redrawn], fresh[redrawn])
             z[shared] = found

@@ -28,10 +28,11 @@ DIMENSIONLESS = ("delta", "epsilon", *OTHERS)
 MACHINE_NUMBERS = {each.name: each.machine_number for each in ADDED.values() if each.machine_number is not None}
 #: Numbers that every machine must have.
 NEEDED = ("inertia", "drag", "backlash", "eccentricity", "radius", "rpm")
-#: Numbers of a machine's second gear, and amplitudes of its errors.
-OF_SECOND_GEAR = (*(f"driven_{name}" for name in DRIVEN), "teeth", "driven_teeth", *AMPLITUDES)
+#: Numbers of a machine besides those of its first gear: the second gear's own numbers, the numbers of teeth of both
+#: gears, and the amplitudes of the second gear's and the mesh's errors.
+OF_GEAR_PAIR = (*(f"driven_{name}" for name in DRIVEN), "teeth", "driven_teeth", *AMPLITUDES)
 #: All numbers of a machine by name, besides amplitudes such as error_20.
-OF_MACHINE = (*NEEDED, *MACHINE_NUMBERS.values(), *OF_SECOND_GEAR)
+OF_MACHINE = (*NEEDED, *MACHINE_NUMBERS.values(), *OF_GEAR_PAIR)
 #: Numbers without a dimension, which both a dimensionless gear and a machine may have.
 OF_EITHER = ("restitution",)
 #: Values of the numbers that may be left out; None: the number then has no value.
@@ -219,7 +220,7 @@ def model_of_numbers(given: Mapping[str, Any]) -> type[Model]:
 
 
 def is_machine(given: Mapping[str, Any]) -> bool:
-    """Return whether at least one of these names of numbers is the name of a machine's number."""
+    """Return whether a gear is a machine: at least one of its numbers (`given`, by name) belongs to machines only."""
     return any(name in OF_MACHINE or ERROR.fullmatch(name) for name in given)
 
 
@@ -271,7 +272,7 @@ def _points_of_arrays(numbers: Mapping[str, Any], units: Units | None, shape: Ma
 def _distribution_or_number(name: str, value: Any) -> Distribution | float | str:
     """Return a distribution or a checked number from a given value, which may be text.
 
-    The value of `drive` is returned as it is.
+    The value of `drive` ("torque" or "speed") is returned unchecked.
 
     Returns
     -------

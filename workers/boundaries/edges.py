@@ -45,8 +45,8 @@ def edges_in_part(
 
     columns: the number of columns of the grid. cell, component (attractors,): the cell and the component of each
     attractor in the part and in the next cells; component −1 stands for undecided samples. A pair of cells is left out
-    if one cell has no attractor, because this cell is not computed, or if one cell has undecided samples, because this
-    cell may have attractors that are not listed.
+    in two cases: one cell has no attractor, so it is not computed; or one cell has undecided samples, so it may have
+    attractors that are not listed.
 
     Returns
     -------

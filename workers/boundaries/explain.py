@@ -65,13 +65,13 @@ class UnexplainedPairs:
 class Explanation:
     """Explanation of a survey's boundaries.
 
-    pairs: the n pairs of neighbouring cells that differ. known: the curves, sorted by the number of explained pairs,
-    largest first. region_explained (n,): whether the cells of a pair differ in their region, and a curve between them
-    explains it. attractors_explained (n,): the same for attractors. sampling (n,): whether the cells of a pair
-    have the same families, so that they differ only because samples of one cell missed an attractor. met: how many
-    pairs are crossed by no known curve, but a motion that was followed from one cell to the other met a bifurcation.
-    rest: the unexplained pairs. crossed (n,): whether a known curve, or a bifurcation that was met, lies between the
-    cells of a pair.
+    pairs: the n pairs of neighbouring cells that differ. known: the curves, sorted by the number of pairs that each
+    explains, largest first. region_explained (n,): whether the cells of a pair differ in their region, and a curve
+    between them explains it. attractors_explained (n,): the same for attractors. sampling (n,): whether the cells of a
+    pair have the same families, so that they differ only because samples of one cell missed an attractor.
+    met: the number of pairs without a known curve between their cells, but with a bifurcation, which a motion met when
+    it was followed from one cell to the other. rest: the unexplained pairs, in groups. crossed (n,): whether a known
+    curve or such a bifurcation lies between the cells of a pair.
     """
 
     pairs: Pairs
@@ -107,7 +107,7 @@ def explain(dataset: xr.Dataset, most_curves: int = MOST_CURVES, families: xr.Da
     model = MODELS[dataset.attrs.get("model", DEFAULT_MODEL)]
     if Capability.BOUNDARIES not in model.has:
         raise SurveyError(str(lacking(Capability.BOUNDARIES, model)))
-    search = _Search(CellGrid(dataset, families), most_curves)
+    search = _CurveSearch(CellGrid(dataset, families), most_curves)
     why = dict(search.run())
     region = search.is_region_explained()
     every = range(len(search.pairs))
@@ -130,7 +130,12 @@ def explain(dataset: xr.Dataset, most_curves: int = MOST_CURVES, families: xr.Da
 
 
 @dataclass
-class _Search:
+class _CurveSearch:
+    """The search for curves between the differing cells of a survey.
+
+    met: {number of a pair: labels of motions that bifurcate between its cells}, for motions that were followed.
+    """
+
     grid: CellGrid
     most_curves: int
     pairs: Pairs = field(init=False)
@@ -156,7 +161,7 @@ class _Search:
         for n in range(len(self.pairs)):
             if self.pairs.region[n] and not self.is_region_explained()[n]:
                 for orbit, target in self._period_one_changes(n):
-                    self._follow_motion(n, orbit, target, worth=True)
+                    self._follow_motion(n, orbit, target, should_trace=True)
                 if not self.is_region_explained()[n]:
                     yield n, "the region's boundary could not be followed"
             for label in self.unexplained_labels(n):
@@ -178,7 +183,10 @@ class _Search:
         return self.pairs.region & np.any(bounds, axis=0)
 
     def unexplained_labels(self, n: int) -> list[Label]:
-        """Return the labels that no curve explains, of those whose number of attractors differs in the n-th pair.
+        """Return the labels of the unexplained differences between the cells of the n-th pair.
+
+        The cells have different numbers of attractors with such a label, and no curve between them makes or ends
+        motions with this label.
 
         Chaos counts as explained if the cells also differ in other attractors and curves explain all of these: chaos
         then takes the place of a motion that a curve ends, or gives way to a motion that a curve makes.
@@ -204,7 +212,7 @@ class _Search:
             )
         if label[0] == CHAOTIC:
             return "chaos begins or ends by itself: a crisis, or a transient longer than the observation time"
-        here, there, attractor = self._cell_with_motion(n, label)
+        here, there, attractor = self._ordered_pair(n, label)
         try:
             start = periodic_orbit(*self.grid.point(here), attractor.tau, attractor.v, label[2], self.grid.beta)
         except RattleError:
@@ -216,13 +224,14 @@ class _Search:
             return "the motion could not be followed"
         return None if label not in self.unexplained_labels(n) else f"{found.kind} of another motion on the way"
 
-    def _cell_with_motion(self, n: int, label: Label) -> tuple[np.ndarray, np.ndarray, CellAttractor]:
-        """Return both cells of the n-th pair, first the cell that has more attractors with a label.
+    def _ordered_pair(self, n: int, label: Label) -> tuple[np.ndarray, np.ndarray, CellAttractor]:
+        """Return both cells of the n-th pair, and an attractor with the label.
 
         Returns
         -------
         tuple[np.ndarray, np.ndarray, CellAttractor]
-            Both cells; and of the attractors with this label in the first cell, the one with the least basin fraction.
+            The cell with more attractors of this label; the other cell; and that attractor of the label in the first
+            cell which has the least basin fraction.
         """
         ends = self.pairs.first[n], self.pairs.second[n]
         having = [[found for found in self.grid.attractors(cell) if found.label == label] for cell in ends]
@@ -256,12 +265,12 @@ class _Search:
                     yield periodic_orbit(*points[here], tau, v, 1, self.grid.beta), points[there]
 
     def _follow_motion(
-        self, n: int, orbit: PeriodicOrbit, target: tuple[float, float], worth: bool
+        self, n: int, orbit: PeriodicOrbit, target: tuple[float, float], should_trace: bool
     ) -> PeriodicOrbit | Event | None:
         """Follow a motion from its cell to the other cell of the pair, at (δ, ε) = target, or to a bifurcation.
 
-        worth: whether to trace the bifurcation's curve through the survey as well. It is not traced if the motion has
-        more than LONGEST_TRACED impacts per period, or if `most_curves` curves have been traced already.
+        should_trace: whether to trace the bifurcation's curve through the survey as well. Even then it is not traced if
+        the motion has more than LONGEST_TRACED impacts per period, or if `most_curves` curves were traced already.
 
         Returns
         -------
@@ -271,8 +280,8 @@ class _Search:
         found = fate(orbit, *target)
         if isinstance(found, Event):
             self.met[n] = self.met.get(n, frozenset()) | _labels_at_event(found)
-            worth = worth and found.itinerary.n <= LONGEST_TRACED
-            if worth and len(self.known) < len(curves.NAMES) + self.most_curves:
+            should_trace = should_trace and found.itinerary.n <= LONGEST_TRACED
+            if should_trace and len(self.known) < len(curves.NAMES) + self.most_curves:
                 curve = curves.bifurcation_curve(found, *self.window, CURVE_POINTS_ACROSS)
                 self._add_curve(curve, _labels_at_event(found), found.itinerary.m == 1)
         return found
@@ -305,9 +314,18 @@ def _changed_labels(grid: CellGrid, pairs: Pairs, n: int) -> list[Label]:
 
 
 def _group_unexplained(
-    search: _Search, why: dict[int, str], region: np.ndarray, attractors: np.ndarray
+    search: _CurveSearch, why: dict[int, str], region: np.ndarray, attractors: np.ndarray
 ) -> tuple[UnexplainedPairs, ...]:
-    """Return the unexplained pairs, grouped by change and reason, largest group first."""
+    """Return the unexplained pairs, grouped by change and reason, largest group first.
+
+    why: {number of a pair: reason}. region, attractors (n,): whether a difference of the pair's regions, and of its
+    attractors, is explained.
+
+    Returns
+    -------
+    tuple[UnexplainedPairs, ...]
+        The groups.
+    """
     groups: dict[tuple[str, str], list[int]] = {}
     pairs, grid = search.pairs, search.grid
     for n in map(int, np.flatnonzero((pairs.region & ~region) | (pairs.attractors & ~attractors))):

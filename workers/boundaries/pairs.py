@@ -10,6 +10,7 @@ from gear_rattle.workers.boundaries.labels import QUIET_LABEL, Label
 from gear_rattle.workers.errors import SurveyError
 from gear_rattle.workers.survey.slices import surveyed_model
 from gear_rattle.workers.survey.values.evaluate import FAILED, KINDS
+from gear_rattle.workers.survey.values.schema import Group
 from rattle import quiet_limit
 from rattle.curves import Curve
 
@@ -70,7 +71,10 @@ class CellGrid:
             self.states = tuple(np.asarray(dataset[f"attractor_{name}"]) for name in ("phase", "velocity", "fraction"))
         self.families = None if families is None else _CellFamilies(dataset, families)
         if "region" not in dataset and self.labels is None:
-            raise SurveyError("the survey has no regions and no attractors: compute a survey with one of the two")
+            raise SurveyError(
+                f"the survey has no regions and no attractors: compute a survey with --quantity {Group.REGION} or "
+                f"{Group.ATTRACTORS}"
+            )
 
     def differing_pairs(self) -> Pairs:
         """Return the pairs of computed neighbours that differ in their region or in their attractors.

@@ -145,7 +145,7 @@ def read_components(place: Place, block: Block) -> np.ndarray:
 
 
 def intersection(one: Rectangle, other: Rectangle) -> Rectangle:
-    """Return the intersection of two rectangles; an empty one has bottom ≤ top or right ≤ left."""
+    """Return the intersection of two rectangles; an empty intersection has bottom ≤ top or right ≤ left."""
     return Rectangle(
         max(one.top, other.top),
         min(one.bottom, other.bottom),

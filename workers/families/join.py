@@ -45,7 +45,7 @@ from rattle.families import (
     together,
 )
 
-#: Names of a stored curve's variables: δ and ε of its points, and the number of the piece that each point is on.
+#: Names of a stored curve's variables: δ and ε of its points, and for each point the number of the curve's piece.
 CURVE_POINTS = ("point_delta", "point_epsilon", "piece")
 
 Rows = TypeVar("Rows", Attractors, BorderAttractors)
@@ -67,7 +67,7 @@ def join_survey(
     Parameters
     ----------
     each : Each
-        Function that runs a task for each block.
+        Function that runs a task for each block or tile, in this process or on a cluster.
     at_once : int
         Number of tiles in a group; the attractors of a group of tiles are moved to their slots at the same time.
 
@@ -141,14 +141,15 @@ class _Join:
         return [i for i in found if i is not None]
 
     def _rows_around(self, block: Block, tables: Sequence[Rows], before: int = 1) -> Rows:
-        """Return the table rows of the cells just around a block, which are in the tables of its neighbours.
+        """Return the attractors in the cells just around a block, from the tables of the blocks around it.
 
-        tables: a table for each block. before: 1, or 0 for only the cells after the block's last row and column.
+        tables: a table of attractors for each block. before: 1 for all cells around the block, 0 for only the cells
+        after its last row and column.
 
         Returns
         -------
         Rows
-            A table of the same type.
+            A table of the same type as `tables`.
         """
         frame = extended_by_rim(block.cells, self._request.shape, before)
         near = [tables[i] for i in self._nearby_blocks(block)]
@@ -165,7 +166,7 @@ class _Join:
         return [self.blocks[self._number[at]] for at in product(rows, columns)]
 
     def _rows_after_blocks(self, tables: Sequence[Rows]) -> list[Rows]:
-        """Return for each block the table rows of the cells just after the block's last row and column of cells."""
+        """Return for each block the attractors in the cells just after the block's last row and column of cells."""
         return [self._rows_around(block, tables, before=0) for block in self.blocks]
 
     def _continue_into_blocks(self) -> list[Attractors]:
@@ -225,7 +226,13 @@ class _Join:
         component: Sequence[np.ndarray],
         curves: Mapping[str, Polyline],
     ) -> list[BlockSummary]:
-        """Summarize the survey's components in each block: sums, edges, and pairs of components that share a cell."""
+        """Summarize the survey's components (connected parts of families) in each block.
+
+        Returns
+        -------
+        list[BlockSummary]
+            For each block the sums and edges of its components, and the pairs of components that share a cell.
+        """
         delta, epsilon = self._request.delta.values(), self._request.epsilon.values()
         crossings = [crossings_of(curve, delta, epsilon) for curve in curves.values()]
         passed = [
@@ -271,11 +278,11 @@ class _Join:
         computed again.
         """
         known, tiles = require_manifest(self._place), iter(tiles_of_slice(self._survey, self.along))
-        with recording_tiles(self._place) as note:
+        with recording_tiles(self._place) as record_tiles:
             while some := list(islice(tiles, self._at_once)):
                 items = [(tile, self._blocks_of_tile(tile), known.digests_of(tile.index)) for tile in some]
                 moved = self._each(move_tile, self._survey, str(self._place), items)
-                note({tile.index: files for tile, files in zip(some, moved, strict=True)})
+                record_tiles({tile.index: files for tile, files in zip(some, moved, strict=True)})
 
 
 def _concatenate_borders(borders: Sequence[BorderAttractors], begin: np.ndarray) -> BorderAttractors:

@@ -54,9 +54,9 @@ def move_tile(
 def _source_slots(
     request: SurveyRequest, place: Place, tile: Tile, blocks: Sequence[Block], values: TileArrays
 ) -> np.ndarray:
-    """Return for each slot of a tile the slot that now has the content which must move into it.
+    """Return for each slot of a tile its source: the slot whose present content must move into it.
 
-    A slot that no attractor must move into gets the content of an empty slot.
+    The source of a slot into which no attractor must move is an empty slot.
 
     Returns
     -------

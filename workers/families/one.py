@@ -127,11 +127,11 @@ def _family_maps(survey: xr.Dataset, number: int, entered: xr.Dataset) -> dict[s
     slot, there = share.argmax(axis=0), of.any(axis=0)
     at = entered["entered_row"].values, entered["entered_column"].values
 
-    def values_of_largest(name: str, of_entered: np.ndarray) -> np.ndarray:
-        """Return a variable of the attractor that represents the family in each cell.
+    def values_of_largest(name: str, orbit_values: np.ndarray) -> np.ndarray:
+        """Return the values of a variable for the attractor that represents the family in each cell.
 
-        This is the listed attractor of the family with the largest fraction; where no slot lists the family, the orbit
-        that continuation found. of_entered: the values of these orbits.
+        In a cell whose slots list the family, it is the listed attractor with the largest fraction; in another cell, it
+        is the orbit in `entered`. orbit_values: the values for the orbits in `entered`.
 
         Returns
         -------
@@ -142,7 +142,7 @@ def _family_maps(survey: xr.Dataset, number: int, entered: xr.Dataset) -> dict[s
         index = slot.reshape(1, *(1,) * (values.ndim - 3), *slot.shape)
         found: np.ndarray = np.where(there, np.take_along_axis(values, index, 0)[0], np.nan)
         fresh = ~there[at]
-        found[..., at[0][fresh], at[1][fresh]] = of_entered[fresh].T
+        found[..., at[0][fresh], at[1][fresh]] = orbit_values[fresh].T
         return found
 
     attractors = of.sum(axis=0)

@@ -63,7 +63,7 @@ class BorderAttractors(StructOfArrays):
 
     @property
     def key(self) -> np.ndarray:
-        """A number for each attractor, which follows from cell and place. No two attractors have the same number."""
+        """A number for each attractor, computed from `cell` and `place`. No two attractors have the same number."""
         found: np.ndarray = self.cell * POSITIONS + self.place
         return found
 
@@ -85,8 +85,8 @@ class BlockComponents(NamedTuple):
 class BlockSummary(NamedTuple):
     """Summary of the components (connected parts of families) in a block.
 
-    sums: properties that can be added to those of other blocks. ends: the edges of the components. pairs (k, 2): the
-    numbers of two components that slots of the same cell list.
+    sums: properties that can be added to those of other blocks. ends: the edges of the components.
+    pairs (k, 2): each row has the numbers of two components that slots of the same cell list.
     """
 
     sums: Sums
@@ -119,7 +119,7 @@ def continue_into_block(
     here, there = (renumbered_in_rectangle(each, frame, columns) for each in tables)
     top, left = frame.top, frame.left
     piece = Rectangle(cells.top - top, cells.bottom - top, cells.left - left, cells.right - left)
-    new = continue_into_piece(here, there, tried, frame.right - left, piece, _orbit_cells(request, frame))
+    new = continue_into_piece(here, there, tried, frame.right - left, piece, _kernel_cells(request, frame))
     return renumbered_in_grid(new, frame, columns)
 
 
@@ -144,7 +144,7 @@ def connect_block(
     order = in_order(table)
     table = table.take(order)
     shape = frame.bottom - frame.top, frame.right - frame.left
-    component = connect_attractors(renumbered_in_rectangle(table, frame, columns), shape, _orbit_cells(request, frame))
+    component = connect_attractors(renumbered_in_rectangle(table, frame, columns), shape, _kernel_cells(request, frame))
     inside, where = is_within(table.cell, block.cells, columns), position_in_cell(table.cell)
     mine = np.unique(component[inside & (component > QUIET_FAMILY)])
     numbers = np.full(int(component.max(initial=QUIET_FAMILY)) + 2, NO_FAMILY)  # the last entry is for component −1
@@ -204,8 +204,8 @@ def write_families(
     """Write the family numbers of a block to the store, and the slots of its attractors to a temporary file.
 
     entered: the orbits that were continued into the block. family: the family of each component of the block; the last
-    entry is for component −1 (undecided samples). slot: the slot of each component's family in all cells, −1 for a
-    family without such a slot.
+    entry is for component −1 (undecided samples). slot: for each component, the one slot that its family has in all
+    cells; −1 if there is no such slot.
 
     Returns
     -------
@@ -226,13 +226,14 @@ def write_families(
     kept: dict[str, Buffer] = {}
     array = create_family_array(zarr.create_group(MemoryStore(kept), zarr_format=3), request, block.side)
     array[:, cells.top : cells.bottom, cells.left : cells.right] = numbers.reshape(shape)
-    # the array in memory has no third axis: this changes the key of the chunk, but not its bytes
+    # the array in memory has no third axis, so the chunk has another key there than in the store, but the same bytes
     content = kept[replace(block, along=()).chunk].to_bytes()
     place.put(block.chunk, content)
     return digest(content)
 
 
-def _orbit_cells(request: SurveyRequest, cells: Rectangle) -> object:
+def _kernel_cells(request: SurveyRequest, cells: Rectangle) -> object:
+    """Return the cells of a rectangle of the grid as kernels take them."""
     delta, epsilon = request.delta.values(), request.epsilon.values()
     return request.gear_model.cells(delta[cells.left : cells.right], epsilon[cells.top : cells.bottom])
 

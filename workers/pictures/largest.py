@@ -215,14 +215,15 @@ class _FamilyMaps(BackendArray):
         family, share = (
             np.asarray(each.isel(window).transpose(SLOT, *CELL))[:, *cells] for each in (self._family, self._fraction)
         )
-        return np.stack([self._values(int(i), family, share) for i in index])
+        return np.stack([self._map_values(int(i), family, share) for i in index])
 
-    def _values(self, index: int, family: np.ndarray, share: np.ndarray) -> np.ndarray:
+    def _map_values(self, index: int, family: np.ndarray, share: np.ndarray) -> np.ndarray:
+        """Return map number `index` of some cells. family, share (slots, …): family and sample share of each slot."""
         raise NotImplementedError
 
 
 class _LargestFamilyMaps(_FamilyMaps):
-    """Two maps of the family with most samples of each cell: among all families, and among all but quiet running.
+    """Two maps with the family that most samples of a cell reach: of all families, and of all except quiet running.
 
     A code is the number of the family plus 1, at most OTHERS; 0 if no sample of the cell goes to such a family.
     """
@@ -230,16 +231,16 @@ class _LargestFamilyMaps(_FamilyMaps):
     def __init__(self, survey: xr.Dataset) -> None:
         super().__init__(survey, len(WHICH), np.int8)
 
-    def _values(self, index: int, family: np.ndarray, share: np.ndarray) -> np.ndarray:
+    def _map_values(self, index: int, family: np.ndarray, share: np.ndarray) -> np.ndarray:
         return np.minimum(dominant_family(family, share, first=index) + 1, OTHERS).astype(np.int8)
 
 
 class _FamilyShareMaps(_FamilyMaps):
-    """The maps of the families, one each: the share of a cell's samples that go to the family, 0 if none do."""
+    """One map for each family: the share of a cell's samples that go to the family, 0 if no sample does."""
 
     def __init__(self, survey: xr.Dataset, families: int) -> None:
         super().__init__(survey, families, np.float32)
 
-    def _values(self, index: int, family: np.ndarray, share: np.ndarray) -> np.ndarray:
+    def _map_values(self, index: int, family: np.ndarray, share: np.ndarray) -> np.ndarray:
         found: np.ndarray = np.where(family == index, np.nan_to_num(share), 0.0).sum(axis=0).astype(np.float32)
         return found

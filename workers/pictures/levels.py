@@ -142,8 +142,8 @@ def reduce_map(dataset: xr.Dataset, variable: str, index: int, room: Pair, opene
     Parameters
     ----------
     opened : OpenGroup | None
-        Function that opens groups of the same survey or slice, or None. If the store has no pyramid levels, or this is
-        None, the whole map is read.
+        Function that opens groups of the same survey or slice. The whole map is read if it is None, or if the store has
+        no pyramid levels.
 
     Returns
     -------
@@ -193,15 +193,14 @@ def level_opener(opened: Callable[[str], xr.Dataset], number: int | None, has_le
 
 
 def _halving_of(cells: Pair, number: int) -> Pair:
-    """Return how many cells along each axis become one in one halving: 2, or 1 if the axis needs no more halvings.
+    """Return how many cells along each axis become one in halving `number` (from 0) of a map.
 
-    cells: how many cells of the map a cell of the last level covers along each axis. number: the number of the halving,
-    from 0.
+    cells: how many cells of the map become one along each axis by all halvings together.
 
     Returns
     -------
     Pair
-        1 or 2 for epsilon, and for delta.
+        For epsilon and for delta: 2, or 1 if the axis needs no more halvings.
     """
     return (2 if cells[0] >> number > 1 else 1), (2 if cells[1] >> number > 1 else 1)
 
@@ -238,7 +237,7 @@ def _display_codes(
     Returns
     -------
     DisplayedCells
-        The codes as float32, and their shares.
+        The codes as float32; and for each code, its share of the survey's cells.
     """
     values = found.most.astype(np.int64)
     others = found.occurs & ~(found.occurs.dtype.type(1) << found.most.astype(found.occurs.dtype))
@@ -279,9 +278,9 @@ def _code_shares(
 ) -> dict[int, float]:
     """Return the share of each code among the survey's cells.
 
-    others: for each cell of the level the bits of its codes except the most frequent one. cells: flags of the cells in
-    which each code occurs. sizes: how many of the survey's cells each cell covers. The shares are exact if all cells
-    are computed and no cell of the level has more than two codes.
+    others: for each cell of the level a bit mask of its codes, without the most frequent code. cells: for each code the
+    flags of the cells in which it occurs. sizes: how many of the survey's cells each cell of the level covers. The
+    shares are exact if all cells are computed and no cell of the level has more than two codes.
 
     Returns
     -------
@@ -300,8 +299,8 @@ def _display_numbers(plane: xr.DataArray, statistics: np.ndarray, states: reduce
     """Choose the displayed number of each cell of a level, which covers several cells of the survey.
 
     The cell displays the mean of the covered cells, or an extreme if the extreme is rare (RARE) or the map has
-    integers. If no covered cell has a finite number, or if some but fewer than half of them have none, the cell
-    displays no number, or infinity if a covered cell is infinite. So a few cells without a number remain visible.
+    integers. If all covered cells lack a finite number, or a minority of them does, the cell displays no number
+    instead, or infinity if the largest covered number is infinite. So a few cells without a number remain visible.
 
     Returns
     -------

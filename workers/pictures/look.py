@@ -110,9 +110,9 @@ class FinerCells:
 class OverlayData:
     """Overlays of a map, which are computed before the map is drawn, because they take long.
 
-    lines: points (k, 2) of the lines CRISIS and LIMIT, by name, with NaN between pieces. band: the dampings
-    (n,) at which the design limit's confidence interval has two finite ends, and its lower and upper ends; None for no
-    interval. finer: cells of finer resolution, which are drawn where they have a value, or None.
+    lines: points (k, 2) of the lines CRISIS and LIMIT, by name, with NaN between pieces. band: dampings (n,), and the
+    lower and the upper ends (n,) of the design limit's 95 % interval there; None for no interval. finer: cells of finer
+    resolution, which are drawn where they have a value, or None.
     """
 
     lines: Mapping[str, np.ndarray] = field(default_factory=dict)
@@ -123,10 +123,16 @@ class OverlayData:
 NO_OVERLAYS = OverlayData()
 
 
-def _cells_around(cells: np.ndarray, low: float, high: float) -> slice:
-    """Return the cells of an ascending axis inside a range and one cell more on each side, in all at least two."""
-    first = min(max(int(np.searchsorted(cells, low)) - 1, 0), max(cells.size - 2, 0))
-    return slice(first, max(int(np.searchsorted(cells, high, "right")) + 1, first + 2))
+def _cells_around(axis: np.ndarray, low: float, high: float) -> slice:
+    """Return the cells of an ascending axis with values from low to high, and one more cell on each side.
+
+    Returns
+    -------
+    slice
+        At least two cells, if the axis has two.
+    """
+    first = min(max(int(np.searchsorted(axis, low)) - 1, 0), max(axis.size - 2, 0))
+    return slice(first, max(int(np.searchsorted(axis, high, "right")) + 1, first + 2))
 
 
 def colour_limits(shown: np.ndarray, auto: Pair, span: Span | Pair) -> tuple[float, float, str]:

@@ -32,7 +32,7 @@ def draw_machine_axes(axes: Axes, dataset: xr.Dataset) -> bool:
     axes.set_xlim(right, left)
     slowest, fastest = rpm_at_unit_damping / right, rpm_at_unit_damping / max(left, 1e-3 * right)
     speeds = [each for each in round_numbers(slowest, fastest) if slowest <= each <= fastest]
-    speeds = _leave_space(speeds, np.array([(right - rpm_at_unit_damping / each) / (right - left) for each in speeds]))
+    speeds = _choose_ticks(speeds, np.array([(right - rpm_at_unit_damping / each) / (right - left) for each in speeds]))
     sizes = round_numbers(per_epsilon * bottom, per_epsilon * top)
     axes.set_xticks([rpm_at_unit_damping / each for each in speeds], [f"{each:.7g}" for each in speeds])
     axes.set_yticks([each / per_epsilon for each in sizes], [f"{each:.7g}" for each in sizes])
@@ -56,8 +56,16 @@ def round_numbers(low: float, high: float) -> list[float]:
     return [each for each in found if low <= each <= high]
 
 
-def _leave_space(values: list[float], positions: np.ndarray) -> list[float]:
-    """Return those values whose ascending positions along an axis (0 to 1) leave enough space for tick labels."""
+def _choose_ticks(values: list[float], positions: np.ndarray) -> list[float]:
+    """Choose the values that get tick labels, so that their positions on the axis are at least NEAREST apart.
+
+    positions: the ascending positions of all values, from 0 to 1.
+
+    Returns
+    -------
+    list[float]
+        The chosen values.
+    """
     kept: list[float] = []
     last = -np.inf
     for value, position in zip(values, positions, strict=True):

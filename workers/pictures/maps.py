@@ -186,7 +186,7 @@ def map_figure(
     draw_map(axes, shown, plane, look=look, finer=over.finer)
     is_machine = draw_machine_axes(axes, dataset)
     if look.family is not None:
-        _dim_others(axes, dataset, look.family)
+        _dim_cells_without_family(axes, dataset, look.family)
     third = "".join(f", {name} = {value:g}" for name, value in third_axis_value(dataset).items())
     axes.set_title(title_of(plane) + third, fontsize=11)
     if is_machine:
@@ -331,8 +331,8 @@ def valueless_layers(
 ) -> dict[str, tuple[np.ndarray, str]]:
     """Return {reason: (flags of the cells, colour)} for the cells that the colour bar does not explain.
 
-    The reasons, in words, are missing or infinite values and, for the variables AT_ZERO, the value 0. nothing: the
-    words for computed cells without a value.
+    The reasons are words: the cell is not computed; it failed; its value is missing; its value is infinite; or, for a
+    variable in AT_ZERO, its value is 0. nothing: the words for computed cells without a value.
 
     Returns
     -------
@@ -358,7 +358,7 @@ def draw_legend(axes: Axes) -> None:
         )
 
 
-def _dim_others(axes: Axes, dataset: xr.Dataset, family: int) -> None:
+def _dim_cells_without_family(axes: Axes, dataset: xr.Dataset, family: int) -> None:
     """Dim the cells without a family. A cell of a reduced map stays bright if any of the cells in it has the family."""
     share = plane_of(dataset, SHARE, family)
     with report_damage(f"the map of {SHARE}"):

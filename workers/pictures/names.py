@@ -20,7 +20,7 @@ DIRECTIONS = (
     (-1, 0),
     (0, 1),
     (0, -1),
-)  # in this order, directions from a mark to its name are tried
+)  # directions from a mark to its name, in the order in which they are tried
 GAPS = (8.0, 20.0, 34.0, 50.0, 70.0, 95.0, 125.0)  # pixels between a mark and its name
 MARK = 6.0  # half a side of the square that a mark fills
 SAMPLES = np.linspace(0.1, 1.0, 24)[:, None]  # positions of the tested points along a leader, from mark (0) to name (1)
@@ -41,9 +41,9 @@ def place_names(
 ) -> list[PlacedName | None]:
     """Place a name beside each mark, at the first free place among some directions and increasing distances.
 
-    A name that is farther than the smallest distance gets a leader, a line from its mark. A place is free if the name
-    there is inside the frame and overlaps no mark, no taken box, no other name and no leader of another name, and if
-    its own leader crosses no other name.
+    A name that is farther than the smallest distance gets a leader, a line from its mark. A free place is inside the
+    frame. A name there overlaps no mark, no taken box, no other name and no other leader, and the name's own leader
+    crosses no other name.
 
     Parameters
     ----------
@@ -99,12 +99,12 @@ def _first_free_place(
             if not (box[0] >= 0 and box[1] >= 0 and box[2] <= frame[0] and box[3] <= frame[1]):
                 continue
             if any(is_overlapping(box, other) for other in boxes) or any(
-                _runs_through(leader, box) for leader in leaders
+                _is_leader_in_box(leader, box) for leader in leaders
             ):
                 continue
             end = tuple(np.clip(mark, box[:2], box[2:]).tolist()) if gap > GAPS[0] else None
             own = _leader_points(mark, end)
-            if not any(_runs_through(own, other) for other in boxes[first_name:]):
+            if not any(_is_leader_in_box(own, other) for other in boxes[first_name:]):
                 return PlacedName((float(centre[0]), float(centre[1])), end)
     return None
 
@@ -114,5 +114,6 @@ def _leader_points(mark: Array, end: tuple[float, float] | None) -> Array:
     return np.empty((0, 2)) if end is None else mark + SAMPLES * (np.array(end) - mark)
 
 
-def _runs_through(leader: Array, box: Box) -> bool:
+def _is_leader_in_box(leader: Array, box: Box) -> bool:
+    """Return whether a point of a leader (k, 2) lies inside a box."""
     return bool(np.any(np.all((leader > box[:2]) & (leader < box[2:]), axis=1)))

@@ -28,7 +28,7 @@ def draw_curves(
     axes: Axes, dataset: xr.Dataset, names: Sequence[str], over: OverlayData = NO_OVERLAYS
 ) -> list[np.ndarray]:
     """Draw the lines `names` over a map, and return the points (k, 2) of each drawn line, with NaN between pieces."""
-    model, window, drawn = surveyed_model(dataset), _window(dataset), []
+    model, window, drawn = surveyed_model(dataset), _survey_window(dataset), []
     limits = {"xlim": axes.get_xlim(), "ylim": axes.get_ylim()}
     if LIMIT in names and over.band is not None:
         axes.fill_between(*over.band, color=OWN_STYLES[LIMIT][0], alpha=OPACITY, linewidth=0)
@@ -43,7 +43,7 @@ def draw_curves(
     return drawn
 
 
-def _window(dataset: xr.Dataset) -> Window:
+def _survey_window(dataset: xr.Dataset) -> Window:
     return window_around(dataset["delta"].values, dataset["epsilon"].values)
 
 

@@ -88,6 +88,7 @@ AnyDistribution = Annotated[
 
 
 def _number_or_distribution(value: Any, handler: ValidatorFunctionWrapHandler) -> Any:
+    """Validate a field for a number or a distribution. Raises one error for a wrong value."""
     try:
         return handler(value)
     except ValidationError as error:

@@ -40,8 +40,8 @@ class PopulationRequest(StrictRecord):
     gear: the numbers of a gear, at least one of them a distribution. correlation: correlation matrix of the varying
     numbers, in the order of the fields of `gear`. gears: the number of gears. count: initial conditions of each gear.
     share: a gear passes if at least this share of its runs ends quiet. margin: a gear passes if its boundary distance
-    is at least this; give share or margin. judged: how many gears are tested for passing. pairs: for how many
-    gears further gears with some of the same numbers are computed, for Sobol indices. tile: gears in a task and chunk.
+    is above this speed; give share or margin. judged: how many gears are tested for passing. pairs: on how many gears
+    Sobol indices are based; each of them needs additional gears. tile: gears in a task and chunk.
     """
 
     name: Name = ""
@@ -150,7 +150,7 @@ class PopulationRequest(StrictRecord):
 
     @property
     def samples(self) -> int:
-        """The largest number of states to follow, including additional states of the gears tested for passing."""
+        """The largest possible number of samples, including additional samples of gears tested for passing."""
         judging = self.plan.sample_counts[-1] if self.share is not None else 0
         return self.n_cells * self.count + self.plan.n_judged * judging
 

@@ -20,7 +20,7 @@ def template_of(request: PopulationRequest, created: str | None = None) -> Templ
     """Return the files of a population's store before its first tile. created: the date of creation; None: now."""
     kept: dict[str, Buffer] = {}
     created = created or current_time()
-    root = zarr.create_group(MemoryStore(kept), zarr_format=3, attributes=_attributes(request, created))
+    root = zarr.create_group(MemoryStore(kept), zarr_format=3, attributes=_root_attributes(request, created))
     variables = variables_of(request)
     for variable in variables:
         _create_array(root, request, variable)
@@ -61,7 +61,7 @@ def _create_array(root: zarr.Group, request: PopulationRequest, variable: Popula
     )
 
 
-def _attributes(request: PopulationRequest, created: str) -> dict[str, Any]:
+def _root_attributes(request: PopulationRequest, created: str) -> dict[str, Any]:
     names = request.plan.tolerances.names
     return {
         "Conventions": "CF-1.11",

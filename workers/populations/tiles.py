@@ -130,6 +130,7 @@ def _variable_values(variable: PopulationVariable, request: PopulationRequest, f
 def _gather_outcomes(
     request: PopulationRequest, tile: GearTile, outcomes: Iterable[CellOutcome]
 ) -> tuple[TileArrays, list[FailedCell]]:
+    """Return the arrays of a tile, and the failed gears, from the outcome of each gear of the tile."""
     variables = variables_of(request)
     arrays = {each.name: np.full(each.shape(request, tile.n_cells), each.fill_value, each.dtype) for each in variables}
     failed: list[FailedCell] = []

@@ -26,7 +26,7 @@ Evaluate = Callable[[PopulationRequest, Gears], Any]
 
 @dataclass(frozen=True)
 class PopulationVariable:
-    """A stored variable. evaluate: the function that computes its values from the attractors of some gears."""
+    """A variable in the store of a population. evaluate: the function that computes its values for computed gears."""
 
     name: str
     dims: tuple[str, ...]
@@ -128,6 +128,7 @@ def _evaluate_field(name: str) -> Evaluate:
 
 
 def _mean_power(request: PopulationRequest, found: Gears) -> np.ndarray:
+    """Return the mean power (n,) in W of each machine, over its decided samples."""
     units = request.plan.tolerances.points(found.values).units
     return np.asarray(row_means(found.energy) * (1.0 if units is None else units.power))
 

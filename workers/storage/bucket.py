@@ -74,7 +74,7 @@ class Bucket:
             return not self.has(CREATING) and any(key not in MARKERS for key in self.keys())
 
     def exists(self) -> bool:
-        """Return whether the prefix has a whole store."""
+        """Return whether the prefix has a store. A store has its root, which is written last, so it is whole."""
         with self.translate_errors():
             return self.has(ROOT)
 
@@ -207,22 +207,23 @@ class Bucket:
             return
         import obstore
 
-        mine = json.dumps(process_identity()).encode()
+        identity = json.dumps(process_identity()).encode()
         with self.translate_errors():
-            self._take_lock(mine)
+            self._take_lock(identity)
         try:
             yield
         finally:
             with suppress(OSError, SurveyError):
-                if self.read(LOCK) == mine:
+                if self.read(LOCK) == identity:
                     obstore.delete(self.objects, LOCK)
 
-    def _take_lock(self, mine: bytes) -> None:
+    def _take_lock(self, identity: bytes) -> None:
+        """Write the lock, with the identity of this process as content. Raises SurveyError if another run has it."""
         import obstore
         from obstore.exceptions import AlreadyExistsError, PreconditionError
 
         try:
-            obstore.put(self.objects, LOCK, mine, mode="create")
+            obstore.put(self.objects, LOCK, identity, mode="create")
             return
         except AlreadyExistsError:
             pass
@@ -230,7 +231,7 @@ class Bucket:
             found = obstore.get(self.objects, LOCK)
             holder = json.loads(bytes(found.bytes()))
             if has_died(holder):
-                obstore.put(self.objects, LOCK, mine, mode={"e_tag": found.meta["e_tag"]})
+                obstore.put(self.objects, LOCK, identity, mode={"e_tag": found.meta["e_tag"]})
                 return
         except (FileNotFoundError, PreconditionError):
             holder = {}  # the lock was released or taken over between the two calls
@@ -263,7 +264,7 @@ def _connect(url: str) -> "S3Store":
         )
     except (BaseError, ValueError) as error:
         raise SurveyError(
-            f"{url} cannot be used ({_first_line(error)}): check it, and the environment variables AWS_…"
+            f"{url} cannot be used ({_first_line(error)}): check this URL, and the environment variables AWS_…"
         ) from error
 
 

@@ -11,7 +11,7 @@ import psutil
 
 
 def process_identity() -> dict[str, Any]:
-    """Return the identity of this process, from which `has_died` in other processes tells whether it has ended."""
+    """Return the identity of this process. With it, another process can ask `has_died` whether this process ended."""
     return {
         "host": socket.gethostname(),
         "boot": _boot_id(),
@@ -30,14 +30,15 @@ def _boot_id() -> str:
 
 
 def has_died(holder: dict[str, Any]) -> bool:
-    """Return whether the process with an identity has certainly ended.
+    """Return whether the process that holds a lock has certainly ended.
 
-    Of a process on another machine, or from before the last restart of this machine, this cannot be known.
+    holder: the identity of the process, from `process_identity`.
 
     Returns
     -------
     bool
-        True if it has ended, False if it has not or this is not known.
+        False if the process runs. False also if nothing is known about it, for example because it began on another
+        machine, or before the last restart of this machine.
     """
     if not _boot_id() or (holder["host"], holder["boot"]) != (socket.gethostname(), _boot_id()):
         return False

@@ -138,7 +138,7 @@ def _read_manifest(files: FileSource) -> tuple[Manifest, bytes]:
 
 
 def _earlier_manifest(place: Place) -> Manifest | None:
-    """Return the manifest that an earlier copy has left, or None."""
+    """Return the manifest that an earlier copy has left at the target, or None if there is none."""
     with suppress(FileNotFoundError, NotADirectoryError):
         return Manifest.from_bytes(place.read(MANIFEST))
     return None
@@ -155,6 +155,7 @@ def _keys_with_digests(manifest: Manifest) -> Iterator[tuple[str, tuple[str, ...
 
 
 def _is_whole(files: FileSource, key: str, known: Sequence[str]) -> bool:
+    """Return whether a file exists and has one of the digests `known`."""
     try:
         return digest(files.read(key)) in known
     except (FileNotFoundError, NotADirectoryError):
@@ -182,8 +183,9 @@ def _copy_to_place(
         place.put(CREATING, b"")
     place.put(MANIFEST, content)
 
-    def copy_file(one: tuple[str, tuple[str, ...]]) -> tuple[int, bool]:
-        key, known = one
+    def copy_file(file: tuple[str, tuple[str, ...]]) -> tuple[int, bool]:
+        """Copy a file, given by its key and its allowed digests. Return its size, and whether the target had it."""
+        key, known = file
         part = _read_whole(files, key, known)
         if kept := _is_whole(place, key, known):
             return len(part), kept
@@ -195,7 +197,7 @@ def _copy_to_place(
     total, size, kept, done = _count_files(manifest), len(content), 0, 1
     keys = list(_keys_with_digests(manifest))
     with ThreadPoolExecutor(READERS) as threads:
-        for some in _batches(keys[:-1]):
+        for some in _batches_of_files(keys[:-1]):
             for length, was_there in threads.map(copy_file, some):
                 size, kept, done = size + length, kept + was_there, done + 1
             if on_file:
@@ -218,9 +220,9 @@ def _copy_to_zip(
         with _rename_at_end(path) as part:
             with ZipFile(part, "w", ZIP_STORED) as archive, ThreadPoolExecutor(READERS) as threads:
                 archive.writestr(MANIFEST, content)
-                for some in _batches(_keys_with_digests(manifest)):
+                for some in _batches_of_files(_keys_with_digests(manifest)):
                     for (key, _), whole in zip(
-                        some, threads.map(lambda one: _read_whole(files, *one), some), strict=True
+                        some, threads.map(lambda file: _read_whole(files, *file), some), strict=True
                     ):
                         archive.writestr(key, whole)
                         size, done = size + len(whole), done + 1
@@ -296,14 +298,16 @@ async def _read_files(store: Store, keys: Iterable[tuple[str, tuple[str, ...]]])
     return [b"" if each is None else each.to_bytes() for each in found]
 
 
-def _require_whole(files: FileSource, keys: Iterable[tuple[str, tuple[str, ...]]]) -> None:
-    for key, known in keys:
-        if not _is_whole(files, key, known):
+def _require_whole(written: FileSource, files: Iterable[tuple[str, tuple[str, ...]]]) -> None:
+    """Raise OSError unless the written files have their digests; a file is given by its key and its allowed digests."""
+    for key, known in files:
+        if not _is_whole(written, key, known):
             raise OSError(f"{key} does not read back as it was written")
 
 
-def _batches(keys: Iterable[tuple[str, tuple[str, ...]]]) -> Iterator[list[tuple[str, tuple[str, ...]]]]:
-    left = iter(keys)
+def _batches_of_files(files: Iterable[tuple[str, tuple[str, ...]]]) -> Iterator[list[tuple[str, tuple[str, ...]]]]:
+    """Yield at most BATCH files at a time; a file is given by its key and its allowed digests."""
+    left = iter(files)
     while some := list(islice(left, BATCH)):
         yield some
 
@@ -314,7 +318,7 @@ def _count_files(manifest: Manifest) -> int:
 
 @contextmanager
 def _rename_at_end(path: Path) -> Iterator[Path]:
-    """Yield a temporary path in the same directory; at the end, rename the file there to `path`."""
+    """Yield a temporary path beside `path`; at the end, rename the file at the temporary path to `path`."""
     path.parent.mkdir(parents=True, exist_ok=True)
     part = path.with_name(f".{path.name}.{os.getpid()}")
     try:

@@ -72,6 +72,7 @@ def require_readable(dataset: xr.Dataset, names: Sequence[Hashable] | None = Non
 
 
 def _read_bands(values: xr.DataArray, rows: int) -> None:
+    """Read a variable, some rows at a time, to find damage. Raises DamageError if a part cannot be read."""
     for start in range(0, values.sizes.get("epsilon", 1), rows):
         with report_damage(f"{values.name} of this survey"):
             np.asarray(values.isel(epsilon=slice(start, start + rows)) if "epsilon" in values.dims else values)
@@ -144,19 +145,29 @@ def _repeat_for_cells(values: xr.DataArray, sizes: Mapping[Hashable, int]) -> np
 
 
 def _rows_of_entries(
-    some: xr.Dataset, names: Sequence[str], of_cell: Mapping[str, np.ndarray], own: str, one: str
+    dataset: xr.Dataset, names: Sequence[str], cell_columns: Mapping[str, np.ndarray], dimension: str, existence: str
 ) -> dict[str, np.ndarray]:
-    there = some[one].transpose(*CELL, own).values.ravel() != 0 if one in some else None
-    labels = some[own].values
-    columns = {name: np.repeat(values, labels.size) for name, values in of_cell.items()}
-    columns[own] = np.tile(labels, next(iter(of_cell.values())).size)
+    """Return the columns of a table with a row for each attractor, or each orbit, of some cells.
+
+    names: the variables that become columns. cell_columns: columns with a value for each cell, by name. dimension: the
+    dimension of attractors or orbits. existence: the variable that is 0 where an attractor or orbit does not exist.
+
+    Returns
+    -------
+    dict[str, np.ndarray]
+        Columns by name.
+    """
+    there = dataset[existence].transpose(*CELL, dimension).values.ravel() != 0 if existence in dataset else None
+    labels = dataset[dimension].values
+    columns = {name: np.repeat(values, labels.size) for name, values in cell_columns.items()}
+    columns[dimension] = np.tile(labels, next(iter(cell_columns.values())).size)
     for name in names:
-        values = some[name].transpose(*CELL, *some[name].dims[:-2])
+        values = dataset[name].transpose(*CELL, *dataset[name].dims[:-2])
         if values.ndim == len(CELL) + 1:
             columns[name] = values.values.ravel()
             continue
         besides = values.dims[-1]
-        for label in some[besides].values:
+        for label in dataset[besides].values:
             columns[f"{name}_{label}"] = values.sel({besides: label}).values.ravel()
     return columns if there is None else {name: values[there] for name, values in columns.items()}
 

@@ -123,7 +123,7 @@ def _check_by_decoding(place: Place, attributes: Mapping[str, Any]) -> tuple[int
         The metadata of the store cannot be read.
     """
     version = attributes["code_version"]
-    is_ours = version == code_version()  # this version writes every chunk, so a missing file is a lost file
+    is_ours = version == code_version()  # this version writes every chunk, so a missing chunk is a lost one
     lost = [MANIFEST] if is_ours else []
     try:
         with warnings.catch_warnings():
@@ -215,14 +215,14 @@ def _examine_in_processes(place: Place, manifest: Manifest, processes: int) -> F
 def _examine_in_own_process(where: str, manifest: Manifest) -> Found:
     """Run `examine_tiles` in a process of its own. Raises SurveyError if the process is killed."""
     try:
-        return call_in_subprocess(_examine_at, where, manifest)
+        return call_in_subprocess(_examine_tiles_at, where, manifest)
     except CalledProcessError as error:
         raise SurveyError(
             f"a process that read tiles of {where} ended with status {error.returncode}: verify the store again"
         ) from error
 
 
-def _examine_at(where: str, manifest: Manifest) -> Found:
+def _examine_tiles_at(where: str, manifest: Manifest) -> Found:
     return examine_tiles(place_of(where), manifest)
 
 
@@ -233,6 +233,7 @@ def _damaged_variables(place: Place, manifest: Manifest, index: int) -> tuple[st
 
 
 def _is_whole(place: Place, key: str, known: str | None) -> bool:
+    """Return whether a file of a store exists and has the digest `known`."""
     content = read_file(place, key)
     return content is not None and digest(content) == known
 

@@ -23,8 +23,9 @@ from gear_rattle.workers.survey.template import COMPACT, Template, consolidate_m
 #: During a run the manifest is written again when more than 1/SHARE of its tiles are new, and not after each tile,
 #: because a large manifest takes long to write.
 SHARE = 200
-KNOWN = 8  # number of small manifests that are kept after parsing, because each is needed repeatedly
-#: Bytes of a large manifest. The cache keeps only the latest large manifest, because that of 10⁹ cells takes 250 MB.
+CACHED_SMALL = 8  # number of parsed small manifests in the cache, because each is needed repeatedly
+#: A manifest with more bytes is large. The cache keeps only the latest large one: that of a survey of 10⁹ cells takes
+#: 250 MB.
 LARGE = 4 * 2**20
 
 RecordTiles = Callable[[Mapping[int, Mapping[str, str]]], None]
@@ -78,7 +79,7 @@ def manifest_of(place: Place) -> Manifest | None:
     return (_parsed_large if len(content) > LARGE else _parsed_small)(content)
 
 
-_parsed_small = lru_cache(maxsize=KNOWN)(Manifest.from_bytes)
+_parsed_small = lru_cache(maxsize=CACHED_SMALL)(Manifest.from_bytes)
 _parsed_large = lru_cache(maxsize=1)(Manifest.from_bytes)
 
 
@@ -106,7 +107,7 @@ def require_manifest(place: Place) -> Manifest:
 
 
 def require_store(place: Place) -> None:
-    """Raise StorageError if a store is gone: its disk may come back, so the store does not count as damaged."""
+    """Raise StorageError if nothing is at a store's place. Its disk may come back, so it does not count as damaged."""
     if not place.is_occupied():
         raise StorageError(f"{place} is gone: it was moved or deleted. Bring the store back, or compute it again")
 
@@ -141,7 +142,7 @@ def attributes_of(place: Place) -> dict[str, Any]:
     StorageError
         The root cannot be read now.
     """
-    return dict(json.loads(_root(place, require_manifest(place)))["attributes"])
+    return dict(json.loads(_read_root(place, require_manifest(place)))["attributes"])
 
 
 @contextmanager
@@ -177,7 +178,7 @@ def recording_tiles(place: Place) -> Iterator[RecordTiles]:
             raise refusal from error
         waiting = 0
 
-    def note(tiles: Mapping[int, Mapping[str, str]]) -> None:
+    def record_tiles(tiles: Mapping[int, Mapping[str, str]]) -> None:
         nonlocal waiting
         for index, files in tiles.items():
             manifest.record_tile(index, files)
@@ -186,7 +187,7 @@ def recording_tiles(place: Place) -> Iterator[RecordTiles]:
             write_manifest()
 
     try:
-        yield note
+        yield record_tiles
     finally:
         if waiting:
             write_manifest()
@@ -203,7 +204,7 @@ def set_attributes(place: Place, attributes: Mapping[str, Any]) -> None:
         The root cannot be written now.
     """
     manifest = require_manifest(place)
-    root = _root(place, manifest)
+    root = _read_root(place, manifest)
     known = json.loads(root)["attributes"]
     changed = {name: value for name, value in {**known, **attributes}.items() if value is not None}
     if changed != known:
@@ -218,14 +219,16 @@ def with_attributes(root: bytes, attributes: Mapping[str, Any]) -> bytes:
     return kept[ROOT].to_bytes()
 
 
-def update_metadata(place: Place, added: Template, there: Mapping[str, str], is_removed: Callable[[str], bool]) -> None:
+def update_metadata(
+    place: Place, added: Template, written: Mapping[str, str], is_removed: Callable[[str], bool]
+) -> None:
     """Add files to a store's metadata, and remove others from it. All changes become visible with the new root.
 
     Parameters
     ----------
     added : Template
         Contents of the files to write, by key.
-    there : Mapping[str, str]
+    written : Mapping[str, str]
         Digests of chunks that tasks have already written, by key.
     is_removed : Callable[[str], bool]
         Returns whether a file of the manifest, by its key, is removed from the metadata.
@@ -238,7 +241,7 @@ def update_metadata(place: Place, added: Template, there: Mapping[str, str], is_
         A file cannot be written now.
     """
     manifest = require_manifest(place)
-    root = _root(place, manifest)
+    root = _read_root(place, manifest)
     files = {key: known for key, known in manifest.files.items() if not is_removed(key)}
     nodes = {key: read_file(place, key) for key in files if key.endswith(f"/{ROOT}")} | {ROOT: root}
     if any(content is None or digest(content) != files[key] for key, content in nodes.items() if key != ROOT):
@@ -250,7 +253,7 @@ def update_metadata(place: Place, added: Template, there: Mapping[str, str], is_
         key: cpu.Buffer.from_bytes(content) for key, content in described.items() if content is not None
     }
     consolidate_metadata(MemoryStore(kept))
-    after = replace(manifest, files=files | file_digests(added) | dict(there))
+    after = replace(manifest, files=files | file_digests(added) | dict(written))
     replace_root(place, manifest, kept[ROOT].to_bytes(), after)
 
 
@@ -265,7 +268,8 @@ def replace_root(place: Place, before: Manifest, root: bytes, after: Manifest) -
     place.put(MANIFEST, replace(after, root=(new,)).to_bytes())
 
 
-def _root(place: Place, manifest: Manifest) -> bytes:
+def _read_root(place: Place, manifest: Manifest) -> bytes:
+    """Return the content of a store's root. Raises SurveyError if it is damaged, StorageError if the store is gone."""
     if (root := whole_root(place, manifest)) is None:
         require_store(place)
         raise SurveyError(f"{ROOT} of {place} is damaged: compute the same request again to repair it")

@@ -98,7 +98,7 @@ def _repair(request: AnyRequest, place: Place, make: Make) -> None:
     """Write the template over a damaged store, root and manifest last. Families and levels are computed again later."""
     manifest = _require_same_survey(request, place)
     if not _is_damaged(place, manifest):
-        return  # another run has repaired it meanwhile
+        return  # another run has repaired the store meanwhile
     said = unchecked_attributes(place)
     trusted = said if manifest is None or whole_root(place, manifest) else {}
     created = manifest.date_created if manifest else trusted.get("date_created")
@@ -118,7 +118,15 @@ def _repair(request: AnyRequest, place: Place, make: Make) -> None:
 
 
 def _decodable_tiles(request: AnyRequest, place: Place) -> Iterator[tuple[int, dict[str, str]]]:
-    """Yield the index and the chunks' digests of each computed tile, in a store that has lost its manifest."""
+    """Yield index and chunk digests of each tile whose chunks decode and which has no uncomputed cell.
+
+    They replace the lost or damaged manifest of a store.
+
+    Yields
+    ------
+    tuple[int, dict[str, str]]
+        The index of a tile, and the digests of its chunks by key.
+    """
     for tile in tiles_of(request):
         contents = _chunk_contents(request, place, tile)
         try:
@@ -322,8 +330,8 @@ def has_added(where: str | Path | Place, name: str) -> bool:
     return manifest is not None and f"{name}/{ROOT}" in manifest.files
 
 
-def add_to_store(where: str | Path | Place, added: Template, there: Mapping[str, str]) -> None:
-    """Add files to a store. added: contents of files to write, by key. there: digests of chunks already written.
+def add_to_store(where: str | Path | Place, added: Template, written: Mapping[str, str]) -> None:
+    """Add files to a store. added: contents of files to write, by key. written: digests of chunks already written.
 
     The root is written last, and all additions become visible with it.
 
@@ -334,15 +342,15 @@ def add_to_store(where: str | Path | Place, added: Template, there: Mapping[str,
     OSError
         A file cannot be written now.
     """
-    update_metadata(place_of(where), added, there, lambda _: False)
+    update_metadata(place_of(where), added, written, lambda _: False)
 
 
 def prepare_for_tiles(request: AnyRequest, place: Place) -> None:
-    """Remove from a store what tiles that are computed again would contradict.
+    """Remove from a store the results that would no longer fit its tiles, before some tiles are computed again.
 
-    These are the counts of audits, because new tiles have had the first round of audits only; and, in a survey whose
-    slots follow families, families and levels, because slots of new tiles are in the order of basin fractions. The
-    caller holds the lock of the store.
+    The counts of audits are removed, because new tiles have only the first round of audits. If slots follow families,
+    families and levels are removed too, because new tiles have their slots in the order of basin fractions. The caller
+    holds the lock of the store.
 
     Raises
     ------
@@ -355,13 +363,14 @@ def prepare_for_tiles(request: AnyRequest, place: Place) -> None:
         if AUDIT_ATTRIBUTES[-1] in unchecked_attributes(place):
             set_attributes(place, dict.fromkeys(AUDIT_ATTRIBUTES))
         if isinstance(request, SurveyRequest) and request.slots_follow_families and has_added(place, FAMILY):
-            update_metadata(place, {}, {}, _is_addition)
+            update_metadata(place, {}, {}, _is_of_families_or_levels)
     except OSError as error:
         refusal = storage_error(f"{place} cannot be written", error)
         raise refusal from error
 
 
-def _is_addition(key: str) -> bool:
+def _is_of_families_or_levels(key: str) -> bool:
+    """Return whether the file with this key belongs to the families or the levels of a survey."""
     return not {FAMILY, FAMILIES, LEVELS}.isdisjoint(key.split("/"))
 
 

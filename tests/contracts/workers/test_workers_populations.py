@@ -204,7 +204,7 @@ def _no_third(evaluate: Any) -> Any:
 
 def test_a_machine_has_powers_and_its_own_units(tmp_path: Path) -> None:
     request, path = PopulationRequest.model_validate(MACHINE), tmp_path / "population.zarr"
-    assert request.plan.n_sharing == 0  # one number varies
+    assert request.plan.rows_per_sobol_part == 0  # one number varies
     create_store(request, path)
     run_tiles_here(request, path, tiles_of(request), lambda _: None, never)
     with xr.open_zarr(path) as found:

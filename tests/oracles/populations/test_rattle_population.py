@@ -51,9 +51,9 @@ def test_parts_share_what_they_say() -> None:
     assert plan.rows == 12 + 5 * (1 + 2 * 2)
     assert np.array_equal(values[plan.rows_of(1)], values[:5])
     for i in range(2):
-        assert np.array_equal(values[plan.rows_of(plan.part_keeping(i)), i], values[:5, i])
-        assert np.array_equal(values[plan.rows_of(plan.part_redrawing(i)), 1 - i], values[:5, 1 - i])
-        assert not (values[plan.rows_of(plan.part_keeping(i)), 1 - i] == values[:5, 1 - i]).any()
+        assert np.array_equal(values[plan.rows_of(plan.number_of_keeping_part(i)), i], values[:5, i])
+        assert np.array_equal(values[plan.rows_of(plan.number_of_redrawing_part(i)), 1 - i], values[:5, 1 - i])
+        assert not (values[plan.rows_of(plan.number_of_keeping_part(i)), 1 - i] == values[:5, 1 - i]).any()
     assert np.array_equal(np.unique(plan.parts(np.arange(plan.rows))), np.arange(6))
     more = of(PAPER, [[1.0, 0.4], [0.4, 1.0]], gears=40, pairs=5)
     assert np.array_equal(more.values(np.arange(12)), values[:12])
