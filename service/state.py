@@ -34,8 +34,8 @@ from gear_rattle.workers import Bucket
 class Front:
     """The state of an application that its routes need. It exists during the application's lifespan.
 
-    picture_limiter, export_limiter, point_limiter: they limit how many pictures are drawn, how many files are written,
-    and how many parameter points are computed at the same time.
+    picture_limiter: limits how many pictures are drawn at the same time. export_limiter: limits how many files are
+    written at the same time. point_limiter: limits how many parameter points are computed at the same time.
     """
 
     settings: Settings
@@ -104,7 +104,7 @@ class Front:
 
     @cached_property
     def slow_point_limiter(self) -> PriorityLimiter:
-        """The limiter of slow computations at points. If `max_points` is over 1, it leaves a process to quick ones."""
+        """Limiter of slow computations at points. If `max_points` exceeds 1, one process stays free for quick ones."""
         return PriorityLimiter(max(1, self.settings.max_points - 1))
 
     @contextmanager

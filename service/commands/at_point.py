@@ -72,25 +72,25 @@ OPTIONS: dict[str, Any] = {
 NEEDED = ("inertia", "drag", "backlash", "eccentricity", "radius", "rpm")  # numbers that every machine needs
 
 
-def with_point(*, timed: bool = False) -> Callable[[Command], Command]:
+def with_point(*, allows_rpm: bool = False) -> Callable[[Command], Command]:
     """Return a decorator that gives a command the options OPTIONS. The command's first argument is then a `GivenPoint`.
 
     Parameters
     ----------
-    timed : bool
+    allows_rpm : bool
         Allow --rpm together with DELTA and EPSILON.
     """
 
     def add_options(command: Command) -> Command:
-        return with_options(command, OPTIONS, lambda given: point_of_options(given, timed))
+        return with_options(command, OPTIONS, lambda given: point_of_options(given, allows_rpm))
 
     return add_options
 
 
-def point_of_options(given: dict[str, Any], timed: bool) -> GivenPoint:
+def point_of_options(given: dict[str, Any], allows_rpm: bool) -> GivenPoint:
     """Return the point that the given options describe, by dimensionless numbers or as a machine.
 
-    timed: whether a speed is allowed together with dimensionless numbers.
+    allows_rpm: True if the option --rpm may be given together with dimensionless numbers.
 
     Returns
     -------
@@ -107,7 +107,7 @@ def point_of_options(given: dict[str, Any], timed: bool) -> GivenPoint:
     machine = {name: value for name, value in given.items() if name not in plain}
     if set(machine) - {"rpm"} and "restitution" in plain:
         machine["restitution"] = plain.pop("restitution")
-    if set(machine) - {"rpm"} or (machine and not timed):
+    if set(machine) - {"rpm"} or (machine and not allows_rpm):
         return _machine_point(plain | ({"harmonic": harmonics} if harmonics else {}), machine)
     if not {"delta", "epsilon"} <= set(plain):
         raise typer.BadParameter("give DELTA and EPSILON, or a machine: --inertia, --drag, and so on")

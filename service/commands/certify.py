@@ -68,9 +68,9 @@ def certify(
     For a survey, or a slice of it, all periodic attractors are proved, and their certificates are written to a store
     beside the survey; the same command resumes an interrupted run. For a point, for curves, for points where curves
     meet, and for chaos, the certificates are printed, one in a line. For a plane, blocks are proved: the region I to V,
-    the motions of period one that exist and attract, and whether quiet running is possible. The file has one block in
-    each line, and complete columns only. The exit status is 1 if something is not proved, which does not mean that it
-    is false.
+    the motions of period one that exist and attract, and whether quiet running is possible. Each line of the file is a
+    block; the blocks of a column are written together, when all of them are done. The exit status is 1 if something is
+    not proved, which does not mean that it is false.
     """
     if [store, point, check, areas, codimension_two or None].count(None) != 4:
         raise typer.BadParameter(

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from rattle import Attractor
 
 
-@with_point(timed=True)
+@with_point(allows_rpm=True)
 def sound(
     point: GivenPoint,
     out: Annotated[Path, typer.Argument(metavar="OUT.wav", help="Sound file to write.")],

@@ -125,7 +125,7 @@ OPTIONS: dict[str, Any] = {
         show_default=False,
     ),
 }
-#: Defaults of options that always have a value.
+#: {option: default}. An option without an entry is None if it is not given.
 DEFAULTS = {"count": 64, "seed": 0}
 
 

@@ -42,8 +42,8 @@ def submit_survey(
 ) -> JobRow:
     """Accept a survey or a population, unless an identical one exists or its idempotency key was used before.
 
-    force: accept a new one although an identical one exists. If the idempotency key was used before, the survey of that
-    request is returned all the same.
+    force: accept a new survey although an identical one exists. But if the idempotency key was used before, the survey
+    of that earlier request is returned.
 
     Returns
     -------

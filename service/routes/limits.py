@@ -133,7 +133,7 @@ async def limits(
     """
     require_few_samples(front, count)
     if (over is None) != (values is None) or (low is None) != (high is None):
-        raise ParameterError("over and values belong together, and so do low and high: of each pair give both or none")
+        raise ParameterError("over and values belong together: give both or neither; the same holds for low and high")
     between = None if low is None or high is None else (low, high)
     found = await compute_in_process(
         front,
@@ -160,11 +160,15 @@ def compute_limits(
     seed: int,
     budget: int,
 ) -> list[Limit]:
-    """Return the limits of the number `of`: one for each of `values` of the number `over`, or a single limit."""
-    asked: dict[str, Any] = {"between": between, "count": count, "seed": seed, "budget": budget}
+    """Return the design limits of the number `of`, at the required probability `share` of quiet running.
+
+    over: a second number, which takes each of `values`; None for a single limit. given: the gear's other numbers.
+    between: the range in which a limit is searched; None for the default range.
+    """
+    search: dict[str, Any] = {"between": between, "count": count, "seed": seed, "budget": budget}
     if over is None:
-        return [design_limit(given, of, share, **asked)]
-    return design_limits(given, of, over, values or (), share, **asked)
+        return [design_limit(given, of, share, **search)]
+    return design_limits(given, of, over, values or (), share, **search)
 
 
 def _limit_document(at: float | None, found: Limit) -> LimitDocument:

@@ -77,7 +77,10 @@ class Interval(BaseModel):
 
 
 class IndexDocument(BaseModel):
-    """Sobol indices of a number of the gears: its shares of a result's variance, alone and with all interactions."""
+    """Sobol indices of one number of the gears: shares of a result's variance.
+
+    `first` is the share that the number explains alone, `total` the share with all its interactions.
+    """
 
     first: Interval
     total: Interval

@@ -93,7 +93,7 @@ def submit(
 
     If the same body is sent again with the same `Idempotency-Key`, the answer is the survey of the first answer, with
     or without `force`, as long as that survey exists. A survey remembers the idempotency key that created it, and the
-    latest 100 others.
+    latest 100 idempotency keys of later requests.
     """
     job = submit_survey(front, caller, body, idempotency_key, force)
     set_job_headers(response, job, JobKind.SURVEY)

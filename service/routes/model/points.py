@@ -180,14 +180,14 @@ def _orbits_in_si(point: RequestedPoint, found: dict[str, Any]) -> OrbitsInSI | 
         return None
     units = point.machine.units
 
-    def convert(value: float | None, unit: float) -> float | None:
+    def to_si_units(value: float | None, unit: float) -> float | None:
         return None if value is None else json_number(value * unit)
 
-    limits = {name: convert(found[name], units.length) for name in ("sn1", "flip", "quiet_limit")}
+    limits = {name: to_si_units(found[name], units.length) for name in ("sn1", "flip", "quiet_limit")}
     return OrbitsInSI(
         **limits,
-        missing=[convert(each["epsilon"], units.length) for each in found["missing"]],
-        velocities=[convert(orbit["v"], units.velocity) for orbit in found["orbits"]],
+        missing=[to_si_units(each["epsilon"], units.length) for each in found["missing"]],
+        velocities=[to_si_units(orbit["v"], units.velocity) for orbit in found["orbits"]],
     )
 
 
