@@ -52,7 +52,7 @@ class Front:
     _interruptible: set[CancelScope] = field(default_factory=set)
 
     def job_and_store(self, survey_id: str, kind: JobKind = JobKind.SURVEY) -> tuple[JobRow, Path | Bucket]:
-        """Return the row of a survey or a population, and the location of its store. This blocks: use a thread.
+        """Return the row of a survey or a population, and the location of its store. It blocks: use a thread.
 
         Returns
         -------
@@ -69,7 +69,7 @@ class Front:
         return self.database.job(survey_id, kind), self.directory.store(survey_id)
 
     def job_with_results(self, survey_id: str) -> tuple[JobRow, Path | Bucket]:
-        """Return the row of a survey, and the location of its store, which must exist. This blocks: use a thread.
+        """Return the row of a survey, and the location of its store, which must exist. It blocks: use a thread.
 
         Returns
         -------

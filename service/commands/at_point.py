@@ -35,7 +35,7 @@ class GivenPoint(NamedTuple):
     rpm: float | None
 
     @property
-    def words(self) -> str:
+    def parameters_text(self) -> str:
         """The parameters of the gear as text."""
         words = [f"{name} = {value}" for name, value in self.gear.parameters.point().items()]
         words += [f"harmonic {k}: {size:g} at {phase:g}" for k, size, phase in self.gear.parameters.harmonics]
@@ -69,7 +69,7 @@ OPTIONS: dict[str, Any] = {
         list[str] | None, typer.Option(metavar="ORDER:AMPLITUDE:PHASE", help=HARMONIC, show_default="none")
     ],
 }
-NEEDED = ("inertia", "drag", "backlash", "eccentricity", "radius", "rpm")  # numbers that every machine needs
+REQUIRED_NUMBERS = ("inertia", "drag", "backlash", "eccentricity", "radius", "rpm")  # numbers that every machine needs
 
 
 def with_point(*, allows_rpm: bool = False) -> Callable[[Command], Command]:
@@ -133,7 +133,7 @@ def _machine_point(plain: dict[str, Any], machine: dict[str, Any]) -> GivenPoint
         machine = {**machine, **_measured_harmonics(curve, orders, machine)}
     elif orders is not None:
         raise typer.BadParameter("--orders needs a measured curve: give --transmission-error too")
-    missing = [f"--{name}" for name in NEEDED if name not in machine]
+    missing = [f"--{name}" for name in REQUIRED_NUMBERS if name not in machine]
     if missing:
         raise typer.BadParameter(f"a machine needs {' and '.join(missing)} too")
 

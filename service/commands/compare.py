@@ -56,7 +56,7 @@ def compare(
     when = None if offset is None else offset / revolution
     found = comparison.compare(measured, point.gear, when, bins=bins, tolerance=tolerance, count=count, seed=seed)
     unit = "revolutions" if point.rpm is None else "s"
-    typer.echo(f"{point.words}\n{measured.time.size} impacts in {measured.span:.6g} revolutions")
+    typer.echo(f"{point.parameters_text}\n{measured.time.size} impacts in {measured.span:.6g} revolutions")
     _print_comparison(found, revolution, unit)
 
 

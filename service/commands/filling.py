@@ -170,7 +170,7 @@ def _complete_survey(request: AnyRequest, out: str, client: Client | None, shoul
 
 
 def _steps_after_tiles(request: SurveyRequest) -> Iterator[str]:
-    """Yield descriptions of the steps after a survey's tiles. Pyramid levels are described only without families."""
+    """Yield descriptions of the steps after a survey's tiles. Pyramid levels are left out if families are joined."""
     from gear_rattle.workers import Group
     from gear_rattle.workers.survey.levels.grid import levels_of
 

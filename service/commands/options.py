@@ -112,7 +112,7 @@ def with_options(
     return command_with_options
 
 
-def with_added(
+def with_added_parameters(
     command: Command, kind: Any, text: str | None = None, after: str = "beta", model: str | None = None
 ) -> Command:
     """Give a command an option for each parameter that a model adds. These options follow the option named `after`.

@@ -65,8 +65,8 @@ def compilation_messages() -> Iterator[None]:
 def reporter(cells: int, cells_done: int = 0, what: str = "cells") -> Reporter:
     """Return a reporter that draws a progress bar if stderr is a terminal, and otherwise prints a line now and then.
 
-    cells: the number of all cells. cells_done: the number of cells that were computed before. what: the
-    counted objects as a plural, such as "gears", for the display.
+    cells: the number of all cells. cells_done: the number of cells that were computed before. what: the counted
+    objects as a plural, such as "gears".
 
     Returns
     -------

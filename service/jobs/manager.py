@@ -376,7 +376,7 @@ class JobManager:
         return {tile.index: tile for tile in tiles_of(request) if tile.index not in done}, bool(lost)
 
     def _must_pause(self, survey_id: str) -> bool:
-        """Return whether the turn is over and another survey is next. If the same survey is next, begin its turn."""
+        """Return whether the turn is over and another survey is next. If the survey itself is next, begin its turn."""
         if not self._turns.is_turn_over:
             return False
         following = self._turns.next_survey(self._database.active_surveys())
@@ -388,7 +388,7 @@ class JobManager:
         return True
 
     def _progress_writer(self, survey_id: str) -> Callable[[int, int], None]:
-        """Return a function that writes the progress of proofs into a survey's message after each further per cent."""
+        """Return a function that writes the progress of proofs into a survey's message, at each new per cent."""
         shown = -1
 
         def write_progress(done: int, number: int) -> None:
@@ -402,7 +402,7 @@ class JobManager:
         return write_progress
 
     def seconds_left(self, survey_id: str) -> float | None:
-        """Return the predicted seconds until a survey's tiles end; None if it does not run or has no prediction."""
+        """Return the predicted seconds until all tiles of a survey are computed; None if there is no prediction now."""
         ends = self._predicted_ends.get(survey_id)
         return None if ends is None else max(ends - time.monotonic(), 0.0)
 

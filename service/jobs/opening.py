@@ -22,7 +22,8 @@ def open_data(
     settings : Settings
         The settings of the service.
     on_change : Callable[[str], None]
-        Called with the id of a survey or population after each commit that added an event to it or changed its texts.
+        Called with the id of a survey or population after each commit that added an event to it, or changed its name
+    or notes.
 
     Yields
     ------

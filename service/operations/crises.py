@@ -17,7 +17,7 @@ KEPT_CRISIS_CURVES = 16  # at most this many curves are kept
 
 
 def _crisis_points(beta: float) -> np.ndarray:
-    """Return points (δ, ε) of the crisis curve, shape (k, 2). This runs for half a minute in Python: use a process."""
+    """Return points (δ, ε) of the crisis curve, shape (k, 2). This takes half a minute: use a process."""
     from rattle.crisis import crisis_curve
 
     curve = crisis_curve(beta=beta, resolution=RESOLUTION)

@@ -43,7 +43,7 @@ class CostEstimate:
 
 
 async def estimate(front: Front, request: AnyRequest) -> CostEstimate:
-    """Estimate the cost of a survey from a similar survey among the newest ones, or by computing nine of its cells.
+    """Estimate the cost of a survey from a similar survey among the newest ones, or by computing nine requested cells.
 
     The cost of a population is estimated by computing nine of its gears.
 
@@ -119,7 +119,7 @@ def most_similar_survey(request: SurveyRequest, jobs: Iterable[JobRow]) -> JobRo
 
 
 def _sample_ratio(request: SurveyRequest, job: JobRow) -> float:
-    """Return the samples per cell of a request over those of a job; 1 without samples, and for surveys with basins."""
+    """Return the samples per cell of a request over those of a job; 1 if the request has no samples, or has basins."""
     if not SAMPLED.intersection(request.quantities) or Group.BASINS in request.quantities:
         return 1.0
     count: int = job.request["initial_conditions"]["count"]

@@ -46,7 +46,7 @@ class Overlays:
         self.crises, self.limits, self.windows = Crises(front), DesignLimits(front), Windows(front)
 
     async def overlays_of(self, request: SurveyRequest, options: PictureOptions) -> OverlayData:
-        """Return the overlays of a map. request: the survey, or the request of the slice that the map shows.
+        """Return the overlays of a map. request: the request of the survey or slice that the map shows.
 
         A crisis curve or a finer window that does not exist for this map is left out. Raises RattleError if the
         computation of another overlay fails.
@@ -102,7 +102,7 @@ def limit_line(delta: np.ndarray, limits: np.ndarray) -> Line:
 
 
 def limit_band(delta: np.ndarray, limits: np.ndarray) -> Band:
-    """Return the dampings at which both ends of the limit's interval are finite, and the lower and the upper ends."""
+    """Return the dampings at which both ends of the limit's interval are finite, and these lower and upper ends."""
     _, low, high = limits
     sure = np.isfinite(low) & np.isfinite(high)
     return delta[sure], low[sure], high[sure]

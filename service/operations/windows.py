@@ -22,7 +22,7 @@ from gear_rattle.workers.pictures.look import Pair
 
 START_CHECK_SECONDS = 0.2  # seconds between two checks whether the cluster has started
 LEAST_DELTA = 1e-3  # least damping of a window, as a share of the window's largest damping
-COARSEST = 3.0  # a finer window is computed if a cell of the survey is larger than this many pixels
+MOST_PIXELS_PER_CELL = 3.0  # a finer window is computed if a cell of the survey is larger than this many pixels
 KEPT_WINDOWS, KEPT_CELLS = 8, 4_000_000  # most windows in memory, and most cells of all windows together
 
 Key = tuple[str, str, int, Window, tuple[int, int]]
@@ -34,10 +34,10 @@ def clip_to_plane(delta: Pair, epsilon: Pair) -> Window:
 
 
 def is_coarse(delta: np.ndarray, epsilon: np.ndarray, window: tuple[Pair, Pair], pixels: tuple[int, int]) -> bool:
-    """Return whether a survey's cells are larger than COARSEST pixels along δ or ε. pixels: the size of the window."""
+    """Return whether a survey's cells are larger than MOST_PIXELS_PER_CELL. pixels: size of the window in pixels."""
     for axis, (low, high), size in zip((delta, epsilon), window, pixels, strict=True):
         step = (axis[-1] - axis[0]) / (axis.size - 1)
-        if step / (high - low) * size > COARSEST:
+        if step / (high - low) * size > MOST_PIXELS_PER_CELL:
             return True
     return False
 

@@ -49,7 +49,7 @@ NumberName = Literal[
 ]
 
 
-def _explain_names(value: Any, handler: ValidatorFunctionWrapHandler) -> Any:
+def _validate_number_name(value: Any, handler: ValidatorFunctionWrapHandler) -> Any:
     try:
         return handler(value)
     except ValidationError as error:
@@ -57,7 +57,7 @@ def _explain_names(value: Any, handler: ValidatorFunctionWrapHandler) -> Any:
         raise ValueError(f"must be one of {known}, or an order such as harmonic_12 or error_12") from error
 
 
-LimitedNumber = Annotated[NumberName | OrderName, WrapValidator(_explain_names)]
+LimitedNumber = Annotated[NumberName | OrderName, WrapValidator(_validate_number_name)]
 LIMITED_NUMBER = (
     "number to limit, which need not be given itself. harmonic_12 is the amplitude of order 12 divided by that of the "
     "first order, error_12 the amplitude of order 12 of a machine's transmission error in m"

@@ -37,7 +37,7 @@ router = APIRouter(prefix="/v1/surveys", tags=["results"])
 PNG, SVG, PDF = "image/png", "image/svg+xml", "application/pdf"
 MAPS = [*(quantity.name for quantity in QUANTITIES if quantity.per_cell), LARGEST, SHARE]
 #: Least width of a window, as a share of the magnitude of its larger end, so that the labels of its ticks differ.
-NARROWEST = 1e-10
+LEAST_WIDTH_SHARE = 1e-10
 LARGEST_END = 1e100  # ends of windows and of the colours' range are at most this large
 LONGEST_LINES = 200  # most characters of the query parameter `lines`
 MOST_WINDOW_PIXELS = 4_000_000  # most pixels of a window
@@ -103,7 +103,7 @@ def _range_of_query(
     if both is None:
         return None
     low, high = both
-    if not high - low > max(NARROWEST * max(abs(low), abs(high)), 1 / LARGEST_END):
+    if not high - low > max(LEAST_WIDTH_SHARE * max(abs(low), abs(high)), 1 / LARGEST_END):
         raise LimitError(
             f"query.{first}", f"{first} must be less than {last}, by more than 1e-10 of the larger of their magnitudes."
         )
@@ -228,9 +228,9 @@ async def _compute_overlays(front: Front, overlaid: Overlays, job: JobRow, optio
     return await overlaid.overlays_of(survey, options)
 
 
-async def _await_while_connected(request: Request, finding: Coroutine[Any, Any, OverlayData]) -> OverlayData:
+async def _await_while_connected(request: Request, work: Coroutine[Any, Any, OverlayData]) -> OverlayData:
     """Wait for the overlays of a picture. Cancel them and raise UnavailableError if the client disconnects."""
-    task = asyncio.ensure_future(finding)
+    task = asyncio.ensure_future(work)
     try:
         while not (await asyncio.wait([task], timeout=DISCONNECT_CHECK_SECONDS))[0]:
             if await request.is_disconnected():

@@ -18,7 +18,7 @@ Route = TypeVar("Route", bound=Callable[..., Any])
 def query_of(name: str, otherwise: str = DEFAULT_MODEL, example: float | None = None) -> Any:
     """Return the annotated type of a query parameter of a route: the parameter `name` that a model adds.
 
-    otherwise: the last words of the parameter's description: the model of the route if the query lacks the parameter.
+    otherwise: words that end the parameter's description, and name the model that the route uses without the parameter.
     """
     each = ADDED[name]
     upper = each.greatest if math.isfinite(each.greatest) else None

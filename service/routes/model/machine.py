@@ -185,16 +185,16 @@ class UnitsDocument(BaseModel):
     frequency: float | None = Field(description="frequency of order 1, in Hz")
 
 
-class _PlainMachine(BaseModel):
+class _MachineBase(BaseModel):
     delta: float = Field(description="damping")
     epsilon: float = Field(description="eccentricity")
     beta: float = Field(description="half-backlash")
 
 
 if TYPE_CHECKING:
-    _Numbers = _PlainMachine
+    _Numbers = _MachineBase
 else:
-    _Numbers = with_fields(_PlainMachine)
+    _Numbers = with_fields(_MachineBase)
 
 
 class MachineDocument(_Numbers):

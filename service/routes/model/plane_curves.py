@@ -80,14 +80,14 @@ class CurvePointDocument(BaseModel):
     tangency: list[Tangency]
 
 
-class _PlainCurve(BaseModel):
+class _CurveBase(BaseModel):
     beta: float
 
 
 if TYPE_CHECKING:
-    _Numbers = _PlainCurve
+    _Numbers = _CurveBase
 else:
-    _Numbers = with_fields(_PlainCurve)
+    _Numbers = with_fields(_CurveBase)
 
 
 class Curves(_Numbers):

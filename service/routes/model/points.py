@@ -47,7 +47,7 @@ def require_few_samples(front: Front, count: int) -> None:
         )
 
 
-class _PlainPoint(BaseModel):
+class _PointBase(BaseModel):
     delta: float = Field(description="damping")
     epsilon: float = Field(description="eccentricity")
     beta: float = Field(description="half-backlash")
@@ -58,9 +58,9 @@ class _PlainPoint(BaseModel):
 
 
 if TYPE_CHECKING:
-    _Numbers = _PlainPoint
+    _Numbers = _PointBase
 else:
-    _Numbers = with_fields(_PlainPoint)
+    _Numbers = with_fields(_PointBase)
 
 
 class PointDocument(_Numbers):
