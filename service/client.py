@@ -296,7 +296,7 @@ class Job:
         Raises
         ------
         ServiceError
-            The job failed, was dismissed or deleted, or the service stayed unreachable.
+            The job failed, was dismissed or deleted, or the service refused a request or stayed unreachable.
         WaitTimeoutError
             The job has not ended within `timeout`.
         """

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 class GivenPoint(NamedTuple):
     """The gear that options describe.
 
-    machine: the machine of which the options give the numbers; None for dimensionless numbers. rpm: the speed in
+    machine: the machine whose numbers the options give; None for dimensionless numbers. rpm: the speed in
     revolutions per minute; None if no option gives it.
     """
 

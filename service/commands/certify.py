@@ -158,7 +158,7 @@ def _check_certificates_in(path: Path) -> None:
 
 
 def _theorem_of(line: str) -> object:
-    """Return the kind of theorem that a certificate names; None for a motion's certificate, and for any other line."""
+    """Return the kind of theorem that a certificate names; None for a periodic motion, and for any other line."""
     try:
         return json.loads(line).get("theorem")
     except (ValueError, AttributeError, RecursionError):

@@ -71,8 +71,9 @@ def figure(
 
     Figures 7 and 8, bifurcation curves: --delta LOW:HIGH, --epsilon LOW:HIGH.
 
-    With a stiffness, 5 and 9 are those of the gear with stiff contact. stiff shows
-    how that gear converges to the impacting one: one --delta, one --epsilon.
+    With a stiffness, Figures 5 and 9 show the gear with stiff contact. The figure
+    stiff shows how that gear converges to the impacting one: one --delta, one
+    --epsilon.
 
     rattle figure STORE [OUT] draws a survey: regions with the bifurcation
     curves, quiet fraction, largest Lyapunov exponent. OUT ends in .png, .pdf or

@@ -25,7 +25,7 @@ def _crisis_points(beta: float) -> np.ndarray:
 
 
 class Crises:
-    """The crisis curves that pages and pictures request. The curve of each half-backlash is computed once for all."""
+    """The crisis curves that pages and pictures request. The latest curves are kept, one for each half-backlash."""
 
     def __init__(self, front: Front) -> None:
         self._front = front

@@ -1,4 +1,4 @@
-"""Compute slow overlays of maps for the explorer and for pictures. Each is computed once for all requests."""
+"""Compute slow overlays of maps for the explorer and for pictures. The latest overlays are kept for later requests."""
 
 from __future__ import annotations
 

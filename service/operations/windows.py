@@ -140,7 +140,7 @@ class _Refinement:
         self._stopping.set()
 
     async def newest_frame(self) -> Frame | None:
-        """Wait for a frame, and return the newest; None after the last. Raises the error that ended the thread."""
+        """Wait for a frame, and return the newest frame; None after the last. Raises the thread's error."""
         found = await self._found.get()
         while isinstance(found, Frame) and not self._found.empty():
             if not isinstance(later := self._found.get_nowait(), Frame):

@@ -40,7 +40,7 @@ SampleSeed = Annotated[int, Query(ge=0, lt=2**32)]
 
 
 def require_few_samples(front: Front, count: int) -> None:
-    """Raise LimitError if a point has more initial conditions than this service allows."""
+    """Raise LimitError if `count`, the initial conditions of a point, exceeds the limit of this service."""
     if count > front.settings.max_point_count:
         raise LimitError(
             "query.count", f"count may be at most {front.settings.max_point_count:,}. For more, submit a survey."
