@@ -12,7 +12,7 @@ from gear_rattle.service.jobs.manager import OK, READY, STARTING
 from gear_rattle.service.state import Front, FrontState
 
 router = APIRouter(prefix="/v1", tags=["service"])
-WARMING = "warming"
+COMPILING_STATUS = "warming"
 
 
 class Health(BaseModel):
@@ -52,7 +52,7 @@ def _service_status(front: Front, storage: str) -> str:
     if cluster not in (READY, STARTING) or storage != OK:
         return "degraded"
     if front.kernels.is_compiling:
-        return WARMING
+        return COMPILING_STATUS
     return "ok" if cluster == READY else "degraded"
 
 

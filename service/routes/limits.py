@@ -12,11 +12,11 @@ from gear_rattle.service.operations.processes import compute_in_process
 from gear_rattle.service.routes.model.added import with_queries
 from gear_rattle.service.routes.model.machine import (
     ADDED_QUERIES,
+    ALONG_LINE_OF_ACTION,
     DRAG,
     DRIVE,
     ECCENTRICITY,
     INERTIA,
-    LINE,
     positive_query,
 )
 from gear_rattle.service.routes.model.points import MostImpacts, SampleSeed, require_few_samples
@@ -89,7 +89,7 @@ async def numbers_of_query(
     beta: Annotated[float | None, positive_query("half-backlash, by default 0.6")] = None,
     inertia: Annotated[float | None, positive_query(f"a machine instead: {INERTIA}")] = None,
     drag: Annotated[float | None, positive_query(DRAG)] = None,
-    backlash: Annotated[float | None, positive_query(LINE)] = None,
+    backlash: Annotated[float | None, positive_query(ALONG_LINE_OF_ACTION)] = None,
     eccentricity: Annotated[float | None, positive_query(ECCENTRICITY, zero=True)] = None,
     radius: Annotated[float | None, positive_query("m, of the base circle")] = None,
     rpm: Annotated[float | None, positive_query("revolutions per minute")] = None,
