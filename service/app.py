@@ -84,7 +84,7 @@ def create_app(settings: Settings | None = None, cluster: Cluster | None = None)
         summary="Surveys of the damping-eccentricity plane of an impacting gear model.",
         version=rattle.__version__,
         lifespan=_lifespan(settings, _cluster_starter(settings, cluster), metrics),
-        responses=problems.declare_problems(*problems.ANYWHERE),
+        responses=problems.declare_problems(*problems.STATUSES_OF_ANY_ROUTE),
         redirect_slashes=False,
         generate_unique_id_function=lambda route: route.name,
         static_url=REFERENCE_ASSETS,

@@ -70,8 +70,8 @@ app = typer.Typer(
 )
 
 
-def _print_version(asked: bool) -> None:
-    if asked:
+def _print_version(is_requested: bool) -> None:
+    if is_requested:
         typer.echo(f"rattle {version('gear-rattle')}")  # importing the library would load the compiler
         raise typer.Exit
 
@@ -134,7 +134,9 @@ def main() -> None:
     atexit.register(gc.freeze)  # the garbage collection at exit would scan all modules, which is slow
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, TextIOWrapper):
-            stream.reconfigure(errors=letters.NEAREST)  # replaces letters, such as δ, that the terminal does not have
+            stream.reconfigure(
+                errors=letters.NEAREST_LETTERS
+            )  # replaces letters, such as δ, that the terminal does not have
     try:
         _run_command()
     except SystemExit as end:

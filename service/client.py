@@ -84,7 +84,8 @@ class Client:
     ) -> Job:
         """Submit a survey, given as a request or field by field; an axis may be a (start, stop, num) triple.
 
-        If an identical survey is successful, or one of yours waits or runs, the service returns the existing survey.
+        The service returns an existing survey if anybody's identical survey is successful, or if your own identical
+        survey waits or runs.
 
         Parameters
         ----------
@@ -206,7 +207,7 @@ class Client:
         return found
 
     def events(self, path: str, after: int) -> Iterator[tuple[int, Document]]:
-        """Yield number and data of each event after number ``after`` of the stream at ``path``, until the end."""
+        """Yield number and data of each event after number ``after``, until the event stream at ``path`` ends."""
         with connect_sse(self._http, "GET", path, headers=self.headers | {"Last-Event-ID": str(after)}) as source:
             if source.response.is_error:
                 source.response.read()
@@ -295,18 +296,18 @@ class Job:
         Raises
         ------
         ServiceError
-            The job failed, was dismissed or deleted, or the service stayed unreachable.
+            The job failed, was dismissed or deleted, or the service refused a request or stayed unreachable.
         WaitTimeoutError
             The job has not ended within `timeout`.
         """
         seen = 0
         deadline = math.inf if timeout is None else time.monotonic() + timeout
-        away = math.inf  # time at which the service became unreachable; infinity while it is reachable
+        unreachable_since = math.inf  # a time; infinity while the service is reachable
         while True:
             try:
                 if self.refresh().state in FINAL:
                     break
-                away = math.inf
+                unreachable_since = math.inf
                 if time.monotonic() >= deadline:
                     raise self._timeout_error(timeout)
                 for number, data in self._new_events(seen, deadline):
@@ -316,8 +317,8 @@ class Job:
             except WaitTimeoutError:
                 raise
             except (httpx.HTTPError, SSEError, ServiceError) as error:
-                away = min(away, time.monotonic())
-                lost = time.monotonic() - away > patience
+                unreachable_since = min(unreachable_since, time.monotonic())
+                lost = time.monotonic() - unreachable_since > patience
                 refused = isinstance(error, ResponseError) and error.status < httpx.codes.INTERNAL_SERVER_ERROR
                 if lost or refused:
                     refusal = _as_service_error(error)

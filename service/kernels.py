@@ -66,7 +66,7 @@ class Kernels:
         return not all(compiled.done() for compiled in self._compiled.values())
 
     def is_compiled(self, model: str) -> bool:
-        """Return whether the compilation of a model's kernels has begun and has ended, with success or by an error."""
+        """Return whether the compilation of a model's kernels has ended, even by an error. False before it begins."""
         return model in self._compiled and self._compiled[model].done()
 
     async def wait_until_compiled(self, model: str, patience: float | None = None) -> None:

@@ -16,7 +16,9 @@ class PriorityLimiter:
 
     def __init__(self, number: int) -> None:
         self._limiter = CapacityLimiter(number)
-        self._background_scopes: list[CancelScope] = []  # of running computations, the newest last
+        self._background_scopes: list[
+            CancelScope
+        ] = []  # scopes of the running background computations, the newest last
         self._waiting = 0
         self._nobody_waits = Event()
         self._nobody_waits.set()

@@ -34,8 +34,8 @@ from gear_rattle.workers import Bucket
 class Front:
     """The state of an application that its routes need. It exists during the application's lifespan.
 
-    picture_limiter, export_limiter, point_limiter: they limit how many pictures are drawn, how many files are written,
-    and how many parameter points are computed at the same time.
+    picture_limiter: limits how many pictures are drawn at the same time. export_limiter: limits how many files are
+    written at the same time. point_limiter: limits how many parameter points are computed at the same time.
     """
 
     settings: Settings
@@ -52,7 +52,7 @@ class Front:
     _interruptible: set[CancelScope] = field(default_factory=set)
 
     def job_and_store(self, survey_id: str, kind: JobKind = JobKind.SURVEY) -> tuple[JobRow, Path | Bucket]:
-        """Return the row of a survey or a population, and the location of its store. This blocks: use a thread.
+        """Return the row of a survey or a population, and the location of its store. It blocks: use a thread.
 
         Returns
         -------
@@ -69,7 +69,7 @@ class Front:
         return self.database.job(survey_id, kind), self.directory.store(survey_id)
 
     def job_with_results(self, survey_id: str) -> tuple[JobRow, Path | Bucket]:
-        """Return the row of a survey, and the location of its store, which must exist. This blocks: use a thread.
+        """Return the row of a survey, and the location of its store, which must exist. It blocks: use a thread.
 
         Returns
         -------
@@ -104,7 +104,7 @@ class Front:
 
     @cached_property
     def slow_point_limiter(self) -> PriorityLimiter:
-        """The limiter of slow computations at points. If `max_points` is over 1, it leaves a process to quick ones."""
+        """Limiter of slow computations at points. If `max_points` exceeds 1, one process stays free for quick ones."""
         return PriorityLimiter(max(1, self.settings.max_points - 1))
 
     @contextmanager

@@ -150,7 +150,7 @@ class AccessMiddleware:
         wanted = KeyScope.READ if may_read else KeyScope.SUBMIT
         if not caller.has_scope(wanted):
             raise ForbiddenError(
-                f"This API key may read only, and {method} needs the scope {wanted}. "
+                f"This API key may only read, and {method} needs the scope {wanted}. "
                 f"`rattle key add NAME --scope {wanted}` makes a key that has it."
             )
         return caller

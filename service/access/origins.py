@@ -51,7 +51,8 @@ def require_own_name(headers: Headers, host: str, allowed: Collection[str]) -> N
     Raises
     ------
     ForbiddenError
-        The Host header names neither loopback, nor ``host``, nor one of ``allowed``, nor such an IP address.
+        The Host header names neither loopback, nor ``host``, nor one of ``allowed``; nor does it
+        name an IP address of a service that listens on all addresses.
     """
     name = _host_name(headers.get("host", ""))
     if name == "localhost" or name.endswith(".localhost") or name in {each.lower() for each in (host, *allowed)}:
@@ -120,12 +121,12 @@ def require_browser_address(headers: Headers, root: str) -> None:
         raise ForbiddenError(why)
 
 
-def _host_advice(there: str, headers: Headers) -> str:
-    """Return advice for a proxy that changes the Host header. there: the host or origin that the browser sees."""
+def _host_advice(shown_host: str, headers: Headers) -> str:
+    """Return advice for a proxy that changes the Host header. shown_host: the host or origin that the browser shows."""
     return (
-        f"The browser has this page from {there!r}, and the request says that its host is {headers.get('host', '')!r}. "
-        "If both are this service, set the proxy before it to pass on the Host header (nginx: proxy_set_header Host "
-        "$http_host; Apache: ProxyPreserveHost On)."
+        f"The browser has this page from {shown_host!r}, and the request says that its host is "
+        f"{headers.get('host', '')!r}. If both are this service, set the proxy before it to pass on the Host header "
+        "(nginx: proxy_set_header Host $http_host; Apache: ProxyPreserveHost On)."
     )
 
 

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 class GivenPoint(NamedTuple):
     """The gear that options describe.
 
-    machine: the machine of which the options give the numbers; None for dimensionless numbers. rpm: the speed in
+    machine: the machine whose numbers the options give; None for dimensionless numbers. rpm: the speed in
     revolutions per minute; None if no option gives it.
     """
 
@@ -35,7 +35,7 @@ class GivenPoint(NamedTuple):
     rpm: float | None
 
     @property
-    def words(self) -> str:
+    def parameters_text(self) -> str:
         """The parameters of the gear as text."""
         words = [f"{name} = {value}" for name, value in self.gear.parameters.point().items()]
         words += [f"harmonic {k}: {size:g} at {phase:g}" for k, size, phase in self.gear.parameters.harmonics]
@@ -69,28 +69,28 @@ OPTIONS: dict[str, Any] = {
         list[str] | None, typer.Option(metavar="ORDER:AMPLITUDE:PHASE", help=HARMONIC, show_default="none")
     ],
 }
-NEEDED = ("inertia", "drag", "backlash", "eccentricity", "radius", "rpm")  # numbers that every machine needs
+REQUIRED_NUMBERS = ("inertia", "drag", "backlash", "eccentricity", "radius", "rpm")  # numbers that every machine needs
 
 
-def with_point(*, timed: bool = False) -> Callable[[Command], Command]:
+def with_point(*, allows_rpm: bool = False) -> Callable[[Command], Command]:
     """Return a decorator that gives a command the options OPTIONS. The command's first argument is then a `GivenPoint`.
 
     Parameters
     ----------
-    timed : bool
+    allows_rpm : bool
         Allow --rpm together with DELTA and EPSILON.
     """
 
     def add_options(command: Command) -> Command:
-        return with_options(command, OPTIONS, lambda given: point_of_options(given, timed))
+        return with_options(command, OPTIONS, lambda given: point_of_options(given, allows_rpm))
 
     return add_options
 
 
-def point_of_options(given: dict[str, Any], timed: bool) -> GivenPoint:
+def point_of_options(given: dict[str, Any], allows_rpm: bool) -> GivenPoint:
     """Return the point that the given options describe, by dimensionless numbers or as a machine.
 
-    timed: whether a speed is allowed together with dimensionless numbers.
+    allows_rpm: True if the option --rpm may be given together with dimensionless numbers.
 
     Returns
     -------
@@ -107,7 +107,7 @@ def point_of_options(given: dict[str, Any], timed: bool) -> GivenPoint:
     machine = {name: value for name, value in given.items() if name not in plain}
     if set(machine) - {"rpm"} and "restitution" in plain:
         machine["restitution"] = plain.pop("restitution")
-    if set(machine) - {"rpm"} or (machine and not timed):
+    if set(machine) - {"rpm"} or (machine and not allows_rpm):
         return _machine_point(plain | ({"harmonic": harmonics} if harmonics else {}), machine)
     if not {"delta", "epsilon"} <= set(plain):
         raise typer.BadParameter("give DELTA and EPSILON, or a machine: --inertia, --drag, and so on")
@@ -133,7 +133,7 @@ def _machine_point(plain: dict[str, Any], machine: dict[str, Any]) -> GivenPoint
         machine = {**machine, **_measured_harmonics(curve, orders, machine)}
     elif orders is not None:
         raise typer.BadParameter("--orders needs a measured curve: give --transmission-error too")
-    missing = [f"--{name}" for name in NEEDED if name not in machine]
+    missing = [f"--{name}" for name in REQUIRED_NUMBERS if name not in machine]
     if missing:
         raise typer.BadParameter(f"a machine needs {' and '.join(missing)} too")
 

@@ -61,7 +61,7 @@ def attractors(
         typer.echo(str(machine.verdict(count, seed)))
         return
     console = Console(highlight=False, width=WIDTH)
-    console.print(point.words)
+    console.print(point.parameters_text)
     columns = ("energy", "+-") if machine is None else ("W", "+-", "dB re 1 pW")
     speeds = ("mean speed", "largest") if machine is None else ("mean m/s", "largest m/s")
     interval = "95 % from", "to"

@@ -9,13 +9,13 @@ from typing import Annotated
 
 import typer
 
-from gear_rattle.service.commands.options import NO_NUMBERS, Beta, with_added
+from gear_rattle.service.commands.options import NO_NUMBERS, Beta, with_added_parameters
 
 WIDTH = 140  # characters in a line, enough for all numbers, however wide the terminal is
 MEANINGS = {"SN": "saddle-node", "PD": "flip", "GR": "graze"}
 
 
-@partial(with_added, kind=float)
+@partial(with_added_parameters, kind=float)
 def diagram(
     delta: Annotated[
         str, typer.Option(metavar="VALUE|LOW:HIGH", help="Damping: a number, or a range.", show_default=False)

@@ -14,7 +14,7 @@ import typer
 from gear_rattle.service.commands import certify_bifurcations as bifurcations
 from gear_rattle.service.commands.certify_areas import prove_areas
 from gear_rattle.service.commands.filling import INTERRUPTED, cluster_context
-from gear_rattle.service.commands.options import NO_NUMBERS, Scheduler, Slice, with_added
+from gear_rattle.service.commands.options import NO_NUMBERS, Scheduler, Slice, with_added_parameters
 
 if TYPE_CHECKING:
     from rattle.proof.bifurcations.certificate import BifurcationCertificate
@@ -25,7 +25,7 @@ COLUMNS = 320  # default number of columns; they suffice to prove more than 99 %
 SUFFIX = ".certificates.zarr"
 
 
-@partial(with_added, kind=str, text="{}, for --point.")
+@partial(with_added_parameters, kind=str, text="{}, for --point.")
 def certify(
     store: Annotated[str | None, typer.Argument(metavar="STORE", help="Path or URL of a survey's store.")] = None,
     out: Annotated[
@@ -68,9 +68,9 @@ def certify(
     For a survey, or a slice of it, all periodic attractors are proved, and their certificates are written to a store
     beside the survey; the same command resumes an interrupted run. For a point, for curves, for points where curves
     meet, and for chaos, the certificates are printed, one in a line. For a plane, blocks are proved: the region I to V,
-    the motions of period one that exist and attract, and whether quiet running is possible. The file has one block in
-    each line, and complete columns only. The exit status is 1 if something is not proved, which does not mean that it
-    is false.
+    the motions of period one that exist and attract, and whether quiet running is possible. Each line of the file is a
+    block; the blocks of a column are written together, when all of them are done. The exit status is 1 if something is
+    not proved, which does not mean that it is false.
     """
     if [store, point, check, areas, codimension_two or None].count(None) != 4:
         raise typer.BadParameter(
@@ -86,7 +86,7 @@ def certify(
     if areas is not None:
         prove_areas(areas, delta, epsilon, beta, columns, processes, figure)
     elif check is not None:
-        _check_file(check)
+        _check_certificates_in(check)
     elif point is not None and chaos:
         _print_certificates(_horseshoe_certificates(*point, beta))
     elif point is not None:
@@ -130,7 +130,7 @@ def _print_certificates(certificates: Iterable[BifurcationCertificate | Horsesho
         raise typer.Exit(NOT_PROVED)
 
 
-def _check_file(path: Path) -> None:
+def _check_certificates_in(path: Path) -> None:
     from gear_rattle.workers.certificates import CERTIFICATES
     from rattle.proof import check
     from rattle.proof.areas.checker import check as areas
@@ -158,7 +158,7 @@ def _check_file(path: Path) -> None:
 
 
 def _theorem_of(line: str) -> object:
-    """Return the kind of theorem that a certificate names; None for a motion's certificate, and for any other line."""
+    """Return the kind of theorem that a certificate names; None for a periodic motion, and for any other line."""
     try:
         return json.loads(line).get("theorem")
     except (ValueError, AttributeError, RecursionError):

@@ -17,10 +17,10 @@ if TYPE_CHECKING:
     from rattle.comparison import Comparison
 
 WIDTH = 140  # characters in a line, enough for all numbers, however wide the terminal is
-BAR = 20  # length of the longest bar in characters
+LONGEST_BAR = 20  # length of the longest bar in characters
 
 
-@with_point(timed=True)
+@with_point(allows_rpm=True)
 def compare(
     point: GivenPoint,
     table: Annotated[
@@ -50,17 +50,17 @@ def compare(
     """
     from rattle import comparison
 
-    turn = 1.0 if point.rpm is None else 60.0 / point.rpm
+    revolution = 1.0 if point.rpm is None else 60.0 / point.rpm
     velocity = 1.0 if point.machine is None else point.machine.units.velocity
-    measured = comparison.read_csv(table, turn, velocity)
-    when = None if offset is None else offset / turn
+    measured = comparison.read_csv(table, revolution, velocity)
+    when = None if offset is None else offset / revolution
     found = comparison.compare(measured, point.gear, when, bins=bins, tolerance=tolerance, count=count, seed=seed)
     unit = "revolutions" if point.rpm is None else "s"
-    typer.echo(f"{point.words}\n{measured.time.size} impacts in {measured.span:.6g} revolutions")
-    _print_comparison(found, turn, unit)
+    typer.echo(f"{point.parameters_text}\n{measured.time.size} impacts in {measured.span:.6g} revolutions")
+    _print_comparison(found, revolution, unit)
 
 
-def _print_comparison(found: Comparison, turn: float, unit: str) -> None:
+def _print_comparison(found: Comparison, revolution: float, unit: str) -> None:
     import numpy as np
     from rich.console import Console
     from rich.table import Table
@@ -72,12 +72,12 @@ def _print_comparison(found: Comparison, turn: float, unit: str) -> None:
     console.print(f"{found.impacts:.4g} impacts per revolution, {label}")
     if found.energy is not None:
         console.print(f"energy of the impacts of a revolution (sum of v^2/2 of the model): {found.energy:.6g}")
-    low, high = (end * turn for end in found.offset_interval)
+    low, high = (end * revolution for end in found.offset_interval)
     width = "as given" if low == high else f"95 %: {low:.6g} to {high:.6g}"
-    console.print(f"phase 0 at {found.offset * turn:.6g} {unit}; {width}")
+    console.print(f"phase 0 at {found.offset * revolution:.6g} {unit}; {width}")
     for other, ends in found.other_offsets:
-        low, high = (end * turn for end in ends)
-        console.print(f"or at {other * turn:.6g} {unit}, which fits about as well ({low:.6g} to {high:.6g})")
+        low, high = (end * revolution for end in ends)
+        console.print(f"or at {other * revolution:.6g} {unit}, which fits about as well ({low:.6g} to {high:.6g})")
     false, unsure = np.count_nonzero(found.wall == 0), np.count_nonzero(~found.is_sure)
     console.print(
         f"{false} false impacts, which the motion does not have; {unsure - false} others whose wall is not sure"
@@ -113,4 +113,4 @@ def _histogram_table(found: Comparison) -> Table:
 
 
 def _bar_text(value: float, most: float) -> str:
-    return f"{value:.3f} {'#' * round(BAR * value / most)}" if value > 0.0 else ""
+    return f"{value:.3f} {'#' * round(LONGEST_BAR * value / most)}" if value > 0.0 else ""

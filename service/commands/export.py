@@ -39,7 +39,7 @@ def export(
         raise typer.BadParameter(f"{out} must end in {', '.join(ENDINGS[:-1])} or {ENDINGS[-1]}", param_hint="FILE")
     forms = [str(each) for each in (RowForm.CELLS, RowForm.ATTRACTORS, RowForm.ORBITS)]
     if form not in forms:
-        raise typer.BadParameter(f"{form!r} is not a form: use one of {', '.join(forms)}", param_hint="--form")
+        raise typer.BadParameter(f"{form!r} is not a kind of row: use one of {', '.join(forms)}", param_hint="--form")
     if "://" in store and not store.startswith("s3://"):
         raise typer.BadParameter(
             f"{store} is a URL of a service: download its files at …/download.nc, .csv or .parquet",

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from gear_rattle.service.commands.drawing import draw_survey
-from gear_rattle.service.commands.options import NO_NUMBERS, Slice, with_added
+from gear_rattle.service.commands.options import NO_NUMBERS, Slice, with_added_parameters
 
 if TYPE_CHECKING:
     from rattle.plot import Request, StiffRequest
@@ -21,7 +21,7 @@ ALL, STIFF = "all", "stiff"
 SURVEY_PICTURE = "survey.png"
 
 
-@partial(with_added, kind=float, text="{}, for the stiff gear in Figures 5 and 9.", model="stiff")
+@partial(with_added_parameters, kind=float, text="{}, for the stiff gear in Figures 5 and 9.", model="stiff")
 def figure(
     what: Annotated[
         list[str],
@@ -71,8 +71,9 @@ def figure(
 
     Figures 7 and 8, bifurcation curves: --delta LOW:HIGH, --epsilon LOW:HIGH.
 
-    With a stiffness, 5 and 9 are those of the gear with stiff contact. stiff shows
-    how that gear converges to the impacting one: one --delta, one --epsilon.
+    With a stiffness, Figures 5 and 9 show the gear with stiff contact. The figure
+    stiff shows how that gear converges to the impacting one: one --delta, one
+    --epsilon.
 
     rattle figure STORE [OUT] draws a survey: regions with the bifurcation
     curves, quiet fraction, largest Lyapunov exponent. OUT ends in .png, .pdf or

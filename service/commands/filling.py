@@ -33,10 +33,10 @@ def compute_store(request: AnyRequest, out: str, scheduler: str | None, workers:
 
     require_certifiable(request, out)
     with compilation_messages():
-        _compute_missing(request, out, scheduler, workers)
+        _compute_missing_parts(request, out, scheduler, workers)
 
 
-def _compute_missing(request: AnyRequest, out: str, scheduler: str | None, workers: int | None) -> None:
+def _compute_missing_parts(request: AnyRequest, out: str, scheduler: str | None, workers: int | None) -> None:
     from gear_rattle import workers as survey
 
     alone = not (scheduler or workers)
@@ -170,7 +170,7 @@ def _complete_survey(request: AnyRequest, out: str, client: Client | None, shoul
 
 
 def _steps_after_tiles(request: SurveyRequest) -> Iterator[str]:
-    """Yield descriptions of the steps after a survey's tiles; no description of the levels if families are joined."""
+    """Yield descriptions of the steps after a survey's tiles. Pyramid levels are left out if families are joined."""
     from gear_rattle.workers import Group
     from gear_rattle.workers.survey.levels.grid import levels_of
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import codecs
 
-NEAREST = "rattle-nearest"  # name of the error handler for `str.encode`
+NEAREST_LETTERS = "rattle-nearest"  # name of the error handler for `str.encode`
 LETTERS = str.maketrans("αβγδεκλμµντφΓΔΛΣΦΩ⁺⁻⁰¹²³⁴⁵⁶⁷⁸⁹ⁿ−–—×·", "abgdekluuntfGDLSFO+-0123456789n---x.") | str.maketrans(
     {"…": "...", "→": "->", "±": "+-", "≤": "<=", "≥": ">=", "≠": "!=", "≈": "~", "√": "sqrt ", "∞": "inf", "°": " deg"}
 )
@@ -18,4 +18,4 @@ def _replace_letters(error: UnicodeError) -> tuple[str, int]:
     return text.encode("ascii", "replace").decode(), error.end
 
 
-codecs.register_error(NEAREST, _replace_letters)
+codecs.register_error(NEAREST_LETTERS, _replace_letters)

@@ -78,11 +78,12 @@ def number_options(kind: Any, metavar: str | None = None, panel: str = MACHINE) 
 
 
 def with_options(
-    command: Command, options: dict[str, Any], taken_as: Callable[[dict[str, Any]], Any], **defaults: Any
+    command: Command, options: dict[str, Any], argument_of: Callable[[dict[str, Any]], Any], **defaults: Any
 ) -> Command:
-    """Give a command further options. defaults: default values by option; the default of other options is None.
+    """Give a command further options, from which the function `argument_of` makes the command's first argument.
 
-    The command's first argument is then `taken_as(given)`, where `given` is a dictionary {option: given value}.
+    options: {option: annotated type}. argument_of: called with {option: value} for all values that are not None.
+    defaults: {option: default}; the default of an option without an entry is None.
 
     Returns
     -------
@@ -103,7 +104,7 @@ def with_options(
     @functools.wraps(command)
     def command_with_options(**given: Any) -> None:
         found = {name: given.pop(name) for name in options}
-        command(taken_as({name: value for name, value in found.items() if value is not None}), **given)
+        command(argument_of({name: value for name, value in found.items() if value is not None}), **given)
 
     del command_with_options.__wrapped__  # typer would read the annotations of the original command
     command_with_options.__signature__ = inspect.Signature([each.replace(kind=keyword) for each in taken])  # type: ignore[attr-defined]
@@ -111,7 +112,7 @@ def with_options(
     return command_with_options
 
 
-def with_added(
+def with_added_parameters(
     command: Command, kind: Any, text: str | None = None, after: str = "beta", model: str | None = None
 ) -> Command:
     """Give a command an option for each parameter that a model adds. These options follow the option named `after`.

@@ -24,7 +24,7 @@ def orbits(point: GivenPoint) -> None:
     console = Console(highlight=False, width=WIDTH)
     # Regions are defined only for forcing by one cosine.
     region = "" if gear.parameters.harmonics else f": {region_in_words(gear.region())}"
-    console.print(f"{point.words}{region}")
+    console.print(f"{point.parameters_text}{region}")
     console.print(", ".join(f"{name} at epsilon = {value:.10g}" for name, value in limits))
     if machine is not None:
         length = machine.units.length

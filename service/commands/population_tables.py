@@ -45,7 +45,7 @@ def print_population(found: Population) -> None:
             console.print(_sobol_table(found, of, what))
         except RattleError as error:
             console.print(f"What decides {what}: {error}")
-    console.print(_worst_table(found))
+    console.print(_worst_gears_table(found))
 
 
 def _estimate_text(found: Estimate) -> str:
@@ -61,7 +61,7 @@ def _sobol_table(found: Population, of: str, what: str) -> Table:
     return table
 
 
-def _worst_table(found: Population) -> Table:
+def _worst_gears_table(found: Population) -> Table:
     from rich.table import Table
 
     from rattle.populations import is_machine

@@ -65,8 +65,8 @@ def compilation_messages() -> Iterator[None]:
 def reporter(cells: int, cells_done: int = 0, what: str = "cells") -> Reporter:
     """Return a reporter that draws a progress bar if stderr is a terminal, and otherwise prints a line now and then.
 
-    cells: the number of all cells. cells_done: the number of cells that were computed before. what: the word in the
-    display for that which is counted, such as "gears".
+    cells: the number of all cells. cells_done: the number of cells that were computed before. what: the counted
+    objects as a plural, such as "gears".
 
     Returns
     -------
@@ -90,7 +90,7 @@ class _SpeedColumn(ProgressColumn):
 
 
 class _TimeLeftColumn(TimeRemainingColumn):
-    """A column of a progress bar with the time left, by the run's estimate if it has one, else by the speed so far."""
+    """A column of a progress bar with the time left, as the run estimates it, or else by the speed so far."""
 
     def render(self, task: Task) -> Text:
         if task.finished or (ends := task.fields.get("ends")) is None:

@@ -36,7 +36,8 @@ def run(
     if figure is not None:
         if request.third_axis_name:
             raise typer.BadParameter(
-                f"draw a slice of this survey when the survey is complete, with rattle figure {out} --slice 0",
+                "a survey with a third axis has no single picture: leave --figure out. When the survey is complete, "
+                f"draw a slice with rattle figure {out} --slice 0",
                 param_hint="--figure",
             )
         require_writable(figure)

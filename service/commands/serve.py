@@ -73,7 +73,9 @@ def serve(
             "are not cut off. Put Caddy or nginx in front (docs/operations.md) and set RATTLE_BEHIND_PROXY=true.",
             err=True,
         )
-    with stop_requested() as asked_to_stop:  # takes the signal that uvicorn raises again at its end
+    with (
+        stop_requested() as asked_to_stop
+    ):  # when uvicorn ends, it raises its signal again, which must not kill the process
         started = run_server(create_app(settings), settings, log_config(settings.log_format), asked_to_stop)
     if not started:
         raise typer.Exit(1)

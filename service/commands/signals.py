@@ -8,24 +8,24 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
 
-STOPS = (signal.SIGINT, signal.SIGTERM)
+STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 
 @contextmanager
 def stop_requested() -> Iterator[threading.Event]:
     """Yield an event that the first SIGINT or SIGTERM sets; a second one ends the process at once."""
     event = threading.Event()
-    previous = {number: signal.getsignal(number) for number in STOPS}
+    previous = {number: signal.getsignal(number) for number in STOP_SIGNALS}
 
     def stop(number: int, frame: FrameType | None) -> None:  # noqa: ARG001 - Python passes both arguments
         event.set()
-        for each in STOPS:
+        for each in STOP_SIGNALS:
             signal.signal(each, previous[each])
 
-    for number in STOPS:
+    for number in STOP_SIGNALS:
         signal.signal(number, stop)
     try:
         yield event
     finally:
-        for number in STOPS:
+        for number in STOP_SIGNALS:
             signal.signal(number, previous[number])

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from rattle import Attractor
 
 
-@with_point(timed=True)
+@with_point(allows_rpm=True)
 def sound(
     point: GivenPoint,
     out: Annotated[Path, typer.Argument(metavar="OUT.wav", help="Sound file to write.")],
@@ -49,16 +49,16 @@ def sound(
     if point.rpm is None:
         raise typer.BadParameter("a sound needs the speed of rotation: give --rpm", param_hint="--rpm")
     chosen = _chosen_attractor(point, attractors_of_point(point, count, v_max, seed), attractor)
-    heard = point.gear.sound(chosen, point.rpm, seconds, rate, ring, decay)
-    _write_wav(out, heard, rate, full_scale)
+    samples = point.gear.sound(chosen, point.rpm, seconds, rate, ring, decay)
+    _write_wav(out, samples, rate, full_scale)
     share = f"{100 * chosen.fraction:.3g} % of the initial conditions"
-    typer.echo(f"{out}: {attractor_name(chosen)}, {share}" + ("" if heard.any() else ", is silent"))
+    typer.echo(f"{out}: {attractor_name(chosen)}, {share}" + ("" if samples.any() else ", is silent"))
 
 
 def _chosen_attractor(point: GivenPoint, found: tuple[Attractor, ...], number: int | None) -> Attractor:
     """Return the attractor `number`, counted from 1; for None the attractor with the most energy.
 
-    Undecided samples are chosen only if there is nothing else.
+    The entry of undecided samples is chosen only if there is no other entry.
     """
     if number is not None:
         if not 1 <= number <= len(found):
@@ -70,11 +70,11 @@ def _chosen_attractor(point: GivenPoint, found: tuple[Attractor, ...], number: i
     return max(told or found, key=lambda each: point.gear.intensity(each).energy)
 
 
-def _write_wav(out: Path, heard: np.ndarray, rate: int, full_scale: float | None) -> None:
+def _write_wav(out: Path, samples: np.ndarray, rate: int, full_scale: float | None) -> None:
     from gear_rattle.service.errors import ServiceError
     from rattle.intensity import wav
 
-    file = wav(heard, rate, full_scale)
+    file = wav(samples, rate, full_scale)
     try:
         out.write_bytes(file)
     except OSError as error:

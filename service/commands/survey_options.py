@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from gear_rattle.workers import Axis, SurveyRequest
 
 AXIS = "START:STOP:NUM"
-EVENLY = "evenly spaced values, both ends included."
+EVENLY_SPACED = "evenly spaced values, both ends included."
 SECOND_GEAR = ("driven_inertia", "driven_drag", "driven_radius", "teeth", "driven_teeth")
 SURVEYED_MACHINE = ("inertia", "drag", "backlash", "radius", "drive", *SECOND_GEAR, "rpm", "eccentricity")
 
@@ -32,7 +32,7 @@ def _option(kind: Any, text: str, **more: Any) -> Any:
 
 
 def _axis_option(name: str) -> Any:
-    return _option(str, f"{NUMBERS[name][0].rstrip('.')}: {EVENLY}", metavar=AXIS, show_default=False)
+    return _option(str, f"{NUMBERS[name][0].rstrip('.')}: {EVENLY_SPACED}", metavar=AXIS, show_default=False)
 
 
 _MACHINE_OPTIONS = number_options(float)
@@ -119,13 +119,13 @@ OPTIONS: dict[str, Any] = {
     ),
     "eccentricity": _option(
         str,
-        f"Amplitude of the transmission error once a revolution, in m: {EVENLY}",
+        f"Amplitude of the transmission error once a revolution, in m: {EVENLY_SPACED}",
         metavar=AXIS,
         rich_help_panel=MACHINE,
         show_default=False,
     ),
 }
-#: Defaults of options that always have a value.
+#: {option: default}. An option without an entry is None if it is not given.
 DEFAULTS = {"count": 64, "seed": 0}
 
 

@@ -107,7 +107,7 @@ def _population_request(
     measured: Path | None,
     pairs: list[str],
     shock: dict[str, str | None],
-    asked: dict[str, Any],
+    other_fields: dict[str, Any],
 ) -> PopulationRequest:
     """Return the request that the given options describe. Raises typer.BadParameter if an option is wrong."""
     from pydantic import ValidationError
@@ -139,7 +139,7 @@ def _population_request(
             varying = [name for name, value in gear.items() if isinstance(value, dict)]
             if varying or pairs:
                 raise typer.BadParameter(
-                    f"only the numbers in {measured} may vary: give one value for each other number, and no correlation"
+                    f"only the numbers in {measured} may vary: give one value for each other number, no --correlation"
                 )
             gear |= {name: request_field_of(each) for name, each in found.items()}
         elif pairs:
@@ -148,7 +148,7 @@ def _population_request(
         if given and "speed" not in given:
             raise typer.BadParameter("a shock needs a speed: give --shock-speed too")
         rows = None if matrix is None else tuple(map(tuple, matrix.tolist()))
-        fields = {"gear": gear, "correlation": rows, "shock": given or None, **asked}
+        fields = {"gear": gear, "correlation": rows, "shock": given or None, **other_fields}
         return PopulationRequest.model_validate(fields)
     except ValidationError as error:
         raise typer.BadParameter(field_and_message(error)) from error

@@ -18,9 +18,9 @@ from gear_rattle.service.database.tables import EventRow, State
 from gear_rattle.service.errors import UnavailableError, UnknownSurveyError
 
 KEPT_EVENTS = 512  # at most this many events of a survey are kept in memory; older events are read from the database
-PAUSE = 0.05  # seconds between two reads of the database; events that are added in between are sent together
+READ_PAUSE = 0.05  # seconds between two reads of the database; events that are added in between are sent together
 RETRY_SECONDS = 1.0  # seconds until the next read after an error
-WOKEN_TOGETHER = 50  # at most this many listeners are notified before the event loop can do other work
+LISTENERS_AT_ONCE = 50  # at most this many listeners are notified before the event loop can do other work
 
 Read = Callable[[str, int], Sequence[EventRow]]
 
@@ -67,7 +67,7 @@ class Feed:
             self._loop.call_soon_threadsafe(self._stale.set)
 
     def events_after(self, seen: int) -> list[EncodedEvent] | None:
-        """Return the events after number `seen` that the feed has read; None if only the database has all of them."""
+        """Return the events after number `seen` that the feed has read; None if it no longer keeps all these events."""
         if seen >= self._last:
             return []
         first = self._recent[0].id if self._recent else self._last + 1
@@ -98,11 +98,11 @@ class Feed:
             if self.is_deleted or rows:
                 # Listeners are notified in groups, so that the event loop can answer requests in between.
                 listeners = tuple(self.listeners)
-                for first in range(0, len(listeners), WOKEN_TOGETHER):
-                    for listener in listeners[first : first + WOKEN_TOGETHER]:
+                for first in range(0, len(listeners), LISTENERS_AT_ONCE):
+                    for listener in listeners[first : first + LISTENERS_AT_ONCE]:
                         listener.set()
                     await asyncio.sleep(0)
-                await asyncio.sleep(PAUSE)
+                await asyncio.sleep(READ_PAUSE)
 
 
 class Broadcast:

@@ -133,29 +133,30 @@ class DataDirectory:
         with lock:
             yield
 
-    def identify(self, known: str | None = None) -> None:
+    def identify(self, recorded: str | None = None) -> None:
         """Check the identity of the locked directory: a text in its file IDENTITY_FILE, which a new directory gets.
 
         Parameters
         ----------
-        known : str | None
+        recorded : str | None
             Identity that a job database outside the directory has recorded. None accepts any directory.
 
         Raises
         ------
         DataDirectoryError
-            The directory has another identity, or cannot be written to.
+            The directory has another identity than the recorded one, or is new although an identity is recorded, or
+            cannot be written to.
         """
         try:
             self.identity = self._read_identity()
-            if known and self.identity != known and (self.identity or not any(self._stores.iterdir())):
+            if recorded and self.identity != recorded and (self.identity or not any(self._stores.iterdir())):
                 raise DataDirectoryError(
                     f"{self.path} is not the data directory of this job database: is the right disk mounted? To use "
                     "this directory anyway, without the stores of the other directory: "
-                    f"echo {known} > {self.path / IDENTITY_FILE}"
+                    f"echo {recorded} > {self.path / IDENTITY_FILE}"
                 )
             if not self.identity:  # a new directory, or a directory of an older version, which wrote no identity
-                self.identity = known or secrets.token_hex(16)
+                self.identity = recorded or secrets.token_hex(16)
                 new = self.path / f".{IDENTITY_FILE}"
                 new.write_text(f"{self.identity}\n")
                 os.replace(new, self.path / IDENTITY_FILE)

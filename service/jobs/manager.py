@@ -58,7 +58,9 @@ log = logging.getLogger(__name__)
 
 
 class JobManager:
-    """Computes accepted surveys and populations in turns, one at a time, and resumes those of an earlier process.
+    """A thread that computes accepted surveys and populations: one at a time, each in turns of a few seconds.
+
+    It also resumes the surveys and populations that an earlier process did not complete.
 
     Parameters
     ----------
@@ -86,11 +88,11 @@ class JobManager:
         self._on_tile = on_tile
         self._turns = turns or Turns()
         # {id of a survey that waits for its next turn: {index: missing tile}}.
-        self._left: dict[str, dict[int, AnyTile]] = {}
+        self._missing_tiles: dict[str, dict[int, AnyTile]] = {}
         # {id of a survey that runs or waits for its next turn: state of its run}.
         self._run_states: dict[str, RunState] = {}
         # {id of the running survey: predicted value of `time.monotonic` at the end of its tiles}.
-        self._ends: dict[str, float] = {}
+        self._predicted_ends: dict[str, float] = {}
         self._client: Client | None = None
         self._database = database
         self._directory = directory
@@ -179,7 +181,7 @@ class JobManager:
         job = self._database.job(survey_id)
         if not job.is_readable:
             raise ConflictError(UNREADABLE)
-        if job.state == State.SUCCESSFUL and not _is_of_this_version(job):  # this version cannot continue its store
+        if job.state == State.SUCCESSFUL and not _is_of_this_version(job):  # only its own version can continue a store
             raise ConflictError(
                 f"{job.kind.capitalize()} {survey_id} was computed by another version, and only that version can "
                 "verify it. Submit it again."
@@ -239,26 +241,30 @@ class JobManager:
         if job is None:
             return False
         self._turns.begin_turn(job)
-        self._left = {each.id: self._left[each.id] for each in active if each.id in self._left}
-        self._run_states = {each: run_state for each, run_state in self._run_states.items() if each in self._left}
+        self._missing_tiles = {
+            each.id: self._missing_tiles[each.id] for each in active if each.id in self._missing_tiles
+        }
+        self._run_states = {
+            each: run_state for each, run_state in self._run_states.items() if each in self._missing_tiles
+        }
         self._database.set_turn_messages(job.id)
         with self._lock:
             self._current = job.id
             self._dismissed.clear()
         try:
             with survey_in_logs(job.id):
-                self._run(job.id, client)
+                self._run_and_record_failure(job.id, client)
         finally:
-            self._ends = {}
+            self._predicted_ends = {}
             with self._lock:
                 self._current = None
                 self._lock.notify_all()
         return True
 
-    def _run(self, survey_id: str, client: Client) -> None:
+    def _run_and_record_failure(self, survey_id: str, client: Client) -> None:
         try:
             with self._report_missing_directory():
-                self._compute(survey_id, client)
+                self._compute_until_pause(survey_id, client)
         except StoppedError:
             return
         except DirectoryAwayError as error:
@@ -292,7 +298,8 @@ class JobManager:
         if self.storage_state == OK:  # the message is written once, not at every attempt
             self._database.set_state(survey_id, State.RUNNING, f"waits for its store: {error}")
 
-    def _compute(self, survey_id: str, client: Client) -> None:
+    def _compute_until_pause(self, survey_id: str, client: Client) -> None:
+        """Compute a survey until another survey has the next turn, or until the survey is complete or interrupted."""
         job = self._database.job(survey_id)
         if State(job.state).is_final or (
             job.state == State.ACCEPTED and not self._database.set_state(survey_id, State.RUNNING)
@@ -300,9 +307,9 @@ class JobManager:
             return  # the survey has ended or been dismissed
         request = _request_of(job)
         path = self._directory.store(survey_id)
-        left = self._left.pop(survey_id, None)
-        has_message = bool(job.message)  # for example "waits for its store", of an earlier attempt
-        if left is None or job.state == State.ACCEPTED:  # ACCEPTED: new, or to be verified
+        left = self._missing_tiles.pop(survey_id, None)
+        has_message = bool(job.message)  # an earlier attempt may have written "waits for its store", for example
+        if left is None or job.state == State.ACCEPTED:  # an accepted survey is new, or must be verified
             left, has_lost = self._prepare_tiles(job, request, path, client)
             has_message |= has_lost
 
@@ -317,22 +324,22 @@ class JobManager:
 
         is_paused = False
 
-        def is_over() -> bool:
+        def must_pause() -> bool:
             nonlocal is_paused
             is_paused = is_paused or self._must_pause(survey_id)
             return is_paused
 
         def on_forecast(seconds: float) -> None:
-            self._ends = {survey_id: time.monotonic() + seconds}
+            self._predicted_ends = {survey_id: time.monotonic() + seconds}
 
         run_state = self._run_states.setdefault(survey_id, RunState())
-        tiles, asked = list(left.values()), (self._is_interrupted, self._dismissed.is_set, is_over)
+        tiles, asked = list(left.values()), (self._is_interrupted, self._dismissed.is_set, must_pause)
         run_tiles(request, path, tiles, client, on_tile, *asked, run_state, on_forecast)
-        self._ends = {}
+        self._predicted_ends = {}
         if self._is_interrupted():
             return
         if not is_paused and is_incomplete(request, path):
-            complete_on(client, request, path, self._is_interrupted, self._progress_writer(survey_id), is_over)
+            complete_on(client, request, path, self._is_interrupted, self._progress_writer(survey_id), must_pause)
         goes_on = is_paused and (left or is_incomplete(request, path))
         if not goes_on:
             finish_store(path)
@@ -340,7 +347,7 @@ class JobManager:
             if self._dismissed.is_set():
                 return
             if goes_on:
-                self._left[survey_id] = left
+                self._missing_tiles[survey_id] = left
                 self._database.set_state(survey_id, State.RUNNING)  # removes a message about the progress of proofs
             else:
                 self._database.set_state(survey_id, State.SUCCESSFUL)
@@ -353,7 +360,7 @@ class JobManager:
         Returns
         -------
         tuple[dict[int, AnyTile], bool]
-            {index: missing tile}, and whether tiles are lost: the database has recorded them, the store has no values.
+            {index: missing tile}, and True if the database has recorded a tile whose values the store does not have.
         """
 
         # The cluster computes the template, because curves take minutes in some windows.
@@ -369,7 +376,7 @@ class JobManager:
         return {tile.index: tile for tile in tiles_of(request) if tile.index not in done}, bool(lost)
 
     def _must_pause(self, survey_id: str) -> bool:
-        """Return whether the turn is over and another survey is next. If the same survey is next, begin its turn."""
+        """Return whether the turn is over and another survey is next. If the survey itself is next, begin its turn."""
         if not self._turns.is_turn_over:
             return False
         following = self._turns.next_survey(self._database.active_surveys())
@@ -381,7 +388,7 @@ class JobManager:
         return True
 
     def _progress_writer(self, survey_id: str) -> Callable[[int, int], None]:
-        """Return a function that writes the progress of proofs into a survey's message after each further per cent."""
+        """Return a function that writes the progress of proofs into a survey's message, at each new per cent."""
         shown = -1
 
         def write_progress(done: int, number: int) -> None:
@@ -395,8 +402,8 @@ class JobManager:
         return write_progress
 
     def seconds_left(self, survey_id: str) -> float | None:
-        """Return the predicted seconds until a survey's tiles end; None if it does not run or has no prediction."""
-        ends = self._ends.get(survey_id)
+        """Return the predicted seconds until all tiles of a survey are computed; None if there is no prediction now."""
+        ends = self._predicted_ends.get(survey_id)
         return None if ends is None else max(ends - time.monotonic(), 0.0)
 
     def thread_count(self) -> int:
@@ -431,7 +438,7 @@ class JobManager:
         try:
             yield client
         except ClusterLostError:
-            self.wake()  # the job thread also waits while no survey runs, and would not notice the loss
+            self.wake()  # without a survey to run, the job thread sleeps, and would not notice the lost cluster
             raise
 
     def _is_interrupted(self) -> bool:

@@ -22,7 +22,8 @@ def open_data(
     settings : Settings
         The settings of the service.
     on_change : Callable[[str], None]
-        Called with the id of a survey or population after each commit that added an event to it or changed its texts.
+        Called with the id of a survey or population after each commit that added an event to it, or changed its name
+    or notes.
 
     Yields
     ------
@@ -40,7 +41,9 @@ def open_data(
     url, require = (directory.database_url, directory.require_present) if inside else (settings.database_url, None)
     assert url is not None
     with directory.lock(), closing(Database(url, on_change, require=require)) as database:
-        if inside or settings.store:  # a wrong disk cannot separate database and stores
+        if (
+            inside or settings.store
+        ):  # the stores are beside the database or in a bucket: no wrong disk can separate them
             directory.identify()
         else:
             directory.identify(database.directory_identity())

@@ -25,7 +25,9 @@ def recover(database: Database, directory: DataDirectory) -> None:
             log.warning("%s belongs to no survey of the job database; it is left alone", entry.name)
         elif entry.is_deletion:
             entry.remove()
-            with suppress(ConflictError):  # in a database from a backup the survey may be active: it is computed again
+            with suppress(
+                ConflictError
+            ):  # raised if a database from a backup has the survey as active: it is computed again
                 database.delete(entry.survey_id)
         elif entry.is_temporary:
             entry.remove()

@@ -42,7 +42,7 @@ class Turns:
         self._clock = clock
         self._count = 0  # number of turns so far
         self._keys: dict[str | None, _KeyTurns] = {}
-        # Number of each survey's last turn, or of the turn in which the survey was submitted, by id.
+        # {id of an active survey: number of its last turn, or of the last turn before the survey was submitted}.
         self._waits_since: dict[str, int] = {}
         self._began = 0.0
 

@@ -93,7 +93,7 @@ class TextFormatter(PrintableFormatter):
     def format(self, record: logging.LogRecord) -> str:
         """Return the record as text. The traceback is formatted here, even if another handler has formatted it."""
         alone = copy(record)
-        alone.exc_text = None  # drops the traceback in the form that another handler has given it
+        alone.exc_text = None  # drops the traceback that another formatter has stored here as text
         return super().format(alone)
 
     def formatMessage(self, record: logging.LogRecord) -> str:  # noqa: N802

@@ -22,7 +22,7 @@ GIVEN_ID = re.compile(r"[A-Za-z0-9._\-]{1,64}")
 METHODS = frozenset({"GET", "HEAD", "POST", "PUT", "PATCH", "DELETE", "OPTIONS"})
 NO_ROUTE = "none"
 #: The status that is logged for a request whose client disconnected before the answer began.
-UNANSWERED = 499
+UNANSWERED_STATUS = 499
 
 
 class RequestLogMiddleware:
@@ -37,7 +37,7 @@ class RequestLogMiddleware:
         if scope["type"] != "http":
             await self.app(scope, receive, send)
             return
-        began, answered, status = time.perf_counter(), 0.0, UNANSWERED
+        began, answered, status = time.perf_counter(), 0.0, UNANSWERED_STATUS
         given = Headers(scope=scope).get(REQUEST_ID, "")
         request_id = given if GIVEN_ID.fullmatch(given) else uuid4().hex
         token = current_request.set(request_id)

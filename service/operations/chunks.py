@@ -14,7 +14,15 @@ from gear_rattle.workers.survey.manifest import MANIFEST, ROOT, Manifest
 
 
 def is_expected_file(front: Front, survey_id: str, key: str) -> bool:
-    """Return whether a survey's store must have the file `key` now; False while its tile is missing. Use a thread."""
+    """Return whether a survey's store must have the file `key` now; False if it belongs to a tile that is missing.
+
+    The function blocks: call it in a thread.
+
+    Returns
+    -------
+    bool
+        False also while the survey has no store.
+    """
     try:
         ended = front.database.job(survey_id).state == State.SUCCESSFUL
         manifest = _cached_manifest(front.directory.store(survey_id), ended)
@@ -27,11 +35,11 @@ def is_expected_file(front: Front, survey_id: str, key: str) -> bool:
 
 
 @lru_cache(maxsize=64)
-def _cached_manifest(store: Path | Bucket, ended: bool) -> Manifest:  # noqa: ARG001  # a part of the cache's key
+def _cached_manifest(store: Path | Bucket, has_ended: bool) -> Manifest:  # noqa: ARG001  # a part of the cache's key
     """Return the manifest of a store without its tiles.
 
-    The manifest is cached. It is read again when `ended` becomes True, because a run adds families and levels at its
-    end.
+    The manifest is cached. It is read again when `has_ended` becomes True: a survey gets its families and levels
+    when it ends.
 
     Returns
     -------

@@ -13,11 +13,11 @@ from gear_rattle.service.state import Front
 from rattle.models import Capability, Model, require_capability
 
 RESOLUTION = 0.02  # step in δ: twice the default of `crisis_curve`, which halves the time
-KEPT = 16  # at most this many curves are kept
+KEPT_CRISIS_CURVES = 16  # at most this many curves are kept
 
 
 def _crisis_points(beta: float) -> np.ndarray:
-    """Return points (δ, ε) of the crisis curve, shape (k, 2). This runs for half a minute in Python: use a process."""
+    """Return points (δ, ε) of the crisis curve, shape (k, 2). This takes half a minute: use a process."""
     from rattle.crisis import crisis_curve
 
     curve = crisis_curve(beta=beta, resolution=RESOLUTION)
@@ -25,7 +25,7 @@ def _crisis_points(beta: float) -> np.ndarray:
 
 
 class Crises:
-    """The crisis curves that pages and pictures request. The curve of each half-backlash is computed once for all."""
+    """The crisis curves that pages and pictures request. The latest curves are kept, one for each half-backlash."""
 
     def __init__(self, front: Front) -> None:
         self._front = front
@@ -37,9 +37,9 @@ class Crises:
         require_capability(Capability.CRISIS, model)
         beta = model.beta
         if beta not in self._found:
-            while len(self._found) >= KEPT:
+            while len(self._found) >= KEPT_CRISIS_CURVES:
                 self._found.pop(next(iter(self._found)))
-            self._found[beta] = asyncio.get_running_loop().create_task(self._compute(beta))
+            self._found[beta] = asyncio.get_running_loop().create_task(self._compute_curve(beta))
         task = self._found[beta]
         try:
             return await asyncio.shield(task)
@@ -47,7 +47,7 @@ class Crises:
             self._found.pop(beta, None)
             raise
 
-    async def _compute(self, beta: float) -> np.ndarray:
+    async def _compute_curve(self, beta: float) -> np.ndarray:
         try:
             with self._front.interruptible_work():
                 work = partial(_crisis_points, beta)

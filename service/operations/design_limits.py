@@ -17,7 +17,7 @@ from rattle.models import Model
 
 DAMPINGS = 17  # number of dampings across a survey
 COUNT = 512  # least number of initial conditions for each limit
-KEPT = 16  # at most this many curves of limits over damping are kept
+KEPT_LIMIT_CURVES = 16  # at most this many curves of limits over damping are kept
 
 Key = tuple[Model, Pair, float]
 Array = NDArray[np.float64]
@@ -39,7 +39,7 @@ def limit_at(model: Model, delta: float, share: float) -> Limit:
 
 
 class DesignLimits:
-    """The design limits that pages and pictures request. Each is computed once for all, one damping after the other."""
+    """The design limits that pages and pictures request. The latest limits are kept for later requests."""
 
     def __init__(self, front: Front) -> None:
         self._front = front
@@ -61,7 +61,7 @@ class DesignLimits:
         key = model, delta, share
         known = self._known.pop(key, {})
         self._known[key] = known  # the last key of the dict is the most recently used one
-        while len(self._known) > KEPT:
+        while len(self._known) > KEPT_LIMIT_CURVES:
             self._known.pop(next(iter(self._known)))
         for value in dampings_coarse_first(delta):
             if value not in known:

@@ -43,7 +43,7 @@ class CostEstimate:
 
 
 async def estimate(front: Front, request: AnyRequest) -> CostEstimate:
-    """Estimate the cost of a survey from a similar survey among the newest ones, or by computing nine of its cells.
+    """Estimate the cost of a survey from a similar survey among the newest ones, or by computing nine requested cells.
 
     The cost of a population is estimated by computing nine of its gears.
 
@@ -82,13 +82,13 @@ async def estimate(front: Front, request: AnyRequest) -> CostEstimate:
 
 
 def _seconds_by_similar_survey(front: Front, request: AnyRequest) -> tuple[float, str] | None:
-    """Predict the seconds per cell of a request from a similar survey. Return them, and a text that names this survey.
+    """Predict the seconds per cell of a request from the seconds per cell of the most similar survey.
 
     Returns
     -------
     tuple[float, str] | None
-        The survey's seconds per cell times the ratio of the numbers of samples, and the text; None for a population, or
-        if no survey is similar.
+        The predicted seconds per cell, in proportion to the samples per cell, and a text that names the similar survey.
+        None for a population, or if no survey is similar.
     """
     if isinstance(request, PopulationRequest):
         return None
@@ -96,7 +96,7 @@ def _seconds_by_similar_survey(front: Front, request: AnyRequest) -> tuple[float
     like = most_similar_survey(request, jobs)
     if like is None:
         return None
-    seconds = front.database.tile_seconds(like.id) / like.cells_done * _count_ratio(request, like)
+    seconds = front.database.tile_seconds(like.id) / like.cells_done * _sample_ratio(request, like)
     return seconds, f"by the speed of {like.name or like.id}, {like.cells_done:,} cells of the same kind"
 
 
@@ -113,12 +113,13 @@ def most_similar_survey(request: SurveyRequest, jobs: Iterable[JobRow]) -> JobRo
         and (other := SurveyRequest.model_validate(job.request))
         and _is_similar_model(request, other)
         and _is_similar_sample(request, other)
-        and 1.0 / SIMILAR_FACTOR <= _count_ratio(request, job) <= SIMILAR_FACTOR
+        and 1.0 / SIMILAR_FACTOR <= _sample_ratio(request, job) <= SIMILAR_FACTOR
     ]
-    return min(like, key=lambda job: abs(math.log(_count_ratio(request, job))), default=None)
+    return min(like, key=lambda job: abs(math.log(_sample_ratio(request, job))), default=None)
 
 
-def _count_ratio(request: SurveyRequest, job: JobRow) -> float:
+def _sample_ratio(request: SurveyRequest, job: JobRow) -> float:
+    """Return the samples per cell of a request over those of a job; 1 if the request has no samples, or has basins."""
     if not SAMPLED.intersection(request.quantities) or Group.BASINS in request.quantities:
         return 1.0
     count: int = job.request["initial_conditions"]["count"]
@@ -148,7 +149,7 @@ def _is_similar_sample(request: SurveyRequest, other: SurveyRequest) -> bool:
 
 def cell_seconds(request: AnyRequest) -> float:
     """Return the seconds that one process takes for a cell (or gear), measured on a few of the request's cells."""
-    few = _few_gears(request) if isinstance(request, PopulationRequest) else _few_cells(request)
+    few = _request_for_few_gears(request) if isinstance(request, PopulationRequest) else _request_for_few_cells(request)
     for _ in range(2):
         began = time.perf_counter()
         for tile in tiles_of(few):
@@ -157,22 +158,22 @@ def cell_seconds(request: AnyRequest) -> float:
     return seconds / few.n_cells
 
 
-def _few_gears(request: PopulationRequest) -> PopulationRequest:
-    """Return a request for a few gears of the population, of which the same share is tested for the requirement."""
+def _request_for_few_gears(request: PopulationRequest) -> PopulationRequest:
+    """Return a request for a few gears of a population. The share of gears that are judged does not change."""
     gears = min(request.gears, MEASURED_SIDE * MEASURED_SIDE)
     judged = max(1, round(gears * request.plan.n_judged / request.n_cells))
     few = {"gears": gears, "pairs": 0, "judged": judged, "tile": None}
     return PopulationRequest.model_validate(request.model_dump(mode="json") | few)
 
 
-def _few_cells(request: SurveyRequest) -> SurveyRequest:
+def _request_for_few_cells(request: SurveyRequest) -> SurveyRequest:
     request = request.slice_request(next(islice(request.slices, request.n_slices // 2, None)))
-    axes = {"delta": _few_values(request.delta), "epsilon": _few_values(request.epsilon)}
+    axes = {"delta": _typical_values(request.delta), "epsilon": _typical_values(request.epsilon)}
     return request.model_copy(update={**axes, "tile": TileShape()})
 
 
-def _few_values(axis: Axis) -> Axis:
-    """Return an axis of at most MEASURED_SIDE values: the centres of equal parts of `axis`, which are typical of it."""
+def _typical_values(axis: Axis) -> Axis:
+    """Return an axis of at most MEASURED_SIDE values: the centres of equal parts of the given axis."""
     num = min(axis.num, MEASURED_SIDE)
     half = (axis.stop - axis.start) / (2 * num)
     return Axis(start=axis.start + half, stop=axis.stop - half, num=num)

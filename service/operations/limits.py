@@ -54,7 +54,7 @@ def _check_population(request: PopulationRequest, settings: Settings) -> None:
     _require_at_most("gears", "gears (with those of the pairs)", request.n_cells, settings.max_cells)
     _require_at_most("count", "samples (with those of the judged gears)", request.samples, settings.max_samples)
     _require_at_most("tile", "tiles", request.n_tiles, settings.max_tiles)
-    # The mean suffices: gears that need more samples, to be tested for the requirement, are spread over all tiles.
+    # The mean over all tiles suffices, because the judged gears, which need more samples, are spread over all tiles.
     each = -(-request.samples // request.n_cells)
     _require_at_most("tile", "samples per tile", request.tile_shape[0] * each, settings.max_tile_samples)
 

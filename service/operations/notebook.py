@@ -11,7 +11,7 @@ from gear_rattle.service.operations.diagrams import COUNT, STEPS, Pair
 from rattle import Machine
 from rattle.models import AnyGear, Capability, model_at
 
-STARTS, SIDE = 1024, 300  # initial conditions for the attractors; cells along each axis of the basins
+POINT_SAMPLES, BASIN_CELLS = 1024, 300  # initial conditions for the attractors; cells along each axis of the basins
 PACKAGE = "gear-rattle"
 TITLE = """# What runs at δ = {gear.delta:g}, ε = {gear.epsilon:g}
 
@@ -62,7 +62,7 @@ def _notebook_cells(gear: AnyGear, machine: Machine | None, ends: tuple[Pair, Pa
     made = TITLE.format(gear=gear, kind=type(gear).__name__, model=model_at(gear), package=PACKAGE, version=version)
     yield "title", "markdown", made
     yield "point", "code", _point_code(gear, machine)
-    yield "fineness", "code", FINENESS.format(starts=STARTS, side=SIDE, steps=STEPS, count=COUNT)
+    yield "fineness", "code", FINENESS.format(starts=POINT_SAMPLES, side=BASIN_CELLS, steps=STEPS, count=COUNT)
     region = "" if gear.parameters.harmonics else "print('region', rattle.REGIONS[gear.region()])\n"
     yield "orbits", "code", f"{region}gear.orbits()"
     yield "attractors", "code", "attractors = gear.attractors(starts)\nattractors"

@@ -1,4 +1,4 @@
-"""Compute slow overlays of maps for the explorer and for pictures. Each is computed once for all requests."""
+"""Compute slow overlays of maps for the explorer and for pictures. The latest overlays are kept for later requests."""
 
 from __future__ import annotations
 
@@ -45,16 +45,25 @@ class Overlays:
     def __init__(self, front: Front) -> None:
         self.crises, self.limits, self.windows = Crises(front), DesignLimits(front), Windows(front)
 
-    async def overlays_of(self, request: SurveyRequest, asked: PictureOptions) -> OverlayData:
-        """Return the overlays of a map of a survey or of one slice. Raises RattleError if one cannot be computed."""
-        lines = asked.look.lines or ()
+    async def overlays_of(self, request: SurveyRequest, options: PictureOptions) -> OverlayData:
+        """Return the overlays of a map. request: the request of the survey or slice that the map shows.
+
+        A crisis curve or a finer window that does not exist for this map is left out. Raises RattleError if the
+        computation of another overlay fails.
+
+        Returns
+        -------
+        OverlayData
+            The lines, the band of the design limit, and the finer window.
+        """
+        lines = options.look.lines or ()
         found: dict[str, Line] = {}
         band = None
         if CRISIS in lines and (crisis := await self._crisis_line(request.gear_model)) is not None:
             found[CRISIS] = crisis
         if LIMIT in lines:
-            found[LIMIT], band = await self._limit_line_and_band(request, asked.share)
-        return OverlayData(found, band, await self._finer_window(request, asked))
+            found[LIMIT], band = await self._limit_line_and_band(request, options.share)
+        return OverlayData(found, band, await self._finer_window(request, options))
 
     async def _crisis_line(self, model: Model) -> Line | None:
         try:
@@ -70,15 +79,15 @@ class Overlays:
         delta, limits = found[-1]  # the last result has all dampings
         return limit_line(delta, limits), limit_band(delta, limits)
 
-    async def _finer_window(self, request: SurveyRequest, asked: PictureOptions) -> FinerCells | None:
-        look, pixels = asked.look, asked.pixels
-        if look.delta is None or look.epsilon is None or pixels is None or is_survey_only(asked.variable, request):
+    async def _finer_window(self, request: SurveyRequest, options: PictureOptions) -> FinerCells | None:
+        look, pixels = options.look, options.pixels
+        if look.delta is None or look.epsilon is None or pixels is None or is_survey_only(options.variable, request):
             return None
         if not is_coarse(request.delta.values(), request.epsilon.values(), (look.delta, look.epsilon), pixels):
             return None
         window = clip_to_plane(look.delta, look.epsilon)
         try:
-            frame = await self.windows.last_frame(request, asked.variable, asked.index, window, pixels)
+            frame = await self.windows.last_frame(request, options.variable, options.index, window, pixels)
         except ClusterLostError as error:
             # Coarse cells are no substitute: clients would keep their picture under the ETag of the finer one.
             raise UnavailableError("The workers were lost while the window was computed. Try again soon.") from error
@@ -93,7 +102,7 @@ def limit_line(delta: np.ndarray, limits: np.ndarray) -> Line:
 
 
 def limit_band(delta: np.ndarray, limits: np.ndarray) -> Band:
-    """Return the dampings at which both ends of the limit's interval are finite, and the lower and the upper ends."""
+    """Return the dampings at which both ends of the limit's interval are finite, and these lower and upper ends."""
     _, low, high = limits
     sure = np.isfinite(low) & np.isfinite(high)
     return delta[sure], low[sure], high[sure]

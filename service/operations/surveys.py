@@ -18,7 +18,7 @@ from gear_rattle.workers import AnyRequest, PopulationRequest
 from gear_rattle.workers.survey.axes import Name, StrictRecord, require_visible
 
 MAX_FAILURES = 100  # an answer lists at most this many failed cells
-MOST_NOTES = 10_000  # notes have at most this many characters
+LONGEST_NOTES = 10_000  # notes have at most this many characters
 WHITE_SPACE = "\t\n\r"
 JOINERS = "\u200c\u200d"  # invisible characters that some scripts and emoji need; other invisible ones are refused
 
@@ -27,7 +27,7 @@ def _require_visible_notes(text: str) -> str:
     return require_visible("text of the notes", text, besides=WHITE_SPACE + JOINERS)
 
 
-Notes = Annotated[str, Field(max_length=MOST_NOTES), AfterValidator(_require_visible_notes)]
+Notes = Annotated[str, Field(max_length=LONGEST_NOTES), AfterValidator(_require_visible_notes)]
 
 
 class Description(StrictRecord):
@@ -42,8 +42,8 @@ def submit_survey(
 ) -> JobRow:
     """Accept a survey or a population, unless an identical one exists or its idempotency key was used before.
 
-    force: accept a new one although an identical one exists. If the idempotency key was used before, the survey of that
-    request is returned all the same.
+    force: accept a new survey although an identical one exists. But if the idempotency key was used before, the survey
+    of that earlier request is returned.
 
     Returns
     -------
@@ -105,7 +105,7 @@ def list_jobs(
 
 
 def find_job(front: Front, survey_id: str, kind: JobKind | None = None) -> JobRow:
-    """Return the job with this id. Raises UnknownSurveyError if there is none, or if it is not of this kind."""
+    """Return the job with this id. Raises UnknownSurveyError if no job of this kind (None: of any kind) has this id."""
     return front.database.job(survey_id, kind)
 
 

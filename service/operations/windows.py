@@ -20,10 +20,10 @@ from gear_rattle.service.state import Front
 from gear_rattle.workers import Frame, SurveyRequest, Window, map_quantity, refined_frames, window_survey
 from gear_rattle.workers.pictures.look import Pair
 
-LOOK_SECONDS = 0.2  # seconds between two checks whether the cluster has started
+START_CHECK_SECONDS = 0.2  # seconds between two checks whether the cluster has started
 LEAST_DELTA = 1e-3  # least damping of a window, as a share of the window's largest damping
-COARSEST = 3.0  # a finer window is computed if a cell of the survey is larger than this many pixels
-KEPT, KEPT_CELLS = 8, 4_000_000  # at most this many windows are kept, and at most this many cells in all of them
+MOST_PIXELS_PER_CELL = 3.0  # a finer window is computed if a cell of the survey is larger than this many pixels
+KEPT_WINDOWS, KEPT_CELLS = 8, 4_000_000  # most windows in memory, and most cells of all windows together
 
 Key = tuple[str, str, int, Window, tuple[int, int]]
 
@@ -34,10 +34,10 @@ def clip_to_plane(delta: Pair, epsilon: Pair) -> Window:
 
 
 def is_coarse(delta: np.ndarray, epsilon: np.ndarray, window: tuple[Pair, Pair], pixels: tuple[int, int]) -> bool:
-    """Return whether a survey's cells are larger than COARSEST pixels along δ or ε. pixels: the size of the window."""
+    """Return whether a survey's cells are larger than MOST_PIXELS_PER_CELL. pixels: size of the window in pixels."""
     for axis, (low, high), size in zip((delta, epsilon), window, pixels, strict=True):
         step = (axis[-1] - axis[0]) / (axis.size - 1)
-        if step / (high - low) * size > COARSEST:
+        if step / (high - low) * size > MOST_PIXELS_PER_CELL:
             return True
     return False
 
@@ -56,7 +56,7 @@ class Windows:
         async with aclosing(refine_window(self._front, request, variable, index, window, pixels)) as frames:
             async for frame in frames:
                 if frame.done >= 1:
-                    self._keep(self._window_key(request, variable, index, window, pixels), frame)
+                    self._keep_frame(self._window_key(request, variable, index, window, pixels), frame)
                 yield frame
 
     async def last_frame(
@@ -75,10 +75,10 @@ class Windows:
     def _window_key(request: SurveyRequest, variable: str, index: int, window: Window, pixels: tuple[int, int]) -> Key:
         return request.model_dump_json(), variable, index, window, pixels
 
-    def _keep(self, key: Key, frame: Frame) -> None:
+    def _keep_frame(self, key: Key, frame: Frame) -> None:
         self._kept[key] = frame
         self._kept.move_to_end(key)
-        while len(self._kept) > KEPT or sum(each.values.size for each in self._kept.values()) > KEPT_CELLS:
+        while len(self._kept) > KEPT_WINDOWS or sum(each.values.size for each in self._kept.values()) > KEPT_CELLS:
             self._kept.popitem(last=False)
 
 
@@ -109,7 +109,7 @@ async def refine_window(
     map_quantity(variable, index, request)
     survey = await asyncio.to_thread(window_survey, request, window, pixels)
     while front.manager.cluster_state == STARTING:  # if the cluster does not start, `borrow_client` raises an error
-        await asyncio.sleep(LOOK_SECONDS)
+        await asyncio.sleep(START_CHECK_SECONDS)
     if front.window_limiter.statistics().tasks_waiting >= front.settings.max_points_waiting:
         raise UnavailableError("Too many windows wait to be computed. Try again in a few seconds.")
     turn = object()
@@ -132,15 +132,15 @@ class _Refinement:
         self._loop = asyncio.get_running_loop()
         self._found: asyncio.Queue[Frame | Exception | None] = asyncio.Queue()
         self._stopping = threading.Event()
-        run = partial(self._run, front, survey, variable, index)
-        threading.Thread(target=run, name="window", daemon=True).start()
+        work = partial(self._pass_frames, front, survey, variable, index)
+        threading.Thread(target=work, name="window", daemon=True).start()
 
     def stop(self) -> None:
         """Ask the thread to end soon, without waiting for it."""
         self._stopping.set()
 
     async def newest_frame(self) -> Frame | None:
-        """Wait for a frame, and return the newest; None after the last. Raises the error that ended the thread."""
+        """Wait for a frame, and return the newest frame; None after the last. Raises the thread's error."""
         found = await self._found.get()
         while isinstance(found, Frame) and not self._found.empty():
             if not isinstance(later := self._found.get_nowait(), Frame):
@@ -151,7 +151,7 @@ class _Refinement:
             raise found
         return found
 
-    def _run(self, front: Front, survey: SurveyRequest, variable: str, index: int) -> None:
+    def _pass_frames(self, front: Front, survey: SurveyRequest, variable: str, index: int) -> None:
         end: Exception | None = None
         try:
             with (
@@ -159,11 +159,11 @@ class _Refinement:
                 closing(refined_frames(client, survey, variable, index, self._stopping.is_set)) as frames,
             ):
                 for frame in frames:
-                    self._hand_over(frame)
+                    self._pass_to_loop(frame)
         except Exception as error:
             end = error
-        self._hand_over(end)
+        self._pass_to_loop(end)
 
-    def _hand_over(self, found: Frame | Exception | None) -> None:
+    def _pass_to_loop(self, found: Frame | Exception | None) -> None:
         with suppress(RuntimeError):  # the loop is closed: the service has ended
             self._loop.call_soon_threadsafe(self._found.put_nowait, found)

@@ -86,12 +86,12 @@ async def read_certificates(
     job, out = await run_in_threadpool(_certificate_store, front, survey_id)
     if not KEY.fullmatch(key):
         raise MissingError(f"The certificates of survey {survey_id} have no key {key!r}.")
-    unchanging = job.state == State.SUCCESSFUL
+    is_unchanging = job.state == State.SUCCESSFUL
     try:
-        response = await file_at(out, key, request, unchanging)
+        response = await file_at(out, key, request, is_unchanging)
     except OSError as error:
         raise HTTPException(404) from error
-    response.headers["cache-control"] = HOUR if unchanging else REVALIDATE
+    response.headers["cache-control"] = HOUR if is_unchanging else REVALIDATE
     return response
 
 

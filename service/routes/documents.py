@@ -80,7 +80,7 @@ SurveyId = Annotated[
 
 
 def path_of(survey_id: str, kind: JobKind = JobKind.SURVEY) -> str:
-    """Return the path at which clients request a survey or population: /v1/surveys/ID, after a proxy's prefix."""
+    """Return the path at which clients request a survey or population, with the prefix of a proxy."""
     return public_path(f"/v1/{'surveys' if kind == JobKind.SURVEY else 'populations'}/{survey_id}")
 
 

@@ -78,10 +78,10 @@ async def csv(request: Request, front: FrontState, survey_id: SurveyId, form: Ro
 
     Codes, such as those of regions, are numbers. A cell with `status` 0 is not computed yet.
     """
-    place, headers = await _store_and_headers(front, survey_id, "csv" if form is RowForm.CELLS else f"{form}.csv")
+    store, headers = await _store_and_headers(front, survey_id, "csv" if form is RowForm.CELLS else f"{form}.csv")
     if is_not_modified(request, headers):
         return Response(status_code=304, headers=headers)
-    lines = await run_in_threadpool(_open_csv_lines, place, form)
+    lines = await run_in_threadpool(_open_csv_lines, store, form)
     return StreamingResponse(lines, media_type=CSV, headers=headers)
 
 
@@ -93,11 +93,11 @@ async def _file_response(
     media_type: str,
     write: Callable[[Path | Bucket], IO[bytes]],
 ) -> Response:
-    place, headers = await _store_and_headers(front, survey_id, ending)
+    store, headers = await _store_and_headers(front, survey_id, ending)
     if is_not_modified(request, headers):
         return Response(status_code=304, headers=headers)
     with front.interruptible_work():
-        file = await anyio.to_thread.run_sync(write, place, limiter=front.export_limiter, abandon_on_cancel=True)
+        file = await anyio.to_thread.run_sync(write, store, limiter=front.export_limiter, abandon_on_cancel=True)
     size = await run_in_threadpool(file.seek, 0, 2)
     file.seek(0)
     return StreamingResponse(
@@ -109,27 +109,27 @@ async def _file_response(
 
 
 async def _store_and_headers(front: Front, survey_id: str, ending: str) -> tuple[Path | Bucket, dict[str, str]]:
-    job, place = await run_in_threadpool(front.job_with_results, survey_id)
-    return place, {
+    job, store = await run_in_threadpool(front.job_with_results, survey_id)
+    return store, {
         "ETag": weak_etag(job.id, job.last_event, ending),
         "Cache-Control": REVALIDATE,
         "Content-Disposition": f'attachment; filename="survey-{job.id}.{ending}"',
     }
 
 
-def _write_netcdf(place: Path | Bucket) -> IO[bytes]:
+def _write_netcdf(store: Path | Bucket) -> IO[bytes]:
     from gear_rattle.workers.storage.export import require_readable, write_netcdf  # loads xarray
     from gear_rattle.workers.storage.store import open_groups
 
-    with open_survey(place, as_stored=True) as dataset:
+    with open_survey(store, as_stored=True) as dataset:
         require_readable(dataset)
-        return write_netcdf(dataset, open_groups(place))
+        return write_netcdf(dataset, open_groups(store))
 
 
-def _write_parquet(place: Path | Bucket, form: RowForm) -> IO[bytes]:
+def _write_parquet(store: Path | Bucket, form: RowForm) -> IO[bytes]:
     from gear_rattle.workers.storage.export import require_readable, table_names, write_parquet
 
-    with open_survey(place, as_stored=True) as dataset:
+    with open_survey(store, as_stored=True) as dataset:
         require_readable(dataset, table_names(dataset, form))
         try:
             return write_parquet(dataset, form)
@@ -143,11 +143,11 @@ def _read_blocks(file: IO[bytes]) -> Iterator[bytes]:
             yield block
 
 
-def _open_csv_lines(place: Path | Bucket, form: RowForm) -> Iterator[str]:
+def _open_csv_lines(store: Path | Bucket, form: RowForm) -> Iterator[str]:
     from gear_rattle.workers.storage.export import csv_lines, require_readable, table_names
 
     # The survey is opened before the answer begins, so that errors become problem documents.
-    dataset = open_survey(place, as_stored=True)
+    dataset = open_survey(store, as_stored=True)
     try:
         require_readable(dataset, table_names(dataset, form))
     except BaseException:

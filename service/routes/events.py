@@ -64,7 +64,10 @@ async def follow(
 
 
 async def event_stream(front: Front, caller: Caller, survey_id: str, kind: JobKind, last_event_id: int) -> Response:
-    """Return the stream of a job's events after `last_event_id`; status 204 if the job has ended and none follows."""
+    """Return the stream of a job's events after `last_event_id`.
+
+    If the job has ended and has no event after `last_event_id`, return status 204.
+    """
     job = await run_in_threadpool(find_job, front, survey_id, kind)
     if State(job.state).is_final and last_event_id >= job.last_event:
         return Response(status_code=204)
@@ -98,11 +101,11 @@ async def _encoded_events(
     front: Front, survey_id: str, seen: int, last: int, closing: anyio.Event
 ) -> AsyncIterator[bytes]:
     read = front.database.events
-    with front.broadcast.listen(survey_id, read, last) as (feed, grown):
-        waker = asyncio.create_task(_wake_on_closing(closing, grown))
+    with front.broadcast.listen(survey_id, read, last) as (feed, wake_event):
+        waker = asyncio.create_task(_wake_on_closing(closing, wake_event))
         try:
             while not closing.is_set():
-                grown.clear()
+                wake_event.clear()
                 later = feed.events_after(seen)
                 if later is None:
                     later = encode_events(await run_in_threadpool(read, survey_id, seen))
@@ -114,13 +117,13 @@ async def _encoded_events(
                 elif feed.is_deleted:
                     return
                 else:
-                    await grown.wait()
+                    await wake_event.wait()
         except UnknownSurveyError:
             return  # the survey has been deleted
         finally:
             waker.cancel()
 
 
-async def _wake_on_closing(closing: anyio.Event, grown: asyncio.Event) -> None:
+async def _wake_on_closing(closing: anyio.Event, wake_event: asyncio.Event) -> None:
     await closing.wait()
-    grown.set()
+    wake_event.set()

@@ -12,7 +12,7 @@ from gear_rattle.service.jobs.manager import OK, READY, STARTING
 from gear_rattle.service.state import Front, FrontState
 
 router = APIRouter(prefix="/v1", tags=["service"])
-WARMING = "warming"
+COMPILING_STATUS = "warming"
 
 
 class Health(BaseModel):
@@ -47,12 +47,12 @@ def _count_or_none(front: Front, state: State) -> int | None:
         return None
 
 
-def _status(front: Front, storage: str) -> str:
+def _service_status(front: Front, storage: str) -> str:
     cluster = front.manager.cluster_state
     if cluster not in (READY, STARTING) or storage != OK:
         return "degraded"
     if front.kernels.is_compiling:
-        return WARMING
+        return COMPILING_STATUS
     return "ok" if cluster == READY else "degraded"
 
 
@@ -64,7 +64,7 @@ def health(front: FrontState, request: Request) -> Health:
     """
     cluster, storage = front.manager.cluster_state, _storage_state(front)
     accepted, running = (_count_or_none(front, state) for state in ACTIVE)
-    status = _status(front, storage)
+    status = _service_status(front, storage)
     if request.state.caller is None:
         return Health(
             status=status, version=rattle.__version__, cluster=None, storage=None, accepted=None, running=None

@@ -12,11 +12,11 @@ from gear_rattle.service.operations.processes import compute_in_process
 from gear_rattle.service.routes.model.added import with_queries
 from gear_rattle.service.routes.model.machine import (
     ADDED_QUERIES,
+    ALONG_LINE_OF_ACTION,
     DRAG,
     DRIVE,
     ECCENTRICITY,
     INERTIA,
-    LINE,
     positive_query,
 )
 from gear_rattle.service.routes.model.points import MostImpacts, SampleSeed, require_few_samples
@@ -49,7 +49,7 @@ NumberName = Literal[
 ]
 
 
-def _explain_names(value: Any, handler: ValidatorFunctionWrapHandler) -> Any:
+def _validate_number_name(value: Any, handler: ValidatorFunctionWrapHandler) -> Any:
     try:
         return handler(value)
     except ValidationError as error:
@@ -57,7 +57,7 @@ def _explain_names(value: Any, handler: ValidatorFunctionWrapHandler) -> Any:
         raise ValueError(f"must be one of {known}, or an order such as harmonic_12 or error_12") from error
 
 
-LimitedNumber = Annotated[NumberName | OrderName, WrapValidator(_explain_names)]
+LimitedNumber = Annotated[NumberName | OrderName, WrapValidator(_validate_number_name)]
 LIMITED_NUMBER = (
     "number to limit, which need not be given itself. harmonic_12 is the amplitude of order 12 divided by that of the "
     "first order, error_12 the amplitude of order 12 of a machine's transmission error in m"
@@ -89,7 +89,7 @@ async def numbers_of_query(
     beta: Annotated[float | None, positive_query("half-backlash, by default 0.6")] = None,
     inertia: Annotated[float | None, positive_query(f"a machine instead: {INERTIA}")] = None,
     drag: Annotated[float | None, positive_query(DRAG)] = None,
-    backlash: Annotated[float | None, positive_query(LINE)] = None,
+    backlash: Annotated[float | None, positive_query(ALONG_LINE_OF_ACTION)] = None,
     eccentricity: Annotated[float | None, positive_query(ECCENTRICITY, zero=True)] = None,
     radius: Annotated[float | None, positive_query("m, of the base circle")] = None,
     rpm: Annotated[float | None, positive_query("revolutions per minute")] = None,
@@ -133,7 +133,7 @@ async def limits(
     """
     require_few_samples(front, count)
     if (over is None) != (values is None) or (low is None) != (high is None):
-        raise ParameterError("over and values belong together, and so do low and high: of each pair give both or none")
+        raise ParameterError("over and values belong together: give both or neither; the same holds for low and high")
     between = None if low is None or high is None else (low, high)
     found = await compute_in_process(
         front,
@@ -160,11 +160,15 @@ def compute_limits(
     seed: int,
     budget: int,
 ) -> list[Limit]:
-    """Return the limits of the number `of`: one for each of `values` of the number `over`, or a single limit."""
-    asked: dict[str, Any] = {"between": between, "count": count, "seed": seed, "budget": budget}
+    """Return the design limits of the number `of`, at the required probability `share` of quiet running.
+
+    over: a second number, which takes each of `values`; None for a single limit. given: the gear's other numbers.
+    between: the range in which a limit is searched; None for the default range.
+    """
+    search: dict[str, Any] = {"between": between, "count": count, "seed": seed, "budget": budget}
     if over is None:
-        return [design_limit(given, of, share, **asked)]
-    return design_limits(given, of, over, values or (), share, **asked)
+        return [design_limit(given, of, share, **search)]
+    return design_limits(given, of, over, values or (), share, **search)
 
 
 def _limit_document(at: float | None, found: Limit) -> LimitDocument:

@@ -36,20 +36,20 @@ router = APIRouter(prefix="/v1/surveys", tags=["results"])
 
 PNG, SVG, PDF = "image/png", "image/svg+xml", "application/pdf"
 MAPS = [*(quantity.name for quantity in QUANTITIES if quantity.per_cell), LARGEST, SHARE]
-#: Least width of a window, relative to its end farthest from 0, so that the labels of its ticks differ.
-NARROWEST = 1e-10
-FARTHEST = 1e100  # ends of windows and of the colours' range are at most this large
+#: Least width of a window, as a share of the magnitude of its larger end, so that the labels of its ticks differ.
+LEAST_WIDTH_SHARE = 1e-10
+LARGEST_END = 1e100  # ends of windows and of the colours' range are at most this large
 LONGEST_LINES = 200  # most characters of the query parameter `lines`
-MOST_CELLS = 4_000_000  # most pixels of a window
-LOOK_SECONDS = 1.0  # seconds between two checks whether the client has disconnected
+MOST_WINDOW_PIXELS = 4_000_000  # most pixels of a window
+DISCONNECT_CHECK_SECONDS = 1.0  # seconds between two checks whether the client has disconnected
 
 T = TypeVar("T")
 
 WindowEnd = Annotated[
     float | None,
-    Query(ge=-FARTHEST, le=FARTHEST, description="an end of the window; by default the whole survey is drawn"),
+    Query(ge=-LARGEST_END, le=LARGEST_END, description="an end of the window; by default the whole survey is drawn"),
 ]
-ColourEnd = Annotated[float | None, Query(ge=-FARTHEST, le=FARTHEST, description="an end of the colours' range")]
+ColourEnd = Annotated[float | None, Query(ge=-LARGEST_END, le=LARGEST_END, description="an end of the colours' range")]
 
 
 async def look_of_query(
@@ -75,44 +75,49 @@ async def look_of_query(
         int | None, Query(ge=0, le=10**9, description="number of a family; cells without it are dimmed")
     ] = None,
 ) -> Look:
-    """Return the window, colours and lines of a picture that the query describes. Raises LimitError for wrong ones."""
+    """Return the window, colours and lines of a picture that a query describes. Raises LimitError for wrong values."""
     chosen = None if lines is None else tuple(name for name in lines.split(",") if name)
     if unknown := set(chosen or ()) - set(LINES):
         raise LimitError("query.lines", f"there is no line {min(unknown)!r}: choose from {', '.join(LINES)}.")
-    if log and low is not None and 0 < low < 1 / FARTHEST:
-        raise LimitError("query.low", f"low must be at least {1 / FARTHEST:g}, or 0, for logarithmic colours.")
+    if log and low is not None and 0 < low < 1 / LARGEST_END:
+        raise LimitError("query.low", f"low must be at least {1 / LARGEST_END:g}, or 0, for logarithmic colours.")
     return Look(
-        _range("delta", delta_min, delta_max),
-        _range("epsilon", epsilon_min, epsilon_max),
-        _range("colours", low, high, ("low", "high")) or span,
+        _range_of_query("delta", delta_min, delta_max),
+        _range_of_query("epsilon", epsilon_min, epsilon_max),
+        _range_of_query("colours", low, high, ("low", "high")) or span,
         log,
         chosen,
         family,
     )
 
 
-def _range(name: str, low: float | None, high: float | None, ends: tuple[str, str] | None = None) -> Pair | None:
+def _range_of_query(
+    name: str, low: float | None, high: float | None, ends: tuple[str, str] | None = None
+) -> Pair | None:
     """Return two query parameters as a range; None if both are missing. Raises LimitError if the range is not valid.
 
-    ends: names of the two parameters for messages; None: `name` with _min and with _max.
+    ends: names of the two parameters for messages; None for the names `name`_min and `name`_max.
     """
     first, last = ends or (f"{name}_min", f"{name}_max")
     both = _both_or_none(first, low, last, high)
     if both is None:
         return None
     low, high = both
-    if not high - low > max(NARROWEST * max(abs(low), abs(high)), 1 / FARTHEST):
-        raise LimitError(f"query.{first}", f"{first} must be less than {last}, by more than 1e-10 of their magnitude.")
+    if not high - low > max(LEAST_WIDTH_SHARE * max(abs(low), abs(high)), 1 / LARGEST_END):
+        raise LimitError(
+            f"query.{first}", f"{first} must be less than {last}, by more than 1e-10 of the larger of their magnitudes."
+        )
     return both
 
 
-def _both_or_none(first: str, one: T | None, last: str, other: T | None) -> tuple[T, T] | None:
+def _both_or_none(first_name: str, first: T | None, second_name: str, second: T | None) -> tuple[T, T] | None:
     """Return two parameters that belong together, or None if neither is given. Raises LimitError if only one is."""
-    if one is None and other is None:
+    if first is None and second is None:
         return None
-    if one is None or other is None:
-        raise LimitError(f"query.{first if one is None else last}", f"give both {first} and {last}, or neither.")
-    return one, other
+    if first is None or second is None:
+        missing = first_name if first is None else second_name
+        raise LimitError(f"query.{missing}", f"give both {first_name} and {second_name}, or neither.")
+    return first, second
 
 
 Index = Annotated[int, Query(ge=0, le=64, description="number of the orbit, slot of attractors, or family")]
@@ -144,10 +149,10 @@ async def options_of_query(
 ) -> PictureOptions:
     """Return the options of a picture that the query describes. Raises LimitError for wrong numbers of pixels."""
     pixels = _both_or_none("pixels_delta", pixels_delta, "pixels_epsilon", pixels_epsilon)
-    if pixels and math.prod(pixels) > MOST_CELLS:
+    if pixels and math.prod(pixels) > MOST_WINDOW_PIXELS:
         raise LimitError(
             "query.pixels_delta",
-            f"a window may have at most {MOST_CELLS:,} pixels: lower pixels_delta or pixels_epsilon.",
+            f"a window may have at most {MOST_WINDOW_PIXELS:,} pixels: lower pixels_delta or pixels_epsilon.",
         )
     return PictureOptions(variable, index, slice_, look, share, pixels, caption)
 
@@ -165,9 +170,9 @@ def _picture_responses(media: str, schema: dict[str, str]) -> dict[int | str, di
     response_class=Response,
     responses=_picture_responses(PNG, {"type": "string", "format": "binary"}),
 )
-async def picture(request: Request, front: FrontState, survey_id: SurveyId, asked: PictureQuery) -> Response:
+async def picture(request: Request, front: FrontState, survey_id: SurveyId, options: PictureQuery) -> Response:
     """Draw a map as PNG. Failed cells, and cells that are not computed yet, have colours of their own."""
-    return await _picture_response(request, front, survey_id, asked, "png", PNG)
+    return await _picture_response(request, front, survey_id, options, "png", PNG)
 
 
 @router.get(
@@ -176,9 +181,9 @@ async def picture(request: Request, front: FrontState, survey_id: SurveyId, aske
     response_class=Response,
     responses=_picture_responses(SVG, {"type": "string"}),
 )
-async def drawing(request: Request, front: FrontState, survey_id: SurveyId, asked: PictureQuery) -> Response:
+async def drawing(request: Request, front: FrontState, survey_id: SurveyId, options: PictureQuery) -> Response:
     """Draw a map as SVG, with lines and letters as vectors, and cells as pixels."""
-    return await _picture_response(request, front, survey_id, asked, "svg", SVG)
+    return await _picture_response(request, front, survey_id, options, "svg", SVG)
 
 
 @router.get(
@@ -187,45 +192,47 @@ async def drawing(request: Request, front: FrontState, survey_id: SurveyId, aske
     response_class=Response,
     responses=_picture_responses(PDF, {"type": "string", "format": "binary"}),
 )
-async def sheet(request: Request, front: FrontState, survey_id: SurveyId, asked: PictureQuery) -> Response:
+async def sheet(request: Request, front: FrontState, survey_id: SurveyId, options: PictureQuery) -> Response:
     """Draw a map as PDF, with lines and letters as vectors, and cells as pixels."""
-    return await _picture_response(request, front, survey_id, asked, "pdf", PDF)
+    return await _picture_response(request, front, survey_id, options, "pdf", PDF)
 
 
 async def _picture_response(
-    request: Request, front: Front, survey_id: str, asked: PictureOptions, form: Form, media: str
+    request: Request, front: Front, survey_id: str, options: PictureOptions, form: Form, media: str
 ) -> Response:
-    job, place = await run_in_threadpool(front.job_with_results, survey_id)
-    if asked.has_caption:
-        asked = replace(asked, look=asked.look.with_caption(_caption(job, str(request.url))))
+    job, store = await run_in_threadpool(front.job_with_results, survey_id)
+    if options.has_caption:
+        options = replace(options, look=options.look.with_caption(_caption(job, str(request.url))))
     headers = {
-        "ETag": weak_etag(survey_id, job.last_event, asked, form),
+        "ETag": weak_etag(survey_id, job.last_event, options, form),
         "Cache-Control": REVALIDATE,  # later versions may draw otherwise, and repairs may add lost tiles
     }
     if is_not_modified(request, headers):
         return Response(status_code=304, headers=headers)
     with front.interruptible_work():
-        over = await _await_while_connected(request, _compute_overlays(front, request.app.state.overlaid, job, asked))
+        overlays = await _await_while_connected(
+            request, _compute_overlays(front, request.app.state.overlaid, job, options)
+        )
         drawn = await anyio.to_thread.run_sync(
-            _draw, place, asked, form, over, limiter=front.picture_limiter, abandon_on_cancel=True
+            _draw_map, store, options, form, overlays, limiter=front.picture_limiter, abandon_on_cancel=True
         )
     return Response(drawn, media_type=media, headers=headers)
 
 
-async def _compute_overlays(front: Front, overlaid: Overlays, job: JobRow, asked: PictureOptions) -> OverlayData:
+async def _compute_overlays(front: Front, overlaid: Overlays, job: JobRow, options: PictureOptions) -> OverlayData:
     """Compute the overlays of a map before it is drawn. Raises RattleError for a wrong slice or if an overlay fails."""
     whole = SurveyRequest.model_validate(job.request)
-    require_slice({name: axis.num for name, axis in whole.third_axis.items()}, asked.slice)
-    survey = whole.slice_request(whole.slice_index(asked.slice or 0))
+    require_slice({name: axis.num for name, axis in whole.third_axis.items()}, options.slice)
+    survey = whole.slice_request(whole.slice_index(options.slice or 0))
     await front.kernels.wait_until_compiled(survey.gear_model.name, patience=math.inf)
-    return await overlaid.overlays_of(survey, asked)
+    return await overlaid.overlays_of(survey, options)
 
 
-async def _await_while_connected(request: Request, finding: Coroutine[Any, Any, OverlayData]) -> OverlayData:
+async def _await_while_connected(request: Request, work: Coroutine[Any, Any, OverlayData]) -> OverlayData:
     """Wait for the overlays of a picture. Cancel them and raise UnavailableError if the client disconnects."""
-    task = asyncio.ensure_future(finding)
+    task = asyncio.ensure_future(work)
     try:
-        while not (await asyncio.wait([task], timeout=LOOK_SECONDS))[0]:
+        while not (await asyncio.wait([task], timeout=DISCONNECT_CHECK_SECONDS))[0]:
             if await request.is_disconnected():
                 raise UnavailableError("The client of this picture has disconnected.")
         return task.result()
@@ -237,15 +244,15 @@ def _caption(job: JobRow, address: str) -> str:
     return f"{job.name or job.id}, {address}, {PACKAGE} {rattle.__version__}"
 
 
-def _draw(place: Path | Bucket, asked: PictureOptions, form: Form, over: OverlayData) -> bytes:
+def _draw_map(store: Path | Bucket, options: PictureOptions, form: Form, overlays: OverlayData) -> bytes:
     from gear_rattle.workers.pictures.largest import open_maps
     from gear_rattle.workers.pictures.levels import level_opener
     from gear_rattle.workers.pictures.maps import (
         map_picture,
     )  # loads matplotlib in a second, so only for the first picture
 
-    opened = partial(open_survey, place)
-    with_families = SHARE if asked.look.family is not None else asked.variable
-    with open_maps(opened, with_families, asked.slice) as dataset:
-        levels = level_opener(opened, asked.slice, has_added(place, LEVELS))
-        return map_picture(dataset, asked.variable, asked.index, levels, asked.look, form, over)
+    opened = partial(open_survey, store)
+    with_families = SHARE if options.look.family is not None else options.variable
+    with open_maps(opened, with_families, options.slice) as dataset:
+        levels = level_opener(opened, options.slice, has_added(store, LEVELS))
+        return map_picture(dataset, options.variable, options.index, levels, options.look, form, overlays)

@@ -77,7 +77,10 @@ class Interval(BaseModel):
 
 
 class IndexDocument(BaseModel):
-    """Sobol indices of a number of the gears: its shares of a result's variance, alone and with all interactions."""
+    """Sobol indices of one number of the gears: shares of a result's variance.
+
+    `first` is the share that the number explains alone, `total` the share with all its interactions.
+    """
 
     first: Interval
     total: Interval
@@ -122,13 +125,13 @@ def answers_document(found: Population) -> Answers:
         undecided=found.undecided,
         passing=None if found.passing is None else Interval.from_estimate(found.passing),
         intensity={str(q): Interval.from_estimate(each) for q, each in intensity.items()} or None,
-        quiet_indices=_indices(found, "quiet"),
-        energy_indices=_indices(found, "energy"),
+        quiet_indices=_sobol_indices_of(found, "quiet"),
+        energy_indices=_sobol_indices_of(found, "energy"),
         worst=[WorstDocument(**each._asdict() | {"energy": json_number(each.energy)}) for each in found.worst()],
     )
 
 
-def _indices(found: Population, of: str) -> dict[str, IndexDocument] | None:
+def _sobol_indices_of(found: Population, of: str) -> dict[str, IndexDocument] | None:
     try:
         indices = found.indices(of)
     except RattleError:  # no indices can be computed, for example because the gears differ too little

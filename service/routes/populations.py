@@ -75,7 +75,7 @@ def submit_population(
     """
     job = submit_survey(front, caller, body, idempotency_key, force)
     set_job_headers(response, job, KIND)
-    return _detail(front, job)
+    return _population_detail(front, job)
 
 
 @estimates.post(
@@ -117,7 +117,7 @@ def list_populations(
 def show_population(request: Request, front: FrontState, population_id: PopulationId) -> Response:
     """Return the status and the request of a population."""
     job = find_job(front, population_id, KIND)
-    return json_answer(request, _detail(front, job), job.finished)
+    return json_answer(request, _population_detail(front, job), job.finished)
 
 
 @router.post(
@@ -133,7 +133,7 @@ def verify_population(
     job = verify_survey(front, caller, population_id, KIND)
     response.headers["Location"] = path_of(job.id, KIND)
     response.headers["Retry-After"] = RETRY_SECONDS
-    return _detail(front, job)
+    return _population_detail(front, job)
 
 
 @router.delete(
@@ -147,7 +147,7 @@ def remove_population(
 ) -> Response | PopulationDetail:
     """Remove a population, as `DELETE /v1/surveys/{survey_id}` does for a survey."""
     dismissed = remove_survey(front, caller, population_id, KIND)
-    return Response(status_code=204) if dismissed is None else _detail(front, dismissed)
+    return Response(status_code=204) if dismissed is None else _population_detail(front, dismissed)
 
 
 @router.get(
@@ -195,7 +195,7 @@ async def read_population(
 )
 async def answers(request: Request, front: FrontState, population_id: PopulationId) -> Response:
     """Return the probability of quiet running, yield, quantiles of the intensity, Sobol indices and the worst gears."""
-    job, place = await run_in_threadpool(front.job_and_store, population_id, KIND)
+    job, store = await run_in_threadpool(front.job_and_store, population_id, KIND)
     if job.state != State.SUCCESSFUL:
         raise MissingError(f"Population {population_id} is {job.state}: its answers can be read once it has completed.")
     headers = {"ETag": weak_etag(job.id, job.last_event, "answers"), "Cache-Control": REVALIDATE}
@@ -203,16 +203,16 @@ async def answers(request: Request, front: FrontState, population_id: Population
         return Response(status_code=304, headers=headers)
     with front.interruptible_work():
         body = await anyio.to_thread.run_sync(
-            _read_answers, place, limiter=front.export_limiter, abandon_on_cancel=True
+            _read_answers, store, limiter=front.export_limiter, abandon_on_cancel=True
         )
     return Response(body, media_type="application/json", headers=headers)
 
 
-def _read_answers(place: FilePath | Bucket) -> str:
+def _read_answers(store: FilePath | Bucket) -> str:
     from gear_rattle.workers.answers import population_of  # loads zarr
 
-    return answers_document(population_of(place)).model_dump_json()
+    return answers_document(population_of(store)).model_dump_json()
 
 
-def _detail(front: Front, job: JobRow) -> PopulationDetail:
+def _population_detail(front: Front, job: JobRow) -> PopulationDetail:
     return PopulationDetail.with_failures(job, first_failures(front, job))

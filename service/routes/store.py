@@ -77,16 +77,16 @@ async def stored_file(front: Front, survey_id: str, kind: JobKind, key: str, req
     job, store = await run_in_threadpool(front.job_and_store, survey_id, kind)
     if not KEY.fullmatch(key) or key.endswith(".partial"):
         raise MissingError(f"The store of {kind} {survey_id} has no key {key!r}.")
-    unchanging = job.state == State.SUCCESSFUL
+    is_unchanging = job.state == State.SUCCESSFUL
     try:
-        response = await file_at(store, key, request, unchanging)
+        response = await file_at(store, key, request, is_unchanging)
     except (HTTPException, OSError) as error:  # a circular link is an OSError
         if getattr(error, "status_code", 404) not in MISSING_STATUSES:
             raise
         if not await run_in_threadpool(is_expected_file, front, survey_id, key):
             raise HTTPException(404) from error
         try:
-            response = await file_at(store, key, request, unchanging)  # a tile may have written the file meanwhile
+            response = await file_at(store, key, request, is_unchanging)  # a tile may have written the file meanwhile
         except (HTTPException, OSError):
             raise DamageError(
                 f"{key} of {kind} {survey_id} was computed but cannot be read now. "
@@ -94,19 +94,19 @@ async def stored_file(front: Front, survey_id: str, kind: JobKind, key: str, req
             ) from error
     if response.status_code == 200 and key.endswith("zarr.json"):
         response.headers["content-type"] = "application/json"
-    response.headers["cache-control"] = HOUR if unchanging else REVALIDATE
+    response.headers["cache-control"] = HOUR if is_unchanging else REVALIDATE
     return response
 
 
-async def file_at(store: pathlib.Path | Bucket, key: str, request: Request, unchanging: bool) -> Response:
+async def file_at(store: pathlib.Path | Bucket, key: str, request: Request, is_unchanging: bool) -> Response:
     """Return the file with this key in a store. Raises HTTPException or OSError if there is no such file.
 
-    unchanging: False if files may still change; then the time of a client's copy (If-Modified-Since) does not count.
+    is_unchanging: False if files may still change; then the time of a client's copy (If-Modified-Since) does not count.
     """
     if isinstance(store, Bucket):
         return await object_response(store, key, request)
     files = StaticFiles(directory=store, check_dir=False)
-    return await files.get_response(key, request.scope if unchanging else _without_modified_since(request.scope))
+    return await files.get_response(key, request.scope if is_unchanging else _without_modified_since(request.scope))
 
 
 def _without_modified_since(scope: Scope) -> Scope:

@@ -93,11 +93,11 @@ def submit(
 
     If the same body is sent again with the same `Idempotency-Key`, the answer is the survey of the first answer, with
     or without `force`, as long as that survey exists. A survey remembers the idempotency key that created it, and the
-    latest 100 others.
+    latest 100 idempotency keys of later requests.
     """
     job = submit_survey(front, caller, body, idempotency_key, force)
     set_job_headers(response, job, JobKind.SURVEY)
-    return _detail(front, job)
+    return _survey_detail(front, job)
 
 
 @router.get(
@@ -129,7 +129,7 @@ def show(request: Request, front: FrontState, survey_id: SurveyId) -> Response:
     job = find_job(front, survey_id, JobKind.SURVEY)
     # The time of the last change is known only if nobody has changed the name or the notes.
     is_as_submitted = not job.notes and job.name == readable_request(job).get("name")
-    return json_answer(request, _detail(front, job), job.finished if is_as_submitted else None)
+    return json_answer(request, _survey_detail(front, job), job.finished if is_as_submitted else None)
 
 
 @router.post(
@@ -147,7 +147,7 @@ def verify(front: FrontState, caller: CallerState, response: Response, survey_id
     job = verify_survey(front, caller, survey_id)
     response.headers["Location"] = path_of(job.id)
     response.headers["Retry-After"] = RETRY_SECONDS
-    return _detail(front, job)
+    return _survey_detail(front, job)
 
 
 @router.patch(
@@ -167,7 +167,7 @@ def describe(
     Fields that are left out do not change. The store keeps the name of the submission. Surveys with different names can
     be identical.
     """
-    return _detail(front, describe_survey(front, caller, survey_id, body))
+    return _survey_detail(front, describe_survey(front, caller, survey_id, body))
 
 
 @router.delete(
@@ -183,8 +183,8 @@ def remove(front: FrontState, caller: CallerState, survey_id: SurveyId) -> Respo
     only the key that submitted a survey may remove it.
     """
     dismissed = remove_survey(front, caller, survey_id)
-    return Response(status_code=204) if dismissed is None else _detail(front, dismissed)
+    return Response(status_code=204) if dismissed is None else _survey_detail(front, dismissed)
 
 
-def _detail(front: Front, job: JobRow) -> SurveyDetail:
+def _survey_detail(front: Front, job: JobRow) -> SurveyDetail:
     return SurveyDetail.with_failures(job, first_failures(front, job))

@@ -88,7 +88,13 @@ def json_answer(request: Request, document: BaseModel, modified: str | None = No
 
 
 async def set_query_etag(request: Request, response: Response) -> None:
-    """Set the ETag of an answer that depends on query and code only. If the client has it, raise HTTPException 304."""
+    """Set ETag and Cache-Control of an answer that depends only on the query and the code.
+
+    Raises
+    ------
+    HTTPException
+        304: the client's copy of the answer has this ETag.
+    """
     query = str(sorted(request.query_params.multi_items()))
     headers = {"ETag": f'"{_digest(_answer_version().encode(), query.encode())}"', "Cache-Control": HOUR}
     if is_not_modified(request, headers):
@@ -97,7 +103,7 @@ async def set_query_etag(request: Request, response: Response) -> None:
 
 
 def weak_etag(*parts: object) -> str:
-    """Return a weak ETag: a hash of `parts` and the code. Of two answers with one ETag, one may have a newer tile."""
+    """Return a weak ETag: a hash of `parts` and of the code. Answers with the same ETag may differ by a new tile."""
     return f'W/"{_digest(_answer_version().encode(), repr(parts).encode())}"'
 
 

@@ -9,7 +9,7 @@ from rattle.populations import DIMENSIONLESS, OF_MACHINE
 
 NOTHING_ADDED: dict[str, Any] = dict.fromkeys(ADDED)
 SURVEY_ID = "4f1c0d9a7be25836"
-HERE = f"/v1/surveys/{SURVEY_ID}"
+SURVEY_PATH = f"/v1/surveys/{SURVEY_ID}"
 
 REQUEST: dict[str, Any] = {
     "name": "figure 7",
@@ -60,10 +60,10 @@ SURVEY: dict[str, Any] = {
     "cells": 3660,
     "cells_failed": 0,
     "links": {
-        "self": HERE,
-        "events": f"{HERE}/events",
-        "store": f"{HERE}/store",
-        "map": f"{HERE}/map.png",
+        "self": SURVEY_PATH,
+        "events": f"{SURVEY_PATH}/events",
+        "store": f"{SURVEY_PATH}/store",
+        "map": f"{SURVEY_PATH}/map.png",
         "certificates": None,
     },
 }
@@ -85,7 +85,7 @@ DETAIL: dict[str, Any] = SURVEY | {
     "failures": [],
 }
 POPULATION_ID = "9a7be258364f1c0d"
-POPULATION_HERE = f"/v1/populations/{POPULATION_ID}"
+POPULATION_PATH = f"/v1/populations/{POPULATION_ID}"
 POPULATION_REQUEST: dict[str, Any] = {
     "name": "drawing 17",
     "gear": {
@@ -110,10 +110,10 @@ POPULATION: dict[str, Any] = {
     "tiles": 16,
     "cells": 2000,
     "links": {
-        "self": POPULATION_HERE,
-        "events": f"{POPULATION_HERE}/events",
-        "store": f"{POPULATION_HERE}/store",
-        "answers": f"{POPULATION_HERE}/answers",
+        "self": POPULATION_PATH,
+        "events": f"{POPULATION_PATH}/events",
+        "store": f"{POPULATION_PATH}/store",
+        "answers": f"{POPULATION_PATH}/answers",
     },
 }
 POPULATION_DETAIL: dict[str, Any] = POPULATION | {

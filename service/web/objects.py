@@ -29,10 +29,10 @@ async def object_response(store: Bucket, key: str, request: Request) -> Response
     StorageError
         The object store fails.
     """
-    return await run_in_threadpool(_respond, store, key, request)
+    return await run_in_threadpool(_answer_with_object, store, key, request)
 
 
-def _respond(store: Bucket, key: str, request: Request) -> Response:
+def _answer_with_object(store: Bucket, key: str, request: Request) -> Response:
     try:
         body, tag = store.read_tagged(key)
     except FileNotFoundError:

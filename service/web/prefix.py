@@ -11,7 +11,7 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 from gear_rattle.service.settings import ROOT_PATH
 
 PREFIX_HEADER, SCHEME_HEADER = "x-forwarded-prefix", "x-forwarded-proto"
-SECURE = {"http": "https", "ws": "wss"}
+SECURE_SCHEMES = {"http": "https", "ws": "wss"}
 
 _root: ContextVar[str] = ContextVar("root_path", default="")
 
@@ -61,7 +61,7 @@ class PrefixMiddleware:
             path = root + path
         scheme = scope.get("scheme", "http")
         if self._trusted and headers.get(SCHEME_HEADER, "").lower() == "https":
-            scheme = SECURE.get(scheme, scheme)
+            scheme = SECURE_SCHEMES.get(scheme, scheme)
         token = _root.set(root)
         try:
             await self.app({**scope, "root_path": root, "path": path, "scheme": scheme}, receive, send)

@@ -32,7 +32,7 @@ MAX_FIELD_ERRORS = 50
 RETRY_AFTER = {"Retry-After": "5"}
 HEADERS_OF = {401: {"WWW-Authenticate": 'Bearer realm="gear rattle"'}, 429: RETRY_AFTER, 503: RETRY_AFTER}
 #: Statuses of errors that a request to any route may get.
-ANYWHERE = (400, 403, 408, 413, 414, 415, 431, 500, 503)
+STATUSES_OF_ANY_ROUTE = (400, 403, 408, 413, 414, 415, 431, 500, 503)
 METHODS = ("GET", "HEAD", "POST", "PUT", "PATCH", "DELETE")
 
 log = logging.getLogger(__name__)

@@ -49,7 +49,7 @@ def run_server(app: FastAPI, settings: Settings, log_config: dict[str, Any], ask
     log_config
         The configuration for `logging.config.dictConfig`.
     asked_to_stop
-        An event that a signal sets if it arrives before the server handles signals.
+        An event. It is set if a signal arrives before the server handles signals.
 
     Returns
     -------
@@ -80,7 +80,7 @@ def run_server(app: FastAPI, settings: Settings, log_config: dict[str, Any], ask
         )
     )
 
-    def begin() -> None:
+    def on_start() -> None:
         _end_with_signals(app)
         if asked_to_stop.is_set():
             server.should_exit = True
@@ -95,7 +95,7 @@ def run_server(app: FastAPI, settings: Settings, log_config: dict[str, Any], ask
         if explorer := app.state.explorer:  # prepare the explorer before somebody opens it
             app.state.preparing = asyncio.ensure_future(explorer.prepare())  # the reference keeps the task alive
 
-    app.state.on_start = begin
+    app.state.on_start = on_start
     server.run(sockets)
     return server.started
 

@@ -199,8 +199,8 @@ PROTECTIONS = (
         "a dismissal ends processes",
         f"{SERVICE}::test_a_dismissal_ends_the_work_and_a_deletion_the_store",
         "service/jobs/manager.py",
-        "(self._is_interrupted, self._dismissed.is_set, is_over)",
-        "(self._is_interrupted, lambda: False, is_over)",
+        "(self._is_interrupted, self._dismissed.is_set, must_pause)",
+        "(self._is_interrupted, lambda: False, must_pause)",
     ),
     Protection(
         "a lost scheduler is not the survey's fault",

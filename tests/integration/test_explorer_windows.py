@@ -288,7 +288,7 @@ def test_so_many_windows_are_kept_and_so_many_cells() -> None:
 
     def keep(number: int, cells: int) -> None:
         frame = Frame(np.zeros(1), np.zeros(1), np.zeros((1, cells)), 1.0, 0)
-        windows._keep(("", "region", number, WINDOW, PIXELS), frame)
+        windows._keep_frame(("", "region", number, WINDOW, PIXELS), frame)
 
     for number in range(2 * service_windows.KEPT):
         keep(number, 1)

@@ -18,7 +18,7 @@ Route = TypeVar("Route", bound=Callable[..., Any])
 def query_of(name: str, otherwise: str = DEFAULT_MODEL, example: float | None = None) -> Any:
     """Return the annotated type of a query parameter of a route: the parameter `name` that a model adds.
 
-    otherwise: words of the description for the model that the route uses if the query lacks this parameter.
+    otherwise: words that end the parameter's description, and name the model that the route uses without the parameter.
     """
     each = ADDED[name]
     upper = each.greatest if math.isfinite(each.greatest) else None

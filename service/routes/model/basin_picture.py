@@ -59,7 +59,7 @@ async def basins(
         )
     png = await compute_in_process(
         front,
-        _draw,
+        _draw_basins,
         point.gear,
         resolution,
         (tau_min, tau_max),
@@ -76,7 +76,7 @@ def highest_speed(gear: AnyGear) -> float:
     return sampled_speed(None, gear.delta, gear.epsilon, gear.beta)
 
 
-def _draw(gear: AnyGear, resolution: int, tau: tuple[float, float], v: tuple[float, float]) -> bytes:
+def _draw_basins(gear: AnyGear, resolution: int, tau: tuple[float, float], v: tuple[float, float]) -> bytes:
     from rattle.plot import panels  # loads matplotlib, only in the process that draws
 
     added = {each.name: model_at(gear).numbers[each.name] for each in model_at(gear).added}

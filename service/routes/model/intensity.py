@@ -32,7 +32,7 @@ router = APIRouter(prefix="/v1", tags=["points"])
 
 
 class ErrorsDocument(BaseModel):
-    """Errors of the fields of an intensity with the same names.
+    """Errors of an intensity: each field has the error of the field of the same name in the intensity.
 
     An error is half the width of the 95 % interval; 0 if the field is exact, null if the attractor is undecided.
     """

@@ -36,10 +36,10 @@ def positive_query(description: str, example: float | None = None, *, zero: bool
 
 
 MOST_HARMONICS = 64
-LINE = "m along the line of action"
+ALONG_LINE_OF_ACTION = "m along the line of action"
 INERTIA = "kg m², of each of two equal gears with its shaft, or of the first of two unlike gears"
 DRAG = "N m s/rad: the drag torque of each gear over its speed"
-ECCENTRICITY = f"{LINE}: the amplitude of the transmission error once a revolution"
+ECCENTRICITY = f"{ALONG_LINE_OF_ACTION}: the amplitude of the transmission error once a revolution"
 DRIVE = "torque: a constant torque on one gear; speed: an imposed speed of one gear"
 Drive = Annotated[Literal["torque", "speed"], Query(description=DRIVE)]
 #: Descriptions of the numbers of a second gear and of parts of the transmission error, by name.
@@ -49,10 +49,10 @@ SECOND_GEAR = {
     "driven_radius": "m, of the second gear's base circle; by default from the tooth numbers",
     "teeth": "tooth number of the first gear",
     "driven_teeth": "tooth number of the second gear",
-    "driven_eccentricity": f"{LINE}: the transmission error once a revolution of the second gear",
-    "mesh_error": f"{LINE}: the transmission error once a tooth",
-    "mesh_error_2": f"{LINE}: the transmission error twice a tooth",
-    "mesh_error_3": f"{LINE}: the transmission error three times a tooth",
+    "driven_eccentricity": f"{ALONG_LINE_OF_ACTION}: the transmission error once a revolution of the second gear",
+    "mesh_error": f"{ALONG_LINE_OF_ACTION}: the transmission error once a tooth",
+    "mesh_error_2": f"{ALONG_LINE_OF_ACTION}: the transmission error twice a tooth",
+    "mesh_error_3": f"{ALONG_LINE_OF_ACTION}: the transmission error three times a tooth",
 }
 #: Optional numbers of a machine that must be positive.
 POSITIVE_NUMBERS = ("stiffness", "driven_inertia", "driven_drag", "driven_radius", "teeth", "driven_teeth")
@@ -71,7 +71,7 @@ ADDED_QUERIES: dict[str, dict[str, Any]] = {
 async def machine_of_query(
     inertia: Annotated[float, positive_query(INERTIA, 0.003)],
     drag: Annotated[float, positive_query(DRAG, 0.0005)],
-    backlash: Annotated[float, positive_query(LINE, 0.0001)],
+    backlash: Annotated[float, positive_query(ALONG_LINE_OF_ACTION, 0.0001)],
     eccentricity: Annotated[float, positive_query(ECCENTRICITY, 0.000015, zero=True)],
     radius: Annotated[float, positive_query("m, of the base circle", 0.05)],
     rpm: Annotated[float, positive_query("revolutions per minute", 3000.0)],
@@ -86,7 +86,7 @@ async def machine_of_query(
 async def measured_machine_of_query(
     inertia: Annotated[float, positive_query(INERTIA, 0.003)],
     drag: Annotated[float, positive_query(DRAG, 0.0005)],
-    backlash: Annotated[float, positive_query(LINE, 0.0001)],
+    backlash: Annotated[float, positive_query(ALONG_LINE_OF_ACTION, 0.0001)],
     radius: Annotated[float, positive_query("m, of the base circle", 0.05)],
     rpm: Annotated[float, positive_query("revolutions per minute", 3000.0)],
     drive: Drive = "torque",
@@ -111,7 +111,7 @@ async def point_of_query(
     beta: Annotated[float | None, positive_query("half-backlash, by default 0.6", 0.6)] = None,
     inertia: Annotated[float | None, positive_query(f"a machine instead: {INERTIA}")] = None,
     drag: Annotated[float | None, positive_query(DRAG)] = None,
-    backlash: Annotated[float | None, positive_query(LINE)] = None,
+    backlash: Annotated[float | None, positive_query(ALONG_LINE_OF_ACTION)] = None,
     eccentricity: Annotated[float | None, positive_query(ECCENTRICITY, zero=True)] = None,
     radius: Annotated[float | None, positive_query("m, of the base circle")] = None,
     rpm: Annotated[float | None, positive_query("revolutions per minute")] = None,
@@ -185,16 +185,16 @@ class UnitsDocument(BaseModel):
     frequency: float | None = Field(description="frequency of order 1, in Hz")
 
 
-class _PlainMachine(BaseModel):
+class _MachineBase(BaseModel):
     delta: float = Field(description="damping")
     epsilon: float = Field(description="eccentricity")
     beta: float = Field(description="half-backlash")
 
 
 if TYPE_CHECKING:
-    _Numbers = _PlainMachine
+    _Numbers = _MachineBase
 else:
-    _Numbers = with_fields(_PlainMachine)
+    _Numbers = with_fields(_MachineBase)
 
 
 class MachineDocument(_Numbers):

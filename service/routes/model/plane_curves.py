@@ -35,14 +35,14 @@ class RectangleDocument(BaseModel):
 
 
 class EndDocument(BaseModel):
-    """An end of a piece of a curve."""
+    """An end of a connected piece of a curve."""
 
     index: int = Field(description="index of the last point")
     reason: str = Field(description="why the curve ends there; `window: …` if it only leaves the window")
 
 
 class CurveDocument(BaseModel):
-    """A bifurcation curve. The lists from `delta` to `piece` have an entry for each point, one piece after another."""
+    """A bifurcation curve. The lists from `delta` to `piece` have an entry for each point of its connected pieces."""
 
     name: str
     meaning: str
@@ -80,14 +80,14 @@ class CurvePointDocument(BaseModel):
     tangency: list[Tangency]
 
 
-class _PlainCurve(BaseModel):
+class _CurveBase(BaseModel):
     beta: float
 
 
 if TYPE_CHECKING:
-    _Numbers = _PlainCurve
+    _Numbers = _CurveBase
 else:
-    _Numbers = with_fields(_PlainCurve)
+    _Numbers = with_fields(_CurveBase)
 
 
 class Curves(_Numbers):

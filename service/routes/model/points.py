@@ -40,14 +40,14 @@ SampleSeed = Annotated[int, Query(ge=0, lt=2**32)]
 
 
 def require_few_samples(front: Front, count: int) -> None:
-    """Raise LimitError if a point has more initial conditions than this service allows."""
+    """Raise LimitError if `count`, the initial conditions of a point, exceeds the limit of this service."""
     if count > front.settings.max_point_count:
         raise LimitError(
             "query.count", f"count may be at most {front.settings.max_point_count:,}. For more, submit a survey."
         )
 
 
-class _PlainPoint(BaseModel):
+class _PointBase(BaseModel):
     delta: float = Field(description="damping")
     epsilon: float = Field(description="eccentricity")
     beta: float = Field(description="half-backlash")
@@ -58,9 +58,9 @@ class _PlainPoint(BaseModel):
 
 
 if TYPE_CHECKING:
-    _Numbers = _PlainPoint
+    _Numbers = _PointBase
 else:
-    _Numbers = with_fields(_PlainPoint)
+    _Numbers = with_fields(_PointBase)
 
 
 class PointDocument(_Numbers):
@@ -180,14 +180,14 @@ def _orbits_in_si(point: RequestedPoint, found: dict[str, Any]) -> OrbitsInSI | 
         return None
     units = point.machine.units
 
-    def convert(value: float | None, unit: float) -> float | None:
+    def to_si_units(value: float | None, unit: float) -> float | None:
         return None if value is None else json_number(value * unit)
 
-    limits = {name: convert(found[name], units.length) for name in ("sn1", "flip", "quiet_limit")}
+    limits = {name: to_si_units(found[name], units.length) for name in ("sn1", "flip", "quiet_limit")}
     return OrbitsInSI(
         **limits,
-        missing=[convert(each["epsilon"], units.length) for each in found["missing"]],
-        velocities=[convert(orbit["v"], units.velocity) for orbit in found["orbits"]],
+        missing=[to_si_units(each["epsilon"], units.length) for each in found["missing"]],
+        velocities=[to_si_units(orbit["v"], units.velocity) for orbit in found["orbits"]],
     )
 
 

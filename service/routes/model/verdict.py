@@ -106,7 +106,10 @@ async def verdict_of_measured(
 
 
 def _read_curve(text: str, orders: int) -> TransmissionError:
-    """Read a transmission error from the CSV text of a request. Raises RattleError, which calls the text "the body"."""
+    """Read a transmission error from the CSV text of a request. orders: the highest order of its harmonics.
+
+    If the text is wrong, raise RattleError; its message calls the text "the body".
+    """
     with TemporaryDirectory() as directory:
         table = Path(directory, "curve.csv")
         table.write_text(text, encoding="utf-8")

@@ -64,7 +64,7 @@ async def watched(feeds: Broadcast, number: int) -> None:
 
 def test_every_stream_gets_every_event_once(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(broadcast, "KEPT_EVENTS", KEPT)
-    monkeypatch.setattr(broadcast, "PAUSE", 0)
+    monkeypatch.setattr(broadcast, "READ_PAUSE", 0)
 
     async def run() -> None:
         feeds, survey = Broadcast(), Survey()
@@ -132,6 +132,6 @@ def test_a_crowd_that_watches_does_not_hold_up_others() -> None:
         feeds.notify("x")
         await asyncio.gather(*running)
         turning.cancel()
-        assert max(Counter(woken).values()) <= broadcast.WOKEN_TOGETHER
+        assert max(Counter(woken).values()) <= broadcast.LISTENERS_AT_ONCE
 
     asyncio.run(run())

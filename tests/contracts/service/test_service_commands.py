@@ -62,7 +62,7 @@ def test_letters_that_a_reader_does_not_know_are_replaced(encoding: str) -> None
 
 @pytest.mark.parametrize(("encoding", "expected"), [("ascii", b"S+ S- d = 1 ? ..."), ("cp1252", b"S+ S- d = 1 ? \x85")])
 def test_walls_are_told_apart_where_their_letters_are_not_known(encoding: str, expected: bytes) -> None:
-    assert "Σ⁺ Σ⁻ δ = 1 你 …".encode(encoding, letters.NEAREST) == expected
+    assert "Σ⁺ Σ⁻ δ = 1 你 …".encode(encoding, letters.NEAREST_LETTERS) == expected
 
 
 def test_the_home_directory_is_found_where_a_shell_does_not_put_it(tmp_path: Path) -> None:

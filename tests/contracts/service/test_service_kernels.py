@@ -160,7 +160,7 @@ from rattle.attractors import SampleSpec
 from gear_rattle.service.operations.estimate import cell_seconds
 from gear_rattle.service.explorer.point import parts as point_parts
 from gear_rattle.service.kernels import compile_kernels
-from gear_rattle.service.routes.model.basin_picture import _draw
+from gear_rattle.service.routes.model.basin_picture import _draw_basins
 from gear_rattle.service.operations import diagrams
 from gear_rattle.service.operations.points import curves_document, intensities, orbits_document
 from gear_rattle.workers import SurveyRequest, compute_tile, tiles_of
@@ -194,7 +194,7 @@ for delta, epsilon, beta in ((0.5, 0.25, 0.6), (1.5, 0.4, 0.3))[: 1 if added els
         point_parts.margin(gear)
     for direction in diagrams.SPANS:
         point_parts.diagram(gear, direction, steps=4, count=4)
-    _draw(gear, 10, (0.0, 1.0), (0.0, 7.0))
+    _draw_basins(gear, 10, (0.0, 1.0), (0.0, 7.0))
     curves_document(model, (0.98 * delta, delta), (0.0, 0.3))
 fields = {"model": name, **added}
 groups = ["region", "orbits", "attractors", "lyapunov", "basins", "intensity", *([] if added else ["grazing"])]

@@ -291,7 +291,7 @@ def test_lines_that_take_long_are_found_once_and_given_up_with_whoever_asked(
         raise AssertionError
 
     monkeypatch.setattr(overlaid.crises, "crisis_of", for_ever)
-    monkeypatch.setattr(picture, "LOOK_SECONDS", 0.01)
+    monkeypatch.setattr(picture, "DISCONNECT_CHECK_SECONDS", 0.01)
     monkeypatch.setattr(Request, "is_disconnected", gone)
     answer = client.get(here, params={"lines": "crisis"})
     assert_problem(answer, 503, code="unavailable")

@@ -144,7 +144,7 @@ def serving(finished: Path, data: Path, **changes: Any) -> Iterator[tuple[str, F
     server = uvicorn.Server(uvicorn.Config(app, port=0, log_config=None))
     thread = threading.Thread(target=server.run)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(manager.JobManager, "_compute", compute)
+        patch.setattr(manager.JobManager, "_compute_until_pause", compute)
         for kind, name in (
             (Crises, "crisis_of"),
             (DesignLimits, "limits_over"),

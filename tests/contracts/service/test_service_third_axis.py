@@ -15,7 +15,7 @@ from gear_rattle.service.client import Client
 from gear_rattle.service.commands.survey_options import survey_request
 from gear_rattle.service.database.tables import State
 from gear_rattle.service.operations.chunks import is_expected_file
-from gear_rattle.service.operations.estimate import _few_cells, most_similar_survey
+from gear_rattle.service.operations.estimate import _request_for_few_cells, most_similar_survey
 from gear_rattle.workers import Axis, SurveyRequest, create_store, examine
 
 pytestmark = pytest.mark.usefixtures("templates_once")
@@ -89,7 +89,7 @@ def test_only_chunks_that_are_computed_are_owed(client: TestClient, running: str
 
 
 def test_the_cost_is_that_of_cells_of_the_middle_slice() -> None:
-    few = _few_cells(REQUEST)
+    few = _request_for_few_cells(REQUEST)
     assert (few.beta, few.n_cells) == (0.5, 9)
     width = REQUEST.delta.stop - REQUEST.delta.start
     assert few.delta.start == pytest.approx(REQUEST.delta.start + width / 6)  # each stands for a ninth of the plane

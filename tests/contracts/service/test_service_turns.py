@@ -130,7 +130,7 @@ def test_surveys_take_turns_and_say_what_they_wait_for(tmp_path: Path, monkeypat
         assert client.get(small[0]).json()["state"] == "successful"
         front = front_of(client)
         assert front.database.active_surveys() == []
-        assert front.manager._left == {}
+        assert front.manager._missing_tiles == {}
     waits = "waits for its turn: {} is computed now"
     assert said == {"small": waits.format("long"), "long": waits.format("small")}
     assert sorted(computed) == [("long", tile) for tile in range(8)] + [("small", tile) for tile in range(4)]
