@@ -73,12 +73,13 @@ ABOUT = (
     "<p class=faint>Inertia, drag and base radius are numbers of the first gear. A field with a 2 is for the second "
     "gear; if the field is empty, the number of the first gear is used.</p>"
 )
-BOTH = ("inertia", "drag", "backlash", "radius")  # names of the numbers that every machine has
+BASIC_NUMBERS = ("inertia", "drag", "backlash", "radius")  # names of the numbers that every machine must have
 SECOND = ("teeth", "driven_teeth", "driven_inertia", "driven_drag", "driven_radius")
-PAIR = (*BOTH, *SECOND)  # names of the numbers of a survey's machine
+SURVEY_NUMBERS = (*BASIC_NUMBERS, *SECOND)  # names of the numbers of a survey's machine
 ERRORS = ("mesh_error", "mesh_error_2", "mesh_error_3")
 POINT = (
-    *BOTH, "rpm", "eccentricity", "stiffness", "restitution", "load_torque", *ERRORS, *SECOND, "driven_eccentricity"
+    *BASIC_NUMBERS, "rpm", "eccentricity", "stiffness", "restitution", "load_torque", *ERRORS, *SECOND,
+    "driven_eccentricity",
 )  # fmt: skip
 
 
@@ -134,7 +135,7 @@ def machine_at_other_point(machine: Machine | None, delta: float, epsilon: float
     return replace(machine, speed=speed, eccentricity=eccentricity)
 
 
-def _rows_of_two(widgets: list[Any], *above: Any) -> pn.Column:
+def _in_rows_of_two(widgets: list[Any], *above: Any) -> pn.Column:
     rows = (pn.Row(*widgets[i : i + 2], sizing_mode="stretch_width") for i in range(0, len(widgets), 2))
     return pn.Column(*above, *rows, sizing_mode="stretch_width", margin=0)
 
@@ -155,8 +156,8 @@ class MachineFields:
         self._drive = pn.widgets.Select(label="Driven", options=options, value=next(iter(DRIVES)), **style)
         needed = [self._numbers[name] for name in self._numbers if NUMBERS[name].first is not None]
         about = pn.pane.HTML(ABOUT, stylesheets=[sheet], margin=(0, 4))
-        self.needed = _rows_of_two([*needed, self._drive])
-        self.optional = _rows_of_two([each for each in self._numbers.values() if each not in needed], about)
+        self.needed = _in_rows_of_two([*needed, self._drive])
+        self.optional = _in_rows_of_two([each for each in self._numbers.values() if each not in needed], about)
         self.panel = pn.Column(self.needed, self.optional, sizing_mode="stretch_width", margin=0)
 
     def entered_numbers(self) -> dict[str, Any]:

@@ -39,7 +39,10 @@ def bookmarks() -> dict[str, Bookmark]:
 
 
 def shown_bookmark(window: Ranges | None, point: Pair | None) -> Bookmark | None:
-    """Return the bookmark with a view's window and point, else the first one with its window and no point, else None.
+    """Return the bookmark that a view shows, None if there is none.
+
+    The bookmark has the window and the open point of the view. If no bookmark has both, the bookmark is the first that
+    has the same window and no point.
 
     Parameters
     ----------

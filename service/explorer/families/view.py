@@ -44,7 +44,8 @@ class FamilyData(NamedTuple):
     """Data of a survey's families, read from its store. They do not depend on the window of the map.
 
     names: the names of the first families. family, plane: the description of the chosen family and the map of its basin
-    fraction; None if no family is chosen, or none has the chosen number. why: the message in the latter case, else "".
+    fraction; None if no family is chosen, or if the survey has no family of the chosen number. why: a message for the
+    viewer if the survey has no family of the chosen number, else "".
     """
 
     names: list[str]
@@ -78,7 +79,7 @@ class FamiliesView:
         )  # fmt: skip
         self._extents: dict[str, Extent] = {}
         self.drawings = DrawingRunner(viewer, self._show_error)
-        # the shown family: id of its survey, number of its slice, its own number
+        # id of the survey, number of the slice, and number of the family that are shown; None for no family
         self._of: tuple[str, int, int | None] = ("", 0, None)
         self._known: tuple[tuple[Any, ...], FamilyData] | None = None
         store.subscribe(self._on_view_change, "survey", "slice", "family", "delta", "epsilon", "seen", JOBS)

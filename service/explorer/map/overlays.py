@@ -42,18 +42,18 @@ class MapLines:
         self._of: tuple[Hashable, ...] = ()  # model, and the other values on which all lines depend
         self._tasks: dict[str, tuple[Hashable, asyncio.Task[None]]] = {}
 
-    def draw(self, names: Sequence[str], model: Model, window: Ranges, *of: Hashable) -> None:
+    def draw(self, names: Sequence[str], model: Model, window: Ranges, *dependencies: Hashable) -> None:
         """Draw the named lines in a window, unless they are drawn or being computed, and hide all other lines.
 
         Parameters
         ----------
-        of : Hashable
-            Further values on which all lines depend, such as the id of the survey. If one of them or the model changes,
-            all lines are removed first.
+        dependencies : Hashable
+            Further values on which all lines depend, such as the id of the survey. If such a value or the model has
+            changed since the last call, all lines are removed first.
         """
-        if self._of != (model, *of):
+        if self._of != (model, *dependencies):
             self.clear()
-            self._of = model, *of
+            self._of = model, *dependencies
         self._figure.show_overlays(names)
         for name in names:
             if _is_offered(name, model):
@@ -77,7 +77,10 @@ class MapLines:
         self._figure.remove_lines()
 
     def _change_lines(self, name: str, change: Callable[[], object]) -> None:
-        """Let the page call `change` for the task that computes a line, unless another task takes its place before."""
+        """Let the page call `change` to draw a line that the current task has computed.
+
+        Do not call `change` if another task has begun to compute the line meanwhile.
+        """
         task = asyncio.current_task()
 
         def change_unless_cancelled() -> None:
@@ -131,7 +134,9 @@ class KeyedLines(MapLines):
 
     def _on_chosen(self) -> None:
         chosen = tuple(name for name in OVERLAYS if name in self.key.chosen)
-        if chosen != self._store.view.lines:  # equal if the browser only returns the page's own choice
+        if (
+            chosen != self._store.view.lines
+        ):  # they are equal if the page set the choice, and the browser only reports it back
             self._store.dispatch(OverlaysChosen(chosen))
 
     def _on_share(self) -> None:
@@ -197,13 +202,13 @@ class KeyedLines(MapLines):
                 async for delta, limits in self._overlaid.limits.limits_over(
                     model, self._delta_range, self._store.view.share
                 ):
-                    self._change_lines(name, partial(self._show_limit, delta, limits))
+                    self._change_lines(name, partial(self._show_design_limit, delta, limits))
         except RattleError as error:
             self._note_in_key(name, "", str(error))
         else:
             self._note_in_key(name, "")
 
-    def _show_limit(self, delta: np.ndarray, limits: np.ndarray) -> None:
+    def _show_design_limit(self, delta: np.ndarray, limits: np.ndarray) -> None:
         self._figure.draw_line(LIMIT, split_at_nan(limit_line(delta, limits)))
         self._figure.draw_limit_band(*limit_band(delta, limits))
 

@@ -32,7 +32,7 @@ KEPT = 4  # most drawings of completed maps in memory, a few MiB each; most page
 
 EXAMPLE = "example at β = 0.6, which comes with the explorer"
 
-USUAL = "quiet_fraction"  # variable that a page shows first of a survey that has it
+USUAL_VARIABLE = "quiet_fraction"  # variable that a page shows first of a survey that has it
 BEFOREHAND = "exact values, shown before the survey has computed them"
 WAITING = "exact values; the survey waits for its turn"
 
@@ -62,7 +62,7 @@ def default_variable(request: SurveyRequest, is_waiting: bool) -> str:
     if is_waiting and is_closed_form(request, maps[0]):
         return maps[0]
     filling = [name for name in maps if not is_closed_form(request, name)]
-    return USUAL if USUAL in maps else next(iter(filling), maps[0])
+    return USUAL_VARIABLE if USUAL_VARIABLE in maps else next(iter(filling), maps[0])
 
 
 class UncomputedMaps(Protocol):

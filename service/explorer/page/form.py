@@ -141,7 +141,7 @@ class SurveyForm:
     def fill_window(self, window: Ranges, model: Model, machine: SurveyedMachine | None = None) -> None:
         """Set the fields to the part of a window that a survey may cover (δ > 0, ε ≥ 0), in few digits.
 
-        With a machine, set the fields also to its numbers, and to its speeds and eccentricities in the window.
+        If a machine is given, set also its fields: its numbers, and its speeds and eccentricities in the window.
         """
         delta, epsilon = (rounded_range(*span) for span in clip_to_plane(*window))
         self._fill_plane((delta, epsilon), CELLS, model, machine, is_rounded=True)
@@ -168,7 +168,7 @@ class SurveyForm:
         self.harmonics.value = " ".join(harmonic_texts(model.parameters_at(1.0, 0.0).harmonics))
 
     @property
-    def _is_machine(self) -> bool:
+    def _is_machine_plane(self) -> bool:
         return bool(self.plane.value == MACHINE)
 
     def fields(self) -> dict[str, Any]:
@@ -177,14 +177,14 @@ class SurveyForm:
         own = self._entered_parameters
         return {
             "name": self.name.value,
-            **(self.machine.fields(counts) if self._is_machine else self._plain_fields(counts)),
+            **(self.machine.fields(counts) if self._is_machine_plane else self._fields_without_machine(counts)),
             "model": self.model.value,
             **{name: widget.value if name in own else None for name, widget in self.added.items()},
             "harmonics": read_harmonics(self._harmonic_texts),
             **self.sample.fields(),
         }
 
-    def _plain_fields(self, counts: list[int | None]) -> dict[str, Any]:
+    def _fields_without_machine(self, counts: list[int | None]) -> dict[str, Any]:
         """Return the axes δ and ε and the half-backlash β, for a survey without a machine."""
         axes = {
             name: {"start": start.value, "stop": stop.value, "num": num}
@@ -200,19 +200,21 @@ class SurveyForm:
     def _entered_parameters(self) -> set[str]:
         """Names of the model's additional parameters that a viewer enters; not those that follow from a machine."""
         added = MODELS[self.model.value].added
-        return {each.name for each in added if not (self._is_machine and each.machine_number)}
+        return {each.name for each in added if not (self._is_machine_plane and each.machine_number)}
 
     def _on_plane(self, *_: Any) -> None:
         """Show the fields of the chosen plane, and offer the models that are possible on it."""
         for ends, span in zip(self.axes.values(), NAMED.get(self.plane.value, ()), strict=False):
             ends[0].value, ends[1].value = span
         self._ranges.visible = self.plane.value == OWN
-        self.machine.panel.visible = self.machine.optional.visible = self._is_machine
-        self.beta.visible = not self._is_machine
-        for count, letter in zip(self.counts, ("rpm", "µm") if self._is_machine else "δε", strict=True):
+        self.machine.panel.visible = self.machine.optional.visible = self._is_machine_plane
+        self.beta.visible = not self._is_machine_plane
+        for count, letter in zip(self.counts, ("rpm", "µm") if self._is_machine_plane else "δε", strict=True):
             count.label = f"{letter} values"
         options = {
-            each.title: name for name, each in MODELS.items() if not (self._is_machine and has_machine_parameter(each))
+            each.title: name
+            for name, each in MODELS.items()
+            if not (self._is_machine_plane and has_machine_parameter(each))
         }
         value = self.model.value if self.model.value in options.values() else DEFAULT_MODEL
         self.model.param.update(options=options, value=value)
@@ -245,9 +247,9 @@ class SurveyForm:
     def _on_change(self, *_: Any) -> None:
         if self._estimating is not None:
             self._estimating.cancel()
-        self._estimating = self._viewer.start(self._estimate())
+        self._estimating = self._viewer.start(self._estimate_cost())
 
-    async def _estimate(self) -> None:
+    async def _estimate_cost(self) -> None:
         await asyncio.sleep(PATIENCE)
         try:
             request = SurveyRequest.model_validate(self.fields())

@@ -9,7 +9,7 @@ import panel as pn
 
 from gear_rattle.service.explorer.common.address import Pair
 from gear_rattle.service.explorer.design.axes import rounded_range
-from gear_rattle.service.explorer.design.fields import NUMBERS, PAIR, MachineFields, machine_ranges
+from gear_rattle.service.explorer.design.fields import NUMBERS, SURVEY_NUMBERS, MachineFields, machine_ranges
 from gear_rattle.workers.survey.machine import SurveyedMachine
 
 LEAST_DELTA = 0.1  # least lower end of the range of δ, relative to its upper end
@@ -21,7 +21,7 @@ class MachineAxes:
 
     def __init__(self, sheet: str) -> None:
         style: dict[str, Any] = {"sizing_mode": "stretch_width", "margin": (3, 4), "stylesheets": [sheet]}
-        self._machine = MachineFields(PAIR, sheet)
+        self._machine = MachineFields(SURVEY_NUMBERS, sheet)
         self._axes = {
             name: [
                 pn.widgets.FloatInput(label=f"{NUMBERS[name].unit} {end}", value=value, **style)

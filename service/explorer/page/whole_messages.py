@@ -42,7 +42,7 @@ async def serve_socket(app: ASGIApp, scope: Scope, receive: Receive, send: Send)
             if message["type"] != "websocket.disconnect":
                 return message
             left.append(message)
-            # an empty message first: at the disconnection, `app` would handle its last message once more
+            # When `receive` raises, `app` handles the last message again. This empty message makes that harmless.
             return {"type": "websocket.receive"}
         if is_told:
             raise RuntimeError("the browser has left")

@@ -34,11 +34,14 @@ INFINITE = 1e12  # multipliers larger than this are written as ∞; they occur a
 NAMES = {"epsilon": "eccentricity ε", "delta": "damping δ"}
 # colours of the states that upward and downward sweeps found
 UPWARD, DOWNWARD = {"light": "#4a90d9", "dark": "#7fb3e0"}, "#e8862e"
-DOTS = 3.6, 1.8  # diameters in pixels: where both sweeps find one state, the small dot lies on the large one
+DOTS = (
+    3.6,
+    1.8,
+)  # diameters in pixels of dots of upward and downward sweeps: if both find a state, both dots are visible
 ROOM = 0.04  # margin above and below the speeds, relative to their range
 DENSE, ALL = "dense", "all"  # choices of a viewer: the axis shows the dense range of speeds, or all speeds
 MOST_THIN = 0.5  # a range of speeds is dense if its excess mass is larger than this, see `dense_speed_range`
-PLACES = 1e-7, 1e-3  # states whose parameter and speed are equal when rounded to these steps count once
+ROUNDING_STEPS = 1e-7, 1e-3  # parameter and speed of states are rounded to these steps; equal states count once
 # pixels: height of the figure, height of its speed axis, width that is assumed until a browser sends the true one
 HEIGHT, INNER, NARROW = 360, 270, 300
 # event names: number of rows, height of a row and width of a letter in pixels, largest number of names
@@ -101,7 +104,7 @@ class DiagramPicture:
             clear(source)
 
     def show(self, found: DiagramLines, at: float) -> None:
-        """Draw a diagram, and mark the point whose basins and motion are shown. at: its value on the parameter axis."""
+        """Draw a diagram, and mark the point whose basins and motion are shown. at: the point's parameter."""
         self._found = found
         self.figure.x_range.update(start=found.span[0], end=found.span[1])
         self.figure.xaxis.axis_label = axis_name(found)
@@ -156,7 +159,7 @@ class DiagramPicture:
         }
 
     def mark_position(self, at: float) -> None:
-        """Mark the point whose basins and motion are shown. at: its value on the parameter axis."""
+        """Mark the point whose basins and motion are shown. at: the point's value on the parameter axis."""
         self._here.location = at
 
 
@@ -204,8 +207,8 @@ def dense_speed_range(found: DiagramLines) -> Pair | None:
         Lowest and highest speed of the range with the largest excess mass; None if this mass is at most MOST_THIN.
     """
     low, high = speed_range(found)
-    distinct = np.unique(np.round(np.column_stack([found.x, found.v]) / PLACES), axis=0)
-    v = np.sort(distinct[:, 1]) * PLACES[1]
+    distinct = np.unique(np.round(np.column_stack([found.x, found.v]) / ROUNDING_STEPS), axis=0)
+    v = np.sort(distinct[:, 1]) * ROUNDING_STEPS[1]
     if not v.size:
         return None
     share, ranks = (v - low) / (high - low), np.arange(v.size) / v.size

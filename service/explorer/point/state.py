@@ -37,7 +37,7 @@ class Place(NamedTuple):
 
 
 class OpenPoint(Listeners):
-    """The open point: its gear, its results so far, and the tasks that compute the others.
+    """The open point: its gear, the results that are computed so far, and the tasks that compute further results.
 
     The tabs of the point subscribe to the results by name (ATTRACTORS, CHAOS, ORBITS, PLACE, READY), and with `follow`
     to fields of the store's view.
@@ -89,7 +89,7 @@ class OpenPoint(Listeners):
 
     @property
     def state(self) -> PointState:
-        """State of the tabs, without its initial condition if that is faster than the largest speed of the basins."""
+        """State of the tabs, without a chosen initial condition whose speed is outside the picture of the basins."""
         return self.store.view.point_state.limited_to(self._fastest)
 
     @property
@@ -113,8 +113,9 @@ class OpenPoint(Listeners):
     def shown_attractor(self) -> rattle.Attractor | None:
         """Attractor to show, None if none is known.
 
-        At another point of the diagram, this is the attractor with the same name there. If there is none, it is the
-        first attractor there that is not quiet, else the first.
+        If another point of the diagram is shown, it is the attractor of that point with the same name as the attractor
+        of the open point that would be shown. If that point has none of this name, it is its first attractor that is
+        not quiet; if all are quiet, its first attractor.
         """
         own = self._known_attractors[self.attractor_number] if self._known_attractors else None
         if not self.is_away:

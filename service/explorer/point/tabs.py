@@ -40,7 +40,7 @@ class MotionTab:
             panel.rpm.value = float(f"{point.machine.rpm:.6g}")
 
     def _on_view_change(self) -> None:
-        """Fill the menu of motions, and show the chosen motion if its tab is open and still shows another motion."""
+        """Fill the menu of motions. If the tab of the motion is open and shows another motion, show the chosen one."""
         point = self._point
         if point.attractors is not None:
             self._offer_motions(point.attractors.attractors)
@@ -147,7 +147,7 @@ class DiagramTab:
         is_shown = self._known is not None and (state.shown_tab == NUMBERS or self._drawn is self._known)
         if state.shown_tab in (DIAGRAM, NUMBERS) and not is_shown and (self._task is None or self._task.done()):
             said = panel.under_diagram if state.shown_tab == DIAGRAM else panel.events
-            self._task = point.work.start(point.work.run_part(said, self._compute))
+            self._task = point.work.start(point.work.run_part(said, self._compute_diagram))
 
     @property
     def _position(self) -> float:
@@ -158,7 +158,7 @@ class DiagramTab:
         delta, epsilon = chosen_place(gear, state) or (gear.delta, gear.epsilon)
         return epsilon if state.direction == "epsilon" else delta
 
-    async def _compute(self) -> None:
+    async def _compute_diagram(self) -> None:
         choice = self._choice
         if self._known is None:
             found = await self._point.work.compute(
@@ -167,9 +167,9 @@ class DiagramTab:
             if choice != self._choice:
                 return  # the viewer has chosen another diagram, which another task computes
             self._known = found
-        await self._point.work.change(self._show)
+        await self._point.work.change(self._show_diagram)
 
-    def _show(self) -> None:
+    def _show_diagram(self) -> None:
         found, panel = self._known, self._panel
         if found is None:
             return
@@ -210,9 +210,9 @@ class YieldPart:
         if requested != self._requested:
             said, work = self._panel.tolerance.said, self._point.work
             said.html = waiting_html("the yield")
-            self._task = work.start(work.run_part(said, lambda: self._compute(widths)), self._task)
+            self._task = work.start(work.run_part(said, lambda: self._compute_yield(widths)), self._task)
 
-    async def _compute(self, widths: Tolerance) -> None:
+    async def _compute_yield(self, widths: Tolerance) -> None:
         point = self._point
         found = await point.work.compute(
             tolerance.compute_yield, point.gear, point.machine, widths, what="The yield", slow=True

@@ -114,7 +114,7 @@ class Answer:
         point.follow(self._on_view_change, "point_state")
         point.subscribe(self._on_view_change, READY)
         self._on_view_change()
-        point.work.start(self._fill())
+        point.work.start(self._compute_in_order())
 
     def _on_view_change(self) -> None:
         point, state = self._point, self._point.state
@@ -124,8 +124,11 @@ class Answer:
             self._is_margin_requested = True
             point.work.start(point.work.run_part(self._panel.safe, self._compute_margin))
 
-    async def _fill(self) -> None:
-        """Fill in attractors and intensities; let the open tab be filled (`is_ready`); fill in orbits and extents."""
+    async def _compute_in_order(self) -> None:
+        """Compute and show attractors and intensities, then set `is_ready`; then compute and show orbits and extents.
+
+        `is_ready` lets the open tab begin its computations.
+        """
         point, panel = self._point, self._panel
         await point.work.run_part(panel.likely, self._compute_attractors)
         await point.work.run_part(panel.loud, self._compute_intensities)
