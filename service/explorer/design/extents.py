@@ -22,7 +22,8 @@ from rattle.stiff import StiffOrbit, stiff_branch
 # largest number of attractors that are followed; largest number of impacts of a motion that is followed on a branch
 MOST_FOLLOWED, MOST_IMPACTS = 12, 64
 STEPS = 150  # steps of a sweep over the whole range of ε
-STATES, RETURNS = 16, 37  # a sweep follows STATES states of chaos, RETURNS returns of the motion apart
+# A sweep of chaos follows STATES states of a trajectory, with RETURNS iterates of the return map from state to state.
+STATES, RETURNS = 16, 37
 WINDOW = 4  # a sweep of chaos passes periodic windows that are at most this many steps wide
 # A sweep halves a step that loses the attractor. It stops when the step is at most LEAST full steps, and also when the
 # step is at most FINEST full steps and at most the share NEAR of the distance from the gear's ε.
@@ -89,9 +90,8 @@ def motion_extent(gear: AnyGear, attractor: rattle.Attractor, within: Pair) -> M
     if attractor.kind == "quiet":
         return MotionExtent(ExtentEnd(RANGE, 0.0), ExtentEnd(QUIET_LIMIT, gear.quiet_limit))
     if attractor.kind == "periodic" and attractor.n_plus + attractor.n_minus <= MOST_IMPACTS:
-        with suppress(
-            RattleError
-        ):  # after an error, such as one of Newton's method close to grazing, the motion is swept
+        # after an error, for example if Newton's method fails close to grazing, the motion is swept
+        with suppress(RattleError):
             branch = _branch_of(gear, attractor, within)
             if branch is not None:
                 return _extent_of_branch(branch, within)
@@ -121,7 +121,7 @@ def add_crisis(
 
 
 def has_swept_chaos(attractors: Sequence[rattle.Attractor], extents: Sequence[MotionExtent | None]) -> bool:
-    """Return whether `add_crisis` may change an extent: whether a sweep bracketed an upper end in ε of chaos."""
+    """Return whether a sweep bracketed the upper end in ε of at least one chaotic attractor, see `add_crisis`."""
     pairs = zip(attractors, extents, strict=False)  # attractors beyond MOST_FOLLOWED have no extent
     return any(one.kind == "chaotic" and each is not None and each.high.kind == SWEPT for one, each in pairs)
 
@@ -156,21 +156,21 @@ def _extent_of_branch(branch: Any, within: Pair) -> MotionExtent:
     events = [(each, _index_of_point_before(each, branch)) for each in branch.events if each.admissible] + grazes
     attracts = branch.stable & branch.admissible
 
-    def end(way: int) -> ExtentEnd:
+    def end_towards(sign: int) -> ExtentEnd:
         point = branch.start
         while True:
-            beyond, is_last = point + way, not 0 <= point + way < len(branch)
+            beyond, is_last = point + sign, not 0 <= point + sign < len(branch)
             before = min(point, beyond)  # index of the point before the events between `point` and `beyond`
-            here = [event for event, at in events if at == before][::way]
+            here = [event for event, at in events if at == before][::sign]
             if here and (is_last or here[0].kind in (SADDLE_NODE, FLIP) or not attracts[beyond]):
                 return _end_at(here[0], branch, not is_last and bool(branch.admissible[beyond]))
-            if is_last and branch.ends[way > 0] == "span":
-                return ExtentEnd(RANGE, within[way > 0])
+            if is_last and branch.ends[sign > 0] == "span":
+                return ExtentEnd(RANGE, within[sign > 0])
             if is_last or not attracts[beyond]:
                 return ExtentEnd(LOST, float(branch.epsilon[point]))
             point = beyond
 
-    return MotionExtent(end(-1), end(1))
+    return MotionExtent(end_towards(-1), end_towards(1))
 
 
 def _index_of_point_before(event: Any, branch: Any) -> int:
@@ -228,22 +228,22 @@ def _sweep(gear: AnyGear, attractor: rattle.Attractor, end: float, within: Pair)
 
 
 def _continue_attractor(
-    gear: AnyGear, known: rattle.Attractor, at: float, there: float
+    gear: AnyGear, known: rattle.Attractor, from_epsilon: float, to_epsilon: float
 ) -> tuple[rattle.Attractor, ...]:
-    """Start at ε = `there` from states of the attractor `known` at ε = `at`. Return the attractors that are reached.
+    """Continue an attractor: return the attractors at ε = `to_epsilon` that its states at `from_epsilon` reach.
 
     Returns
     -------
     tuple[rattle.Attractor, ...]
-        The attractors at ε = `there`; the first is the one that most of the states reach.
+        The attractors; the first is the one that most of the states reach.
     """
     model = model_at(gear)
     tau, v = np.array([known.tau]), np.array([known.v])
     if known.kind == "chaotic":
         every = np.full(STATES, 1.0)
-        states = model.gear(gear.delta, at).iterate(tau * every, v * every, RETURNS * np.arange(STATES))
+        states = model.gear(gear.delta, from_epsilon).iterate(tau * every, v * every, RETURNS * np.arange(STATES))
         tau, v = states.tau, states.v
-    return model.gear(gear.delta, there).reached(tau, v).attractors
+    return model.gear(gear.delta, to_epsilon).reached(tau, v).attractors
 
 
 def _attractor_of_same_name(attractor: rattle.Attractor, found: Iterable[rattle.Attractor]) -> rattle.Attractor | None:

@@ -74,11 +74,12 @@ ABOUT = (
     "gear; if the field is empty, the number of the first gear is used.</p>"
 )
 BASIC_NUMBERS = ("inertia", "drag", "backlash", "radius")  # names of the numbers that every machine must have
-SECOND = ("teeth", "driven_teeth", "driven_inertia", "driven_drag", "driven_radius")
-SURVEY_NUMBERS = (*BASIC_NUMBERS, *SECOND)  # names of the numbers of a survey's machine
+# names of numbers that describe the ratio and the second gear; a machine of two equal gears needs none of them
+TWO_GEAR_NUMBERS = ("teeth", "driven_teeth", "driven_inertia", "driven_drag", "driven_radius")
+SURVEY_NUMBERS = (*BASIC_NUMBERS, *TWO_GEAR_NUMBERS)  # names of the numbers of a survey's machine
 ERRORS = ("mesh_error", "mesh_error_2", "mesh_error_3")
 POINT = (
-    *BASIC_NUMBERS, "rpm", "eccentricity", "stiffness", "restitution", "load_torque", *ERRORS, *SECOND,
+    *BASIC_NUMBERS, "rpm", "eccentricity", "stiffness", "restitution", "load_torque", *ERRORS, *TWO_GEAR_NUMBERS,
     "driven_eccentricity",
 )  # fmt: skip
 

@@ -9,7 +9,7 @@ from rattle import Density, Lines
 from rattle.intensity import wav
 from rattle.models import AnyGear
 
-HIGHEST = 24.0  # highest order of a spectrum
+HIGHEST_SPECTRUM_ORDER = 24.0  # highest order of a spectrum
 SECONDS, RATE = 3.0, 22050  # length of a sound in seconds, and its samples per second
 
 
@@ -47,7 +47,7 @@ def spectrum_lines(gear: AnyGear, attractor: rattle.Attractor) -> Lines | Densit
         The motion cannot be followed from its state (τ, v), for instance because it comes to rest; or `attractor` is
         the entry of undecided samples.
     """
-    return gear.spectrum(attractor, HIGHEST)
+    return gear.spectrum(attractor, HIGHEST_SPECTRUM_ORDER)
 
 
 def sound_file(gear: AnyGear, attractor: rattle.Attractor, rpm: float) -> bytes:

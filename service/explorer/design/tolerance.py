@@ -20,10 +20,8 @@ from rattle.parameters import Harmonic
 SHARE_INSIDE = 0.95  # share of the gears inside the ellipse
 RADIUS = math.sqrt(-2.0 * math.log(1.0 - SHARE_INSIDE))  # radius of the ellipse in standard deviations
 SIDES = 96  # number of sides of the polygon that is drawn for the ellipse
-COUNT, JUDGED = (
-    8,
-    256,
-)  # initial conditions of a gear; the share of passing gears is estimated from at most JUDGED gears
+# initial conditions of each gear; largest number of gears from which the share of passing gears is estimated
+COUNT, MOST_JUDGED = 8, 256
 # Fields of a machine that `population_numbers` does not copy: `rattle.population` takes the speed as rpm, the
 # eccentricity with its tolerance and the errors as error_20 and the like; no machine of the page has driven_errors.
 NOT_GIVEN = ("speed", "eccentricity", "errors", "driven_errors")
@@ -98,7 +96,7 @@ def _amplitudes_by_order(name: str, harmonics: Sequence[Harmonic]) -> dict[str, 
 
 
 def _number_with_tolerance(mean: float, width: float, low: float) -> Any:
-    """Return a normal distribution with lower limit low · mean; only the mean if the deviation `width` is 0."""
+    """Return a normal distribution with lower limit low · mean; the number `mean` if the deviation `width` is 0."""
     return Normal(mean, width, low=low * mean) if width > 0.0 else mean
 
 
@@ -110,7 +108,7 @@ def compute_yield(gear: AnyGear, machine: Machine | None, widths: Tolerance) -> 
         gears=gears,
         count=COUNT,
         share=widths.share,
-        judged=min(JUDGED, gears),
+        judged=min(MOST_JUDGED, gears),
         pairs=0,
     )
     assert found.passing is not None

@@ -37,7 +37,7 @@ from rattle import RattleError
 
 NO_FAMILY = "all of them"
 NO_NUMBERS = "The families of this survey are known once the survey is computed."
-ALONG = {"delta": "Its diagram along δ", "epsilon": "Its diagram along ε"}
+DIAGRAM_LABELS = {"delta": "Its diagram along δ", "epsilon": "Its diagram along ε"}
 
 
 class FamilyData(NamedTuple):
@@ -69,7 +69,9 @@ class FamiliesView:
         self.which = pn.widgets.Select(label="Family", options={NO_FAMILY: ""}, width=165, visible=False, **styled)
         self._watch = WidgetWatcher()
         self._watch.call_on_change(self.which, self._on_chosen)
-        self._along = {name: pn.widgets.Button(label=label, visible=False, **styled) for name, label in ALONG.items()}
+        self._along = {
+            name: pn.widgets.Button(label=label, visible=False, **styled) for name, label in DIAGRAM_LABELS.items()
+        }
         for name, button in self._along.items():
             on_press(button, partial(self.open_diagram, name))
         self.said = Text("", sheet)

@@ -25,7 +25,7 @@ from gear_rattle.service.explorer.common.watch import WidgetWatcher, on_press
 from gear_rattle.service.explorer.further.difference import Difference, require_small
 from gear_rattle.service.explorer.map.colouring import Colouring, Shade, colouring
 from gear_rattle.service.explorer.map.figure import MapFigure
-from gear_rattle.service.explorer.map.overlays import WHOLE, MapLines
+from gear_rattle.service.explorer.map.overlays import LINES_OF_ALL_WINDOWS, MapLines
 from gear_rattle.service.explorer.map.picture import drawn_settings, picture_links, picture_query
 from gear_rattle.service.explorer.map.planes import MapBlock, MapPlane, map_options
 from gear_rattle.service.explorer.map.readout import cell_in_words
@@ -158,7 +158,7 @@ class ComparisonMap(SurveyMap):
         self.figure.mark_pins(points_by_number(view.pins, model))
         self.links.html = self._picture_links(plane, view)
         lines = view.lines if self._further is None else view.lines_over(self._further.variable)
-        self.lines.draw([name for name in lines if name not in WHOLE], model, window)
+        self.lines.draw([name for name in lines if name not in LINES_OF_ALL_WINDOWS], model, window)
 
     def show_pointer(self) -> None:
         """Mark the point at which a viewer points on any map, and write the value of this map's cell there."""
@@ -176,7 +176,7 @@ class ComparisonMap(SurveyMap):
         seen = drawn_settings(colours, self.figure.pixels if first.window else None)
         shown = replace(
             first, variable=choice.variable, index=choice.index, slice=choice.slice, family=None,
-            overlays=tuple(name for name in first.lines_over(choice.variable) if name not in WHOLE),
+            overlays=tuple(name for name in first.lines_over(choice.variable) if name not in LINES_OF_ALL_WINDOWS),
         )  # fmt: skip
         query = picture_query(self._store.jobs[choice.survey].job.request, shown, seen)
         return f"<p class=faint>Picture: {picture_links(choice.survey, choice.variable, query)}</p>"
@@ -187,9 +187,8 @@ class ComparisonMap(SurveyMap):
 
 
 def _title_of(plane: MapPlane, colours: Colouring, job: JobRow, first: JobRow | None, request: SurveyRequest) -> str:
-    if (
-        not isinstance(plane, Difference) or first is None
-    ):  # the title need not name the survey, because the menu above the map does
+    # the title of a survey's map need not name the survey, because the menu above the map does
+    if not isinstance(plane, Difference) or first is None:
         return f"{plane.request.gear_model}{f' ({colours.note})' if colours.note else ''}"
     cells = "the same cells"
     if not plane.has_same_grid:

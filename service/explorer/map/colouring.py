@@ -114,9 +114,8 @@ def colouring(plane: MapPlane, block: MapBlock, limits: Limits | Pair, log: bool
     if codes is not None and labels:
         every = range(int(codes[0]), int(codes[-1]) + 1)
         colours = [to_hex(cmap(norm(code))) for code in every]
-        if (
-            variable == LARGEST
-        ):  # colours of all families: a window may show families that the drawing of the whole map does not show
+        # colours of all families: a window may show families that the drawing of the whole map does not show
+        if variable == LARGEST:
             colours = list(colours_of_codes(plane.plane))
             every = range(len(colours))
         named = tuple(
@@ -187,7 +186,7 @@ def _short_name(label: str) -> str:
 
 
 def _shares_beyond_limits(values: np.ndarray, low: float, high: float) -> Pair:
-    """Return the shares of values below and above the limits, which are first rounded to float32 like the values."""
+    """Return the shares of values below `low` and above `high`. Both limits are rounded to float32, like values."""
     if not values.size:
         return 0.0, 0.0
     least, most = np.float32(low), np.float32(high)

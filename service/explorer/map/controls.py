@@ -24,7 +24,7 @@ LIMIT_NAMES = {"auto": "default", "robust": "middle 96 %", "full": "all values"}
 LETTERS = {each.name: each.symbol for each in (BETA, *ADDED.values())}
 UNPRINTED = "@media print { :host { display: none !important; } }"
 OWN, LOG = "own", "log scale"
-NUMBERED = "Attractor no."
+ATTRACTOR_INDEX = "Attractor no."
 
 
 class FeaturedMap(NamedTuple):
@@ -111,7 +111,7 @@ class MapControls:
         styled: dict[str, Any] = {"stylesheets": [sheet], "margin": (2, 8, 2, 0)}
         self.buttons = MapButtons(margin=styled["margin"])
         self.variable = pn.widgets.Select(label="Map", options=[], width=205, **styled)
-        self.index = pn.widgets.Select(label=NUMBERED, options=[], width=110, visible=False, **styled)
+        self.index = pn.widgets.Select(label=ATTRACTOR_INDEX, options=[], width=110, visible=False, **styled)
         self.slice = pn.widgets.IntSlider(
             label="", start=0, end=1, show_value=False, width=150, visible=False, stylesheets=[sheet],
             margin=(2, 16, 2, 0),
@@ -153,7 +153,7 @@ class MapControls:
             self.variable.value = view.variable
             self.buttons.param.update(buttons=buttons, chosen=view.variable if is_featured else "")
             self.index.visible = bool(names)
-            self.index.label = "Orbit" if "A" in names else NUMBERED
+            self.index.label = "Orbit" if "A" in names else ATTRACTOR_INDEX
             self.index.options = {str(name): number for number, name in enumerate(names)}
             if names:
                 self.index.value = min(view.index, len(names) - 1)

@@ -27,7 +27,8 @@ from gear_rattle.service.explorer.state.events import (
 )
 from gear_rattle.service.explorer.state.store import Store, window_of
 
-FEWEST_CELLS = 8  # cells across a window; a step is one cell, but in a window with fewer cells 1/STEPS of it
+# A step of the cursor is one cell. In a window with fewer than FEWEST_CELLS cells across it is 1/STEPS of the window.
+FEWEST_CELLS = 8
 STEPS = 40
 FAR_STEP = 0.1  # length of a step with Shift, as a share of the window
 MOST_STEPS_AT_ONCE = 1000  # most steps in one message of the browser; a key that is held down sends many steps
@@ -128,12 +129,10 @@ def cursor_after_steps(axes: tuple[np.ndarray, np.ndarray], at: Pair, window: Ra
         (δ, ε) of the cursor.
     """
     (delta, epsilon), (right, up, far_right, far_up) = axes, steps
-    return _coordinate_after_steps(delta, at[0], window[0], right, far_right), _coordinate_after_steps(
-        epsilon, at[1], window[1], up, far_up
-    )
+    return _step_along(delta, at[0], window[0], right, far_right), _step_along(epsilon, at[1], window[1], up, far_up)
 
 
-def _coordinate_after_steps(axis: np.ndarray, at: float, span: Pair, steps: int, far: int) -> float:
+def _step_along(axis: np.ndarray, at: float, span: Pair, steps: int, far: int) -> float:
     cell, width = (axis[-1] - axis[0]) / (axis.size - 1), span[1] - span[0]
     if width < FEWEST_CELLS * cell:
         found = at + (steps / STEPS + far * FAR_STEP) * width

@@ -31,7 +31,7 @@ from rattle.plot import polyline
 from rattle.populations import MOST_SHARE
 
 LABELS = {"quiet_limit": "quiet limit", CRISIS: "crisis: chaos ends", LIMIT: "design limit", POINTS: "COD20–23"}
-WHOLE = frozenset({CRISIS, LIMIT})  # lines that are computed once for all windows
+LINES_OF_ALL_WINDOWS = frozenset({CRISIS, LIMIT})  # lines that are computed once for all windows
 
 
 class MapLines:
@@ -134,9 +134,8 @@ class KeyedLines(MapLines):
 
     def _on_chosen(self) -> None:
         chosen = tuple(name for name in OVERLAYS if name in self.key.chosen)
-        if (
-            chosen != self._store.view.lines
-        ):  # they are equal if the page set the choice, and the browser only reports it back
+        # they are equal if the page has set the choice, and the browser only reports it back
+        if chosen != self._store.view.lines:
             self._store.dispatch(OverlaysChosen(chosen))
 
     def _on_share(self) -> None:
@@ -180,7 +179,7 @@ class KeyedLines(MapLines):
     def _dependencies_of(self, name: str, window: Ranges) -> Hashable:
         if name == LIMIT:
             return self._delta_range, self._store.view.share
-        return None if name in WHOLE else window
+        return None if name in LINES_OF_ALL_WINDOWS else window
 
     @property
     def _delta_range(self) -> Pair:
@@ -189,7 +188,7 @@ class KeyedLines(MapLines):
         return UNCHOSEN[0] if whole is None else (whole.delta.start, whole.delta.stop)
 
     async def _compute_line(self, name: str, model: Model, window: Ranges) -> None:
-        if name not in WHOLE:
+        if name not in LINES_OF_ALL_WINDOWS:
             await super()._compute_line(name, model, window)
             return
         await self._viewer.front.kernels.wait_until_compiled(model.name, patience=math.inf)
@@ -272,14 +271,14 @@ def _missing_capability(model: Model) -> str:
 
 
 def curve_pieces(name: str, model: Model, delta: Pair, epsilon: Pair) -> tuple[list[np.ndarray], str]:
-    """Return the pieces (k, 2) of a curve inside a window, and why there are none if it cannot be traced.
+    """Return the pieces (k, 2) of a curve inside a window, and a reason if the curve cannot be traced.
 
     It blocks: use a thread.
 
     Returns
     -------
     tuple[list[np.ndarray], str]
-        Pieces, and the reason; an empty reason if the curve could be traced.
+        Pieces, and the reason why there are no pieces; "" if the curve could be traced.
     """
     if name not in model.curve_names:
         return [], _missing_capability(model)

@@ -32,7 +32,7 @@ from gear_rattle.workers.survey.tiles import tiles_of_slice
 from gear_rattle.workers.survey.values.schema import CELL, Group
 
 KEPT, KEPT_CELLS = 24, 24_000_000  # most maps in memory, and most cells of all maps together, at 5 bytes a cell
-ENLARGED = 200  # points along an axis of an enlarged window
+ENLARGED_POINTS = 200  # points along an axis of an enlarged window
 SIDE = 512  # most cells that are drawn along an axis, unless the screen is known to have more pixels
 BAND = 1 << 20  # most cells that are read at once from several rows of tiles
 SLICE_SECONDS = 1.0  # seconds after which reading pauses, so that the cells read so far are drawn
@@ -158,10 +158,7 @@ class MapPlane:
             _cell_range(axis, span) for axis, span in zip((self.delta, self.epsilon), window or self.box, strict=True)
         )
         part = level_part_for(self._levels, (i, j), (end_i, end_j), room[::-1])
-        seen, (rows, columns) = (
-            self._largest_values_to_display(part) if anywhere else self._cells_to_display(part),
-            part.at,
-        )
+        seen, (rows, columns) = self._largest_values(part) if anywhere else self._cells_to_display(part), part.at
         across, along = (part.level.cells if part.level else (1, 1))[::-1]
         delta, epsilon = level_centres(self.delta, across)[columns], level_centres(self.epsilon, along)[rows]
         box = _covered_range(self.delta, across, columns), _covered_range(self.epsilon, along, rows)
@@ -172,7 +169,7 @@ class MapPlane:
             return DisplayedCells(*self._values_and_status(*part.at))
         return reduce_cells(self.plane, *self._values_and_status(*_covered_cells(part)), part.level)
 
-    def _largest_values_to_display(self, part: LevelPart) -> DisplayedCells:
+    def _largest_values(self, part: LevelPart) -> DisplayedCells:
         if part.level is None:
             return DisplayedCells(*self._values_and_status(*part.at))
         values, status = self._values_and_status(*_covered_cells(part))
@@ -192,9 +189,10 @@ class MapPlane:
         """Return a very narrow window as ENLARGED² points, each with the value of the survey's cell around it."""
         (left, right), (bottom, top) = window
         delta, epsilon = (
-            low + (np.arange(ENLARGED) + 0.5) * (high - low) / ENLARGED for low, high in ((left, right), (bottom, top))
+            low + (np.arange(ENLARGED_POINTS) + 0.5) * (high - low) / ENLARGED_POINTS
+            for low, high in ((left, right), (bottom, top))
         )
-        values = np.full((ENLARGED, ENLARGED), np.nan, np.float32)
+        values = np.full((ENLARGED_POINTS, ENLARGED_POINTS), np.nan, np.float32)
         status = np.zeros(values.shape, np.int8)
         j, i = (cell_indices(axis, points) for axis, points in ((self.delta, delta), (self.epsilon, epsilon)))
         inside = np.ix_(i >= 0, j >= 0)
@@ -237,7 +235,7 @@ class LeveledPlane(MapPlane):
         self._opened: dict[str, xr.Dataset] = {}
 
     def update(self, job: JobRow) -> bool:  # noqa: ARG002  # a completed survey does not change
-        """Return True, for all tiles were read: a completed survey has no new ones."""
+        """Return True: a completed survey has no new tiles to read."""
         return True
 
     def _cells_to_display(self, part: LevelPart) -> DisplayedCells:

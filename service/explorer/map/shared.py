@@ -28,12 +28,12 @@ from gear_rattle.workers.pictures.look import LARGEST
 from rattle import RattleError
 from rattle.models import DEFAULT_MODEL, MODELS, Model
 
-KEPT = 4  # most drawings of completed maps in memory, a few MiB each; most pages open with one of a few maps
+MOST_DRAWINGS = 4  # most drawings of completed maps in memory, a few MiB each; most pages open with one of a few maps
 
 EXAMPLE = "example at β = 0.6, which comes with the explorer"
 
 USUAL_VARIABLE = "quiet_fraction"  # variable that a page shows first of a survey that has it
-BEFOREHAND = "exact values, shown before the survey has computed them"
+EXACT_BEFORE_SURVEY = "exact values, shown before the survey has computed them"
 WAITING = "exact values; the survey waits for its turn"
 
 log = logging.getLogger(__name__)
@@ -90,8 +90,8 @@ class UncomputedMaps(Protocol):
         number : int
             Number of the slice; 0 without a third axis.
         computed : Callable[[], MapPlane]
-            Returns the map of the cells that the survey has computed; raises MissingError if it has no cells yet. It is
-            called when a viewer reads a cell.
+            Returns the map of the cells that the survey has computed; raises MissingError if no cell is computed
+            yet. This function is called when a viewer reads a cell.
 
         Returns
         -------
@@ -107,7 +107,7 @@ def default_survey(jobs: Iterable[JobRow]) -> JobRow | None:
     return next(shown, readable[0] if readable else None)
 
 
-@lru_cache(maxsize=KEPT)
+@lru_cache(maxsize=MOST_DRAWINGS)
 def cached_drawing(
     plane: ReferenceType[MapPlane], limits: Limits | Pair, log: bool, room: Room
 ) -> tuple[MapBlock, Colouring]:
@@ -159,7 +159,7 @@ class SharedState:
         return request.gear_model, window_of(request)
 
     def map_of(self, job: JobRow, view: View, room: Room) -> tuple[MapPlane, bool, MapBlock, Colouring]:
-        """Return the view's map of a survey, whether all computed tiles have been read, and the drawn cells.
+        """Return the view's map of a survey, whether all computed tiles are read, the drawn cells and their colours.
 
         It blocks: use a thread.
 
@@ -172,7 +172,7 @@ class SharedState:
         if not State(job.state).is_final and is_closed_form(SurveyRequest.model_validate(job.request), view.variable):
             plane = self.exact.unfinished_map(job, *key, lambda: self.atlas.plane(job, *key)[0])
             block, colours = _draw_map(plane, *how)
-            note = WAITING if job.state == State.ACCEPTED else BEFOREHAND
+            note = WAITING if job.state == State.ACCEPTED else EXACT_BEFORE_SURVEY
             return plane, True, block, replace(colours, note=note)
         plane, is_whole = self.atlas.plane(job, *key)
         if not is_whole or job.state != State.SUCCESSFUL:  # the map may still change, so its drawing is not cached

@@ -32,7 +32,7 @@ from gear_rattle.workers.pictures.look import LARGEST, in_revolutions
 from rattle import RattleError
 
 BEGINS = "<p class=faint>The first cells of this survey are being computed.</p>"
-WAITS = "<p class=faint>This survey waits for its turn.</p>"
+SURVEY_WAITS = "<p class=faint>This survey waits for its turn.</p>"
 GONE = "<p>This survey is no longer there. Choose another one.</p>"
 
 
@@ -116,7 +116,7 @@ class MapView(SurveyMap):
         whole = self._store.whole_request
         is_known = whole is not None and is_closed_form(whole, view.variable)
         if job.state == State.ACCEPTED and not job.started and not is_known:
-            yield partial(self.show_nothing, WAITS)
+            yield partial(self.show_nothing, SURVEY_WAITS)
             return
         is_whole = False
         while not is_whole:  # each call reads for a limited time, and the cells read so far are drawn
@@ -206,7 +206,7 @@ class MapView(SurveyMap):
             self.read_cell(read, show)
 
     def _mark_point_and_pins(self) -> None:
-        """Mark the open point with its lines, and the pins, except those whose model is not the model of the map."""
+        """Mark the open point with its lines, and the pins. Points of another model than the map's are left out."""
         view, model, machine = self._store.view, self._store.model, self._store.machine
         self.figure.mark_pins(points_by_number(view.pins, model))
         if (marked := (view.point, view.machine, view.point_state, model, machine)) != self._marked:

@@ -43,9 +43,8 @@ class _Template(pn.Template):
     """Panel's template with a short `repr`."""
 
     def __repr__(self) -> str:
-        return type(
-            self
-        ).__name__  # Panel's own repr lists all parts of the page, and Panel makes it again for each part
+        # Panel's own repr lists all parts of the page, and Panel makes it again for each part
+        return type(self).__name__
 
 
 def open_page(shared: SharedState) -> pn.Template:
@@ -166,7 +165,7 @@ class Page:
         """
         shown, jobs = self.store.view.survey, self.store.jobs
         is_first, self._has_list = not self._has_list, True
-        # a survey that was deleted may be in the list again for a moment: its status may have been read before
+        # a survey that was deleted may be in the list again for a moment, if its status was read before the deletion
         gone = shown == self._default_survey and shown not in jobs
         if (gone if shown else is_first) and (first := default_survey(each.job for each in jobs.values())):
             self._default_survey = first.id

@@ -15,7 +15,7 @@ from gear_rattle.workers.pictures.look import LARGEST
 from gear_rattle.workers.survey.stored_families import FAMILY
 from rattle.models import ADDED
 
-STORED = {LARGEST: FAMILY}  # {map that is not stored: the stored variable from which it is made}
+STORED_VARIABLES = {LARGEST: FAMILY}  # {map that is not stored: the stored variable from which it is made}
 
 
 def survey_row(status: JobStatus, view: View, is_owned: bool) -> dict[str, Any]:
@@ -39,7 +39,7 @@ def survey_row(status: JobStatus, view: View, is_owned: bool) -> dict[str, Any]:
         "left": status.left,
         "mine": is_owned,
         "facts": [*facts, submitted],
-        "variable": STORED.get(view.variable, view.variable) if chosen else "",
+        "variable": STORED_VARIABLES.get(view.variable, view.variable) if chosen else "",
         "picture": picture_query(job.request, view, view.seen) if chosen else "",
         "slice": [next(third_axis_names(job.request), ""), view.slice] if chosen else ["", 0],
     }

@@ -34,7 +34,7 @@ WIDE: dict[str, Any] = {"sizing_mode": "stretch_width", "margin": MARGIN}
 SLIDER_STEPS = 100  # steps of the slider from the first to the last point (δ, ε) of the diagram
 DIRECTIONS = {"along eccentricity ε": "epsilon", "along damping δ": "delta"}
 TABS_AT_SLIDER = (BASINS, MOTION, DIAGRAM)  # tabs that show the point (δ, ε) that the slider chooses
-CLICKED = -1  # value of the menu of motions for the motion from a clicked state
+CLICKED_STATE = -1  # value of the menu of motions for the motion from a clicked state
 
 
 @dataclass(frozen=True)
@@ -113,7 +113,7 @@ class PointPanel:
 
     def _choose_motion(self) -> None:
         number = self.motion_choice.value
-        if number is not None and number != CLICKED:
+        if number is not None and number != CLICKED_STATE:
             self._dispatch(AttractorChosen(number))
 
     def clear(self) -> None:

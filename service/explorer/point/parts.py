@@ -35,8 +35,8 @@ def largest_sampled_speed(delta: float, epsilon: float, beta: float) -> float:
 class SampledAttractors(NamedTuple):
     """Attractors that samples reached. starts: the number of samples, each with its own initial condition.
 
-    multipliers: for each attractor its two Floquet multipliers, None if it has none or they are not known. letters: for
-    each attractor its letter A to D, "" if it is none of these motions or if this is not known.
+    multipliers: the two Floquet multipliers of each attractor; None for an attractor that is not periodic, and if they
+    are not known. letters: the letter A to D of each attractor; "" for any other motion, and if it is not known.
     """
 
     starts: int

@@ -11,7 +11,7 @@ from gear_rattle.service.explorer.common.text import faint_html
 from gear_rattle.service.explorer.design import rattling, tolerance
 from gear_rattle.service.explorer.design.fields import machine_at_other_point
 from gear_rattle.service.explorer.point import loudness, motion, parts, point_diagram
-from gear_rattle.service.explorer.point.panel import CLICKED, PointPanel
+from gear_rattle.service.explorer.point.panel import CLICKED_STATE, PointPanel
 from gear_rattle.service.explorer.point.parts import DiagramLines
 from gear_rattle.service.explorer.point.state import ATTRACTORS, CHAOS, PLACE, READY, OpenPoint, chosen_place
 from gear_rattle.service.explorer.point.work import waiting_html
@@ -21,8 +21,8 @@ POINTS = 3000  # computed points of a motion
 # Numbers of forcing periods that are shown: 3 m for a P(m, n₊, n₋), but at least PERIODS and at most MOST_PERIODS;
 # CHAOTIC_PERIODS for a chaotic motion; PERIODS for every other motion.
 PERIODS, MOST_PERIODS, CHAOTIC_PERIODS = 12.0, 60.0, 30.0
-NO_ATTRACTOR = "#8a96a3"  # colour of the motion from a clicked state
-QUIET_LINE = "#8f8000"  # colour of lines of quiet motion, a yellow that is dark enough for a white background
+CLICKED_MOTION_COLOUR = "#8a96a3"  # colour of the motion from a clicked state
+QUIET_COLOUR = "#8f8000"  # colour of lines of quiet motion, a yellow that is dark enough for a white background
 
 
 class MotionTab:
@@ -55,7 +55,7 @@ class MotionTab:
         number = self._point.attractor_number
         if self._point.state.start is not None:
             tau, v = self._point.state.start
-            options[f"from τ = {tau:.4f}, v = {v:.4g}"] = number = CLICKED
+            options[f"from τ = {tau:.4f}, v = {v:.4g}"] = number = CLICKED_STATE
         self._panel.offer_motions(options, number)
 
     @property
@@ -65,7 +65,7 @@ class MotionTab:
 
     async def _compute_motion(self) -> None:
         point, panel = self._point, self._panel
-        requested, gear, periods, shade = self._motion_key, point.place.gear, PERIODS, NO_ATTRACTOR
+        requested, gear, periods, shade = self._motion_key, point.place.gear, PERIODS, CLICKED_MOTION_COLOUR
         attractor = None
         if point.state.start is not None:
             (tau, v), what = point.state.start, "From the chosen initial condition"
@@ -75,7 +75,7 @@ class MotionTab:
             )
         else:
             tau, v, what = attractor.tau, attractor.v, legend_name(attractor)
-            shade = QUIET_LINE if attractor.kind == "quiet" else point.palette.colour(attractor)
+            shade = QUIET_COLOUR if attractor.kind == "quiet" else point.palette.colour(attractor)
             whole = min(max(PERIODS, 3.0 * attractor.m), MOST_PERIODS)
             periods = CHAOTIC_PERIODS if attractor.kind == "chaotic" else whole
         found = await point.work.compute(parts.motion_from, gear, tau, v, periods, POINTS, what="The motion")
