@@ -258,7 +258,7 @@ def _chaos_after_window(
     """Follow the motion in a periodic window of chaos, and return where chaos begins again.
 
     attractor: the attractor that a sweep followed up to the window. found: the attractors at ε = `at`, where the sweep
-    entered the window. The first of them is followed in steps of ε of size `step`, at most WINDOW of them, up to `end`.
+    entered the window. The first of them is followed in at most WINDOW steps of ε, each of size `step`, up to `end`.
 
     Returns
     -------

@@ -106,7 +106,7 @@ def machine_ranges(machine: SurveyedMachine, delta: Pair, epsilon: Pair) -> dict
 
 
 def machine_at(machine: SurveyedMachine | None, model: Model, delta: float, epsilon: float) -> Machine | None:
-    """Return a survey's machine at a point; None if the survey has none, or if no such machine is possible."""
+    """Return a survey's machine at a point; None for a survey without a machine, or if none is possible there."""
     if machine is None:
         return None
     eccentricity = float(machine.eccentricity(epsilon))

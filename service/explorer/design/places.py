@@ -25,7 +25,7 @@ CRISES = {"0.6": (0.6, 0.1108867568), "0.762": (0.762, 0.09742235)}
 class Bookmark:
     """A window of the plane, with a point to open in it (None for no point), and the state of the point's tabs.
 
-    state: None for the state of a point that is opened without one, see `PointOpened`.
+    state: if it is None, the tabs stay or get their default state, as `PointOpened` describes.
     """
 
     window: Ranges

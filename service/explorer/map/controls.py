@@ -95,7 +95,7 @@ def _reason_of_missing_map(featured: FeaturedMap, request: SurveyRequest) -> str
 
 
 def meaning_of(variable: str) -> str:
-    """Return a sentence that says how to read the map of a variable; "" if no featured map shows it."""
+    """Return a sentence that says how to read the map of a variable; "" if no featured map shows the variable."""
     return next((each.meaning for each in FEATURED if variable in each.variables), "")
 
 

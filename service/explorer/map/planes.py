@@ -35,7 +35,7 @@ KEPT, KEPT_CELLS = 24, 24_000_000  # most maps in memory, and most cells of all 
 ENLARGED_POINTS = 200  # points along an axis of an enlarged window
 SIDE = 512  # most cells that are drawn along an axis, unless the screen is known to have more pixels
 BAND = 1 << 20  # most cells that are read at once from several rows of tiles
-SLICE_SECONDS = 1.0  # seconds after which reading pauses, so that the cells read so far are drawn
+READING_SECONDS = 1.0  # seconds after which reading pauses, so that the cells read so far are drawn
 Key = tuple[str, str, int, int, bool]
 Room = tuple[int, int]  # pixels along (delta, epsilon)
 UNSEEN: Room = (700, 550)  # assumed pixels of a map until the browser has reported them
@@ -90,9 +90,9 @@ class MapPlane:
         self._lock = threading.Lock()
 
     def update(self, job: JobRow) -> bool:
-        """Read new tiles for at most SLICE_SECONDS, and return whether all were read. It blocks: use a thread."""
+        """Read new tiles for at most READING_SECONDS, and return whether all were read. It blocks: use a thread."""
         with self._lock:
-            deadline = time.monotonic() + SLICE_SECONDS
+            deadline = time.monotonic() + READING_SECONDS
             whole = job.state == State.SUCCESSFUL
             done = set(self._tiles) if whole else written_tiles(self._front, self.id)
             fresh = (done - self._known).intersection(self._tiles)

@@ -104,7 +104,7 @@ class MapView(SurveyMap):
             self.forget_window()  # the finer cells of the window belong to another map
         request = store.request
         is_large = request is not None and max(request.shape) > SIDE
-        # a large survey, or a map with names of families, is drawn again when its pixels change
+        # the drawing of a large survey, or of a map with names of families, depends on the pixels of the figure
         room = self.figure.pixels if is_large or view.variable == LARGEST else ()
         what = view.survey, view.slice, chosen, view.limits, view.log, room
         self.drawings.request(what, [] if job is None else [job], partial(self._draw, view, job))

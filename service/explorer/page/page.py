@@ -143,7 +143,7 @@ class Page:
         self._viewer.start(self._learn_statuses(statuses))
 
     async def _learn_statuses(self, statuses: Sequence[JobStatus]) -> None:
-        # raises an error if the API key was revoked
+        # this call raises an error if the API key was revoked
         statuses = await self._viewer.run_in_thread(lambda: self._add_chosen_survey(statuses))
         self._viewer.change(lambda: self.store.update_surveys({each.job.id: each for each in statuses}))
 
@@ -261,8 +261,8 @@ class Page:
 
     def _cancel_or_delete(self, caller: Caller, survey_id: str, is_deletion: bool) -> None:
         ended = find_job(self._shared.front, survey_id).shown_status[0].is_final
-        # `remove_survey` cancels a running survey and deletes an ended one: "cancel" must not delete a survey that has
-        # just ended
+        # `remove_survey` cancels a survey that waits or runs, and deletes one that has ended; but "cancel" must not
+        # delete a survey that has just ended
         if ended == is_deletion:
             remove_survey(self._shared.front, caller, survey_id)
 

@@ -113,9 +113,9 @@ class OpenPoint(Listeners):
     def shown_attractor(self) -> rattle.Attractor | None:
         """Attractor to show, None if none is known.
 
-        If another point of the diagram is shown, it is the attractor of that point with the same name as the attractor
-        of the open point that would be shown. If that point has none of this name, it is its first attractor that is
-        not quiet; if all are quiet, its first attractor.
+        At the open point, this is the attractor with the number `attractor_number`. At another point of the diagram, it
+        is the attractor with the same name as that one. If no attractor there has this name, it is the first that is
+        not quiet; if all are quiet, the first.
         """
         own = self._known_attractors[self.attractor_number] if self._known_attractors else None
         if not self.is_away:

@@ -24,7 +24,7 @@ from rattle.models import DEFAULT_MODEL
 if TYPE_CHECKING:
     from bokeh.document import Document
 
-GRACE_SECONDS = 15.0  # seconds in which a task may end by itself before it is cancelled, which would end its process
+GRACE_SECONDS = 15.0  # seconds before a given-up task is cancelled; the cancellation ends the process that computes
 
 Result = TypeVar("Result")
 Arguments = TypeVarTuple("Arguments")
