@@ -318,7 +318,7 @@ class MapFigure:
         self._place_names()
 
     def _place_names(self) -> None:
-        """Move names of regions or families into the frame, and write names of points where they cover nothing else."""
+        """Move names of regions or families into the frame. Write names of codimension-two points that have room."""
         self._move_region_names_inside()
         if not self._corners:
             glyphs.clear(self._points)

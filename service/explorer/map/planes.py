@@ -186,7 +186,7 @@ class MapPlane:
         return self._values_and_status(slice(None), slice(None))
 
     def enlarged_block(self, window: Ranges) -> MapBlock:
-        """Return a very narrow window as ENLARGED² points, each with the value of the survey's cell around it."""
+        """Return a very narrow window as ENLARGED_POINTS² points. A point has the value of the cell around it."""
         (left, right), (bottom, top) = window
         delta, epsilon = (
             low + (np.arange(ENLARGED_POINTS) + 0.5) * (high - low) / ENLARGED_POINTS

@@ -51,7 +51,8 @@ def default_variable(request: SurveyRequest, is_waiting: bool) -> str:
     """Return the variable that a survey shows unless a viewer chooses another variable.
 
     A survey that waits for its turn shows its first map, if that map is a closed form. Every other survey shows its
-    quiet fraction. If it has none, it shows its first map that is not a closed form, or else its first map.
+    quiet fraction. A survey without a quiet fraction shows its first map that is not a closed form, or else its first
+    map.
 
     Returns
     -------
@@ -146,7 +147,7 @@ class SharedState:
             log.info("the first map cannot be drawn beforehand: %s", error)
 
     def _draw_default_map(self) -> tuple[Model, Ranges]:
-        """Draw the default map of a page, if this map does not change any more; return its model and its window."""
+        """Draw the default map of a page, unless its survey is incomplete. Return the map's model and window."""
         jobs, _ = list_jobs(self.front, LISTED)
         job = default_survey(jobs)
         if job is None:
