@@ -26,7 +26,7 @@ from service_processes import get
 from waiting import HANG, wait_until
 
 import rattle
-from gear_rattle.service.explorer.map.planes import ENLARGED
+from gear_rattle.service.explorer.map.planes import ENLARGED_POINTS
 from rattle.curves import codimension_two
 from rattle.orbits.period_one_orbits import REGIONS
 
@@ -174,7 +174,7 @@ def test_a_window_of_1e9_at_cod22_is_right(page: Page, service: str, survey_id: 
     window = {"delta": f"{delta[0]!r},{delta[1]!r}", "epsilon": f"{epsilon[0]!r},{epsilon[1]!r}"}
     open_view(page, service, survey=survey_id, variable="region", **window)
     # at first there is one cell of the survey, enlarged
-    finer = f"each.name === 'fine0' && each.data_source.data.image[0]?.shape[0] > {ENLARGED}"
+    finer = f"each.name === 'fine0' && each.data_source.data.image[0]?.shape[0] > {ENLARGED_POINTS}"
     wait_for_map(page, f"renderers.some((each) => {finer})")
     assert of_map(page, "x_range.start") == delta[0]
     assert of_map(page, "below[0].axis_label") == "damping δ − 0.7701471309, in units of 1e-9"

@@ -17,7 +17,7 @@ from service_processes import get
 from waiting import HANG, wait_until
 
 import rattle
-from gear_rattle.service.explorer.map.planes import ENLARGED
+from gear_rattle.service.explorer.map.planes import ENLARGED_POINTS
 
 MODEL = "Bokeh.documents.map((each) => each.get_model_by_name('{}')).find((each) => each)"
 IDLE = "() => Bokeh.documents.every((each) => each.is_idle)"
@@ -217,7 +217,7 @@ def test_a_deep_window_tells_above_the_map_what_it_waits_for_and_is_not_white(
     assert words is not None
     assert plot is not None
     assert plot["y"] - 60 < words["y"] + words["height"] <= plot["y"] + 1
-    wait_for_map(page, f"{FINER}?.length === {ENLARGED**2}")
+    wait_for_map(page, f"{FINER}?.length === {ENLARGED_POINTS**2}")
     assert np.isfinite(of_map(page, FINER)).all()
     held.release()
     expect(said).to_have_count(0)

@@ -171,7 +171,7 @@ PROTECTIONS = (
         "a page that is closed ends at once",
         "tests/contracts/service/test_service_pages.py::test_a_page_ends_with_its_browser_or_when_it_is_swept",
         "service/explorer/page/mount.py",
-        "            if code in LEFT:\n",
+        "            if code in LEFT_CODES:\n",
         "            if False:\n",
     ),
     _one(

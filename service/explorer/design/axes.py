@@ -111,7 +111,7 @@ def coordinate_text(value: float, window: Pair) -> str:
 
 
 def rounded_range(low: float, high: float) -> Pair:
-    """Return a range whose ends are rounded to a thousandth of its width or finer."""
+    """Return a range with rounded ends. An end changes by less than a thousandth of the width of the range."""
     if not low < high:
         return low, high
     digits = math.ceil(3 - math.log10(high - low))

@@ -22,13 +22,14 @@ from rattle.stiff import StiffOrbit, stiff_branch
 # largest number of attractors that are followed; largest number of impacts of a motion that is followed on a branch
 MOST_FOLLOWED, MOST_IMPACTS = 12, 64
 STEPS = 150  # steps of a sweep over the whole range of ε
-STATES, RETURNS = 16, 37  # number of states of a chaotic attractor that a sweep follows; number of returns between two
+# A sweep of chaos follows STATES states of a trajectory, with RETURNS iterates of the return map from state to state.
+STATES, RETURNS = 16, 37
 WINDOW = 4  # a sweep of chaos passes periodic windows that are at most this many steps wide
-# A sweep halves a step that loses the attractor, until the step is at most FINEST of a full step and at most NEAR of
-# the distance from the gear's ε, or at most LEAST of a full step.
+# A sweep halves a step that loses the attractor. It stops when the step is at most LEAST full steps, and also when the
+# step is at most FINEST full steps and at most the share NEAR of the distance from the gear's ε.
 FINEST, NEAR, LEAST = 1 / 32, 1 / 8, 1e-9
 
-#: Kinds of an end: first the events of a branch, with the names of `rattle`, then the ends that are no such event.
+#: Kinds of an end, see `ExtentEnd`: first the events of a branch, with the names of `rattle`; then all other kinds.
 SADDLE_NODE, FLIP, GRAZING = "SN", "PD", "GR"
 CRISIS, QUIET_LIMIT, SWEPT, RANGE, LOST = "crisis", "quiet limit", "swept", "range", "lost"
 
@@ -75,13 +76,22 @@ def followed_range(gear: AnyGear, map_range: Pair | None) -> Pair:
 
 
 def motion_extent(gear: AnyGear, attractor: rattle.Attractor, within: Pair) -> MotionExtent | None:
-    """Return the range of ε in which an attractor attracts, searched in `within`; None for an undecided attractor."""
+    """Return the range of ε in which an attractor attracts, as far as it lies in `within`; None for undecided samples.
+
+    attractor: an attractor of the point, or the entry of its undecided samples (kind "undecided").
+
+    Returns
+    -------
+    MotionExtent | None
+        The range.
+    """
     if attractor.kind == "undecided":
         return None
     if attractor.kind == "quiet":
         return MotionExtent(ExtentEnd(RANGE, 0.0), ExtentEnd(QUIET_LIMIT, gear.quiet_limit))
     if attractor.kind == "periodic" and attractor.n_plus + attractor.n_minus <= MOST_IMPACTS:
-        with suppress(RattleError):  # the motion is swept, for example if Newton's method fails close to grazing
+        # after an error, for example if Newton's method fails close to grazing, the motion is swept
+        with suppress(RattleError):
             branch = _branch_of(gear, attractor, within)
             if branch is not None:
                 return _extent_of_branch(branch, within)
@@ -91,30 +101,32 @@ def motion_extent(gear: AnyGear, attractor: rattle.Attractor, within: Pair) -> M
 def add_crisis(
     gear: AnyGear, attractors: Sequence[rattle.Attractor], extents: Sequence[MotionExtent | None]
 ) -> tuple[MotionExtent | None, ...]:
-    """Return the extents, with the boundary crisis at the gear's δ in place of each swept upper end of chaos near it.
+    """Return the extents. The boundary crisis at the gear's δ replaces the upper end of chaos that a sweep bracketed.
 
-    An end is near if its distance from the crisis is at most the width of its bracket.
+    The end is not replaced if its distance from the crisis is larger than the width of its bracket.
 
     Returns
     -------
     tuple[MotionExtent | None, ...]
         The extents, as many and in the same order as `extents`.
     """
-    crisis = _crisis(gear) if Capability.CRISIS in model_at(gear).has else None
+    crisis = _crisis_epsilon(gear) if Capability.CRISIS in model_at(gear).has else None
     if crisis is None:
         return tuple(extents)
     # attractors beyond MOST_FOLLOWED have no extent
     pairs = zip(attractors, extents, strict=False)
-    return tuple(_ends_in(each, crisis) if each and one.kind == "chaotic" else each for one, each in pairs)
+    return tuple(
+        _replace_end_by_crisis(each, crisis) if each and one.kind == "chaotic" else each for one, each in pairs
+    )
 
 
 def has_swept_chaos(attractors: Sequence[rattle.Attractor], extents: Sequence[MotionExtent | None]) -> bool:
-    """Return whether a sweep only bracketed the upper end in ε of any chaotic attractor, see `add_crisis`."""
+    """Return whether a sweep bracketed the upper end in ε of at least one chaotic attractor, see `add_crisis`."""
     pairs = zip(attractors, extents, strict=False)  # attractors beyond MOST_FOLLOWED have no extent
     return any(one.kind == "chaotic" and each is not None and each.high.kind == SWEPT for one, each in pairs)
 
 
-def _crisis(gear: AnyGear) -> float | None:
+def _crisis_epsilon(gear: AnyGear) -> float | None:
     from rattle.crisis import boundary_crisis
 
     with suppress(RattleError):
@@ -122,7 +134,7 @@ def _crisis(gear: AnyGear) -> float | None:
     return None
 
 
-def _ends_in(extent: MotionExtent, crisis: float) -> MotionExtent:
+def _replace_end_by_crisis(extent: MotionExtent, crisis: float) -> MotionExtent:
     high = extent.high
     if high.kind != SWEPT or abs(high.epsilon - crisis) > 2.0 * high.error:
         return extent
@@ -139,36 +151,36 @@ def _branch_of(gear: AnyGear, attractor: rattle.Attractor, within: Pair) -> Any:
 
 def _extent_of_branch(branch: Any, within: Pair) -> MotionExtent:
     """Return the extent of the attracting part of a branch around the point from which the branch was followed."""
-    # only stiff branches have `grazes`, at which they end: before the first point (piece −1) or after the last one
+    # Only a branch of the stiff gear has `grazes`. It ends there: before its first point (index −1) or after its last.
     grazes = [(each, each.after or -1) for each in getattr(branch, "grazes", ())]
-    events = [(each, _piece_number(each, branch)) for each in branch.events if each.admissible] + grazes
+    events = [(each, _index_of_point_before(each, branch)) for each in branch.events if each.admissible] + grazes
     attracts = branch.stable & branch.admissible
 
-    def end(way: int) -> ExtentEnd:
+    def end_towards(sign: int) -> ExtentEnd:
         point = branch.start
         while True:
-            beyond, is_last = point + way, not 0 <= point + way < len(branch)
-            piece = min(point, beyond)  # piece k of a branch lies between its points k and k + 1
-            here = [event for event, at in events if at == piece][::way]
+            beyond, is_last = point + sign, not 0 <= point + sign < len(branch)
+            before = min(point, beyond)  # index of the point before the events between `point` and `beyond`
+            here = [event for event, at in events if at == before][::sign]
             if here and (is_last or here[0].kind in (SADDLE_NODE, FLIP) or not attracts[beyond]):
                 return _end_at(here[0], branch, not is_last and bool(branch.admissible[beyond]))
-            if is_last and branch.ends[way > 0] == "span":
-                return ExtentEnd(RANGE, within[way > 0])
+            if is_last and branch.ends[sign > 0] == "span":
+                return ExtentEnd(RANGE, within[sign > 0])
             if is_last or not attracts[beyond]:
                 return ExtentEnd(LOST, float(branch.epsilon[point]))
             point = beyond
 
-    return MotionExtent(end(-1), end(1))
+    return MotionExtent(end_towards(-1), end_towards(1))
 
 
-def _piece_number(event: Any, branch: Any) -> int:
-    """Return k if an event lies between the points k and k + 1 of a branch, −1 if the branch begins at this flip."""
+def _index_of_point_before(event: Any, branch: Any) -> int:
+    """Return the index of the last branch point before an event; −1 for a flip at which the branch begins."""
     is_origin = event.itinerary.m < branch.m and event.after == 0 and branch.ends[0] != "span"
     return -1 if is_origin else int(event.after)
 
 
 def _end_at(event: Any, branch: Any, remains: bool) -> ExtentEnd:
-    """Return the end of a motion at an event of its branch. remains: True if an admissible point follows the event."""
+    """Return the end of a motion at an event of its branch. remains: True if the motion exists beyond the event."""
     next_motion = getattr(event, "beyond", None)
     return ExtentEnd(
         str(event.kind),
@@ -186,7 +198,7 @@ def _swept_extent(gear: AnyGear, attractor: rattle.Attractor, within: Pair) -> M
 
 
 def _sweep(gear: AnyGear, attractor: rattle.Attractor, end: float, within: Pair) -> tuple[ExtentEnd, int]:
-    """Follow an attractor in steps of ε towards `end`. A step that loses the attractor is repeated at half its size.
+    """Follow an attractor in steps of ε towards `end`. If a step loses the attractor, halve the step and repeat it.
 
     Returns
     -------
@@ -200,45 +212,53 @@ def _sweep(gear: AnyGear, attractor: rattle.Attractor, end: float, within: Pair)
     at, step, known, windows = gear.epsilon, longest, attractor, 0
     while at != end:
         there = end if abs(end - at) <= step else at + way * step
-        found = _continued(gear, known, at, there)
-        same = _like(attractor, found)
+        found = _continue_attractor(gear, known, at, there)
+        same = _attractor_of_same_name(attractor, found)
         if same is not None:
             at, known, step = there, same, min(2.0 * step, longest)
             continue
         if step > max(LEAST * longest, min(FINEST * longest, NEAR * abs(at - gear.epsilon))):
             step /= 2.0
             continue
-        passed = _after_window(gear, attractor, found, there, way * longest, end)
+        passed = _chaos_after_window(gear, attractor, found, there, way * longest, end)
         if passed is None:
             return ExtentEnd(SWEPT, (at + there) / 2, abs(there - at) / 2, beyond=legend_name(found[0])), windows
         (at, known), step, windows = passed, longest, windows + 1
     return ExtentEnd(RANGE, end), windows
 
 
-def _continued(gear: AnyGear, known: rattle.Attractor, at: float, there: float) -> tuple[rattle.Attractor, ...]:
-    """Return the attractors at ε = `there` to which states of an attractor at ε = `at` go, the most frequent first."""
+def _continue_attractor(
+    gear: AnyGear, known: rattle.Attractor, from_epsilon: float, to_epsilon: float
+) -> tuple[rattle.Attractor, ...]:
+    """Continue an attractor: return the attractors at ε = `to_epsilon` that its states at `from_epsilon` reach.
+
+    Returns
+    -------
+    tuple[rattle.Attractor, ...]
+        The attractors; the first is the one that most of the states reach.
+    """
     model = model_at(gear)
     tau, v = np.array([known.tau]), np.array([known.v])
     if known.kind == "chaotic":
         every = np.full(STATES, 1.0)
-        states = model.gear(gear.delta, at).iterate(tau * every, v * every, RETURNS * np.arange(STATES))
+        states = model.gear(gear.delta, from_epsilon).iterate(tau * every, v * every, RETURNS * np.arange(STATES))
         tau, v = states.tau, states.v
-    return model.gear(gear.delta, there).reached(tau, v).attractors
+    return model.gear(gear.delta, to_epsilon).reached(tau, v).attractors
 
 
-def _like(attractor: rattle.Attractor, found: Iterable[rattle.Attractor]) -> rattle.Attractor | None:
-    """Return the first attractor in `found` with the kind and label of `attractor`; None if there is none."""
+def _attractor_of_same_name(attractor: rattle.Attractor, found: Iterable[rattle.Attractor]) -> rattle.Attractor | None:
+    """Return the first attractor in `found` that has the same name in legends as `attractor`; None if none has it."""
     names = (each for each in found if legend_name(each) == legend_name(attractor))
     return next(names, None)
 
 
-def _after_window(
+def _chaos_after_window(
     gear: AnyGear, attractor: rattle.Attractor, found: Sequence[rattle.Attractor], at: float, step: float, end: float
 ) -> tuple[float, rattle.Attractor] | None:
-    """Return where chaos begins again after a periodic window, into which a sweep came at ε = `at`.
+    """Follow the motion in a periodic window of chaos, and return where chaos begins again.
 
-    attractor: the attractor that the sweep followed up to the window. found: the attractors at ε = `at`; the first is
-    followed through the window for at most WINDOW steps of size `step`, not beyond `end`.
+    attractor: the attractor that a sweep followed up to the window. found: the attractors at ε = `at`, where the sweep
+    entered the window. The first of them is followed in at most WINDOW steps of ε, each of size `step`, up to `end`.
 
     Returns
     -------
@@ -252,8 +272,8 @@ def _after_window(
         there = at + step
         if found[0].kind != "periodic" or (there - end) * step > 0:
             return None
-        found, at = _continued(gear, found[0], at, there), there
-        again = _like(attractor, found)
+        found, at = _continue_attractor(gear, found[0], at, there), there
+        again = _attractor_of_same_name(attractor, found)
         if again is not None:
             return at, again
     return None

@@ -73,12 +73,14 @@ ABOUT = (
     "<p class=faint>Inertia, drag and base radius are numbers of the first gear. A field with a 2 is for the second "
     "gear; if the field is empty, the number of the first gear is used.</p>"
 )
-BOTH = ("inertia", "drag", "backlash", "radius")  # names of the numbers that every machine has
-SECOND = ("teeth", "driven_teeth", "driven_inertia", "driven_drag", "driven_radius")
-PAIR = (*BOTH, *SECOND)  # names of the numbers of a survey's machine
+BASIC_NUMBERS = ("inertia", "drag", "backlash", "radius")  # names of the numbers that every machine must have
+# names of numbers that describe the ratio and the second gear; a machine of two equal gears needs none of them
+TWO_GEAR_NUMBERS = ("teeth", "driven_teeth", "driven_inertia", "driven_drag", "driven_radius")
+SURVEY_NUMBERS = (*BASIC_NUMBERS, *TWO_GEAR_NUMBERS)  # names of the numbers of a survey's machine
 ERRORS = ("mesh_error", "mesh_error_2", "mesh_error_3")
 POINT = (
-    *BOTH, "rpm", "eccentricity", "stiffness", "restitution", "load_torque", *ERRORS, *SECOND, "driven_eccentricity"
+    *BASIC_NUMBERS, "rpm", "eccentricity", "stiffness", "restitution", "load_torque", *ERRORS, *TWO_GEAR_NUMBERS,
+    "driven_eccentricity",
 )  # fmt: skip
 
 
@@ -104,7 +106,7 @@ def machine_ranges(machine: SurveyedMachine, delta: Pair, epsilon: Pair) -> dict
 
 
 def machine_at(machine: SurveyedMachine | None, model: Model, delta: float, epsilon: float) -> Machine | None:
-    """Return a survey's machine at a point; None if the survey has none, or if no such machine is possible."""
+    """Return a survey's machine at a point; None for a survey without a machine, or if none is possible there."""
     if machine is None:
         return None
     eccentricity = float(machine.eccentricity(epsilon))
@@ -134,7 +136,7 @@ def machine_at_other_point(machine: Machine | None, delta: float, epsilon: float
     return replace(machine, speed=speed, eccentricity=eccentricity)
 
 
-def _rows_of_two(widgets: list[Any], *above: Any) -> pn.Column:
+def _in_rows_of_two(widgets: list[Any], *above: Any) -> pn.Column:
     rows = (pn.Row(*widgets[i : i + 2], sizing_mode="stretch_width") for i in range(0, len(widgets), 2))
     return pn.Column(*above, *rows, sizing_mode="stretch_width", margin=0)
 
@@ -155,8 +157,8 @@ class MachineFields:
         self._drive = pn.widgets.Select(label="Driven", options=options, value=next(iter(DRIVES)), **style)
         needed = [self._numbers[name] for name in self._numbers if NUMBERS[name].first is not None]
         about = pn.pane.HTML(ABOUT, stylesheets=[sheet], margin=(0, 4))
-        self.needed = _rows_of_two([*needed, self._drive])
-        self.optional = _rows_of_two([each for each in self._numbers.values() if each not in needed], about)
+        self.needed = _in_rows_of_two([*needed, self._drive])
+        self.optional = _in_rows_of_two([each for each in self._numbers.values() if each not in needed], about)
         self.panel = pn.Column(self.needed, self.optional, sizing_mode="stretch_width", margin=0)
 
     def entered_numbers(self) -> dict[str, Any]:

@@ -52,12 +52,12 @@ class GoToPanel:
     def _show_bookmark(self) -> None:
         """Select in the list the bookmark that the view shows, or none if the view shows no bookmark."""
         view = self._store.view
-        shown = shown_bookmark(view.window, view.point) if self._is_of_bookmarks() else None
+        shown = shown_bookmark(view.window, view.point) if self._is_plane_of_bookmarks() else None
         with self._watch.paused():
             self.named.value = "" if shown is None else shown
 
-    def _is_of_bookmarks(self) -> bool:
-        """Return whether the map is of the default model and its default β, as all bookmarks are."""
+    def _is_plane_of_bookmarks(self) -> bool:
+        """Return whether the map shows the plane of the bookmarks: the default model at its default β."""
         return self._store.model == MODELS[DEFAULT_MODEL]()
 
     def _go_to_bookmark(self) -> None:
@@ -66,7 +66,7 @@ class GoToPanel:
         if isinstance(place, str):
             self._show_bookmark()
             return
-        if not self._is_of_bookmarks():
+        if not self._is_plane_of_bookmarks():
             self._show_bookmark()
             named = f"{DEFAULT_MODEL} gear at β = {BETA.default}"
             self._show_error(f"The named places are in the plane of the {named}. Choose a survey of this gear first.")

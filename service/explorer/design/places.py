@@ -25,7 +25,7 @@ CRISES = {"0.6": (0.6, 0.1108867568), "0.762": (0.762, 0.09742235)}
 class Bookmark:
     """A window of the plane, with a point to open in it (None for no point), and the state of the point's tabs.
 
-    state: None for the state of a point that is opened without one, see `PointOpened`.
+    state: if it is None, the tabs stay or get their default state, as `PointOpened` describes.
     """
 
     window: Ranges
@@ -39,7 +39,10 @@ def bookmarks() -> dict[str, Bookmark]:
 
 
 def shown_bookmark(window: Ranges | None, point: Pair | None) -> Bookmark | None:
-    """Return the bookmark with a view's window and point, else the first one with its window and no point, else None.
+    """Return the bookmark that a view shows, None if there is none.
+
+    The bookmark has the window and the open point of the view. If no bookmark has both, the bookmark is the first that
+    has the same window and no point.
 
     Parameters
     ----------

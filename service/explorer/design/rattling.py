@@ -9,16 +9,24 @@ from rattle import Density, Lines
 from rattle.intensity import wav
 from rattle.models import AnyGear
 
-HIGHEST = 24.0  # highest order of a spectrum
+HIGHEST_SPECTRUM_ORDER = 24.0  # highest order of a spectrum
 SECONDS, RATE = 3.0, 22050  # length of a sound in seconds, and its samples per second
 
 
 def motion_intensities(gear: AnyGear, attractors: Sequence[rattle.Attractor]) -> tuple[rattle.Intensity | None, ...]:
-    """Return the intensity of each attractor: None if it cannot be followed, with NaN values if it is undecided."""
-    return tuple(_intensity(gear, each) for each in attractors)
+    """Return the intensity of each attractor; None for a motion that cannot be followed.
+
+    For the entry of undecided samples (kind "undecided") the values of the intensity are NaN.
+
+    Returns
+    -------
+    tuple[rattle.Intensity | None, ...]
+        The intensities, in the order of `attractors`.
+    """
+    return tuple(_intensity_of(gear, each) for each in attractors)
 
 
-def _intensity(gear: AnyGear, attractor: rattle.Attractor) -> rattle.Intensity | None:
+def _intensity_of(gear: AnyGear, attractor: rattle.Attractor) -> rattle.Intensity | None:
     try:
         return gear.intensity(attractor)
     except rattle.RattleError:  # for example, the motion is too close to grazing or to rest
@@ -36,9 +44,10 @@ def spectrum_lines(gear: AnyGear, attractor: rattle.Attractor) -> Lines | Densit
     Raises
     ------
     RattleError
-        The attractor is undecided, or cannot be followed from its (τ, v), for instance because it comes to rest.
+        The motion cannot be followed from its state (τ, v), for instance because it comes to rest; or `attractor` is
+        the entry of undecided samples.
     """
-    return gear.spectrum(attractor, HIGHEST)
+    return gear.spectrum(attractor, HIGHEST_SPECTRUM_ORDER)
 
 
 def sound_file(gear: AnyGear, attractor: rattle.Attractor, rpm: float) -> bytes:

@@ -17,10 +17,11 @@ from rattle.errors import require
 from rattle.models import AnyGear, model_at
 from rattle.parameters import Harmonic
 
-HELD = 0.95  # share of the gears inside the ellipse
-RADIUS = math.sqrt(-2.0 * math.log(1.0 - HELD))  # radius of the ellipse in standard deviations
+SHARE_INSIDE = 0.95  # share of the gears inside the ellipse
+RADIUS = math.sqrt(-2.0 * math.log(1.0 - SHARE_INSIDE))  # radius of the ellipse in standard deviations
 SIDES = 96  # number of sides of the polygon that is drawn for the ellipse
-COUNT, JUDGED = 8, 256  # initial conditions per gear; largest number of gears that are judged as passing or not
+# initial conditions of each gear; largest number of gears from which the share of passing gears is estimated
+COUNT, MOST_JUDGED = 8, 256
 # Fields of a machine that `population_numbers` does not copy: `rattle.population` takes the speed as rpm, the
 # eccentricity with its tolerance and the errors as error_20 and the like; no machine of the page has driven_errors.
 NOT_GIVEN = ("speed", "eccentricity", "errors", "driven_errors")
@@ -71,18 +72,21 @@ def population_numbers(gear: AnyGear, machine: Machine | None, widths: Tolerance
         A harmonic has a phase other than 0.
     """
     if machine is None:
-        others: dict[str, Any] = {**model_at(gear).numbers, **_amplitudes("harmonic", gear.parameters.harmonics)}
+        others: dict[str, Any] = {
+            **model_at(gear).numbers,
+            **_amplitudes_by_order("harmonic", gear.parameters.harmonics),
+        }
         pair = {"delta": gear.delta, "epsilon": gear.epsilon}
     else:
         pair = {"rpm": machine.rpm, "eccentricity": machine.eccentricity}
         names = (each.name for each in fields(machine) if each.name not in NOT_GIVEN)
-        others = {name: getattr(machine, name) for name in names} | _amplitudes("error", machine.errors)
+        others = {name: getattr(machine, name) for name in names} | _amplitudes_by_order("error", machine.errors)
     for name, width, low in zip(pair, widths, (LEAST, 0.0), strict=False):
-        pair[name] = _distribution(pair[name], width, low)
+        pair[name] = _number_with_tolerance(pair[name], width, low)
     return {**others, **pair}
 
 
-def _amplitudes(name: str, harmonics: Sequence[Harmonic]) -> dict[str, float]:
+def _amplitudes_by_order(name: str, harmonics: Sequence[Harmonic]) -> dict[str, float]:
     """Return amplitudes by order as `rattle.population` takes them. Raises ParameterError if a phase is not 0."""
     for order, _, phase in harmonics:
         require(
@@ -91,7 +95,8 @@ def _amplitudes(name: str, harmonics: Sequence[Harmonic]) -> dict[str, float]:
     return {f"{name}_{order}": size for order, size, _ in harmonics}
 
 
-def _distribution(mean: float, width: float, low: float) -> Any:
+def _number_with_tolerance(mean: float, width: float, low: float) -> Any:
+    """Return a normal distribution with lower limit low · mean; the number `mean` if the deviation `width` is 0."""
     return Normal(mean, width, low=low * mean) if width > 0.0 else mean
 
 
@@ -103,7 +108,7 @@ def compute_yield(gear: AnyGear, machine: Machine | None, widths: Tolerance) -> 
         gears=gears,
         count=COUNT,
         share=widths.share,
-        judged=min(JUDGED, gears),
+        judged=min(MOST_JUDGED, gears),
         pairs=0,
     )
     assert found.passing is not None

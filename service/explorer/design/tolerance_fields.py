@@ -16,7 +16,7 @@ from gear_rattle.workers.pictures.look import USUAL_SHARE
 from rattle import Machine
 from rattle.models import AnyGear
 
-TENTH = 0.1  # default standard deviations, relative to the point's numbers
+DEFAULT_DEVIATION = 0.1  # default standard deviation, relative to the number of the point that varies
 
 
 class ToleranceFields:
@@ -51,7 +51,7 @@ class ToleranceFields:
             speed, eccentricity = NUMBERS["rpm"], NUMBERS["eccentricity"]
             first.label, second.label = f"σ of {speed.label.lower()}", f"σ of {eccentricity.label.lower()}"
             self._per, means = (speed.per, eccentricity.per), (machine.rpm, machine.eccentricity)
-        given = widths or Tolerance(TENTH * means[0], TENTH * means[1], USUAL_SHARE)
+        given = widths or Tolerance(DEFAULT_DEVIATION * means[0], DEFAULT_DEVIATION * means[1], USUAL_SHARE)
         for widget, value, per in zip((first, second), given, self._per, strict=False):
             widget.value = float(f"{value * per:.{3 if widths is None else 12}g}")
         share.value = given.share

@@ -43,7 +43,7 @@ class Extent:
 
     @property
     def state(self) -> PointState:
-        """State of the tabs for the point in the middle: its diagram runs along this row or column."""
+        """State of the tabs for the point `middle`, whose diagram then runs along the row or column of cells."""
         return PointState(direction=self.direction, span=float(f"{self.either_way:.12g}"))
 
 
@@ -51,16 +51,16 @@ class Extent:
 class FamilyDescription:
     """Description of one family.
 
-    row: the family's numbers in the survey's table of families, by name. of_plane: share of the computed cells that
-    have the family. of_samples: share of all samples that go to the family. borders: {name of a curve:
-    number of places where it separates a cell that has the family from a neighbouring cell that lacks it}. extents: the
-    longest row and the longest column of the family's cells.
+    row: the family's numbers in the survey's table of families, by name. cell_share: share of the computed cells that
+    have the family. sample_share: share of all samples that go to the family. borders: {name of a curve that makes
+    or ends motions of the family's label: number of pairs of neighbouring cells, one with the family and one without,
+    between which the curve passes}. extents: the longest row and the longest column of the family's cells.
     """
 
     name: str
     row: Mapping[str, float]
-    of_plane: float
-    of_samples: float
+    cell_share: float
+    sample_share: float
     borders: Mapping[str, int]
     extents: tuple[Extent, ...]
 
@@ -173,8 +173,8 @@ def family_in_words(found: FamilyDescription, model: Model) -> str:
     if not row["cells"]:
         return f"<p><strong>{escape(found.name)}</strong> is in none of the cells.</p>"
     said = [
-        f"<strong>{escape(found.name)}</strong> is in {row['cells']:,.0f} cells, {percent_text(found.of_plane)} of the "
-        f"plane; {percent_text(found.of_samples)} of all samples go to it.",
+        f"<strong>{escape(found.name)}</strong> is in {row['cells']:,.0f} cells, {percent_text(found.cell_share)} of "
+        f"the plane; {percent_text(found.sample_share)} of all samples go to it.",
         f"It reaches from δ {number_text(row['delta_low'])} to {number_text(row['delta_high'])} and from ε "
         f"{number_text(row['epsilon_low'])} to {number_text(row['epsilon_high'])}.",
     ]

@@ -37,14 +37,15 @@ from rattle import RattleError
 
 NO_FAMILY = "all of them"
 NO_NUMBERS = "The families of this survey are known once the survey is computed."
-ALONG = {"delta": "Its diagram along δ", "epsilon": "Its diagram along ε"}
+DIAGRAM_LABELS = {"delta": "Its diagram along δ", "epsilon": "Its diagram along ε"}
 
 
 class FamilyData(NamedTuple):
     """Data of a survey's families, read from its store. They do not depend on the window of the map.
 
     names: the names of the first families. family, plane: the description of the chosen family and the map of its basin
-    fraction; None if no family is chosen, or none has the chosen number. why: the message in the latter case, else "".
+    fraction; None if no family is chosen, or if the survey has no family of the chosen number. why: a message for the
+    viewer if the survey has no family of the chosen number, else "".
     """
 
     names: list[str]
@@ -68,7 +69,9 @@ class FamiliesView:
         self.which = pn.widgets.Select(label="Family", options={NO_FAMILY: ""}, width=165, visible=False, **styled)
         self._watch = WidgetWatcher()
         self._watch.call_on_change(self.which, self._on_chosen)
-        self._along = {name: pn.widgets.Button(label=label, visible=False, **styled) for name, label in ALONG.items()}
+        self._along = {
+            name: pn.widgets.Button(label=label, visible=False, **styled) for name, label in DIAGRAM_LABELS.items()
+        }
         for name, button in self._along.items():
             on_press(button, partial(self.open_diagram, name))
         self.said = Text("", sheet)
@@ -78,7 +81,7 @@ class FamiliesView:
         )  # fmt: skip
         self._extents: dict[str, Extent] = {}
         self.drawings = DrawingRunner(viewer, self._show_error)
-        # the shown family: id of its survey, number of its slice, its own number
+        # id of the survey, number of the slice, and number of the family that are shown; None for no family
         self._of: tuple[str, int, int | None] = ("", 0, None)
         self._known: tuple[tuple[Any, ...], FamilyData] | None = None
         store.subscribe(self._on_view_change, "survey", "slice", "family", "delta", "epsilon", "seen", JOBS)

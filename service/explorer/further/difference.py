@@ -75,5 +75,5 @@ class Difference(MapPlane):
         self.plane = xr.DataArray(self.values, dims=CELL, name=f"{variable.name}_difference", attrs=attributes)
 
     def cell_at(self, delta: float, epsilon: float) -> xr.Dataset | None:
-        """Return all variables of the first survey's cell at a point; None outside of it. It blocks: use a thread."""
+        """Return all variables of the first map's cell at a point; None outside of the map. It blocks: use a thread."""
         return self._first.cell_at(delta, epsilon)

@@ -25,7 +25,7 @@ from gear_rattle.service.explorer.common.watch import WidgetWatcher, on_press
 from gear_rattle.service.explorer.further.difference import Difference, require_small
 from gear_rattle.service.explorer.map.colouring import Colouring, Shade, colouring
 from gear_rattle.service.explorer.map.figure import MapFigure
-from gear_rattle.service.explorer.map.overlays import WHOLE, MapLines
+from gear_rattle.service.explorer.map.overlays import LINES_OF_ALL_WINDOWS, MapLines
 from gear_rattle.service.explorer.map.picture import drawn_settings, picture_links, picture_query
 from gear_rattle.service.explorer.map.planes import MapBlock, MapPlane, map_options
 from gear_rattle.service.explorer.map.readout import cell_in_words
@@ -75,63 +75,63 @@ class ComparisonMap(SurveyMap):
     def show_view(self, surveys: Mapping[str, str]) -> None:
         """Show the survey and variable that the view has for this map. surveys: options of the menu of surveys."""
         view, jobs = self._store.view, self._store.jobs
-        further = view.further[self._place]
-        job, first = (jobs[each].job if each in jobs else None for each in (further.survey, view.survey))
+        choice = view.further[self._place]
+        job, first = (jobs[each].job if each in jobs else None for each in (choice.survey, view.survey))
         if job is None or not job.is_readable:
             self._show_no_map(GONE)
             return
-        further = self._show_choices(further, job, surveys)
-        if further.minus and (first is None or not first.is_readable):
+        choice = self._show_choices(choice, job, surveys)
+        if choice.minus and (first is None or not first.is_readable):
             self._show_no_map(NO_FIRST)
             return
-        of_first = (view.survey, view.variable, view.index, view.slice) if further.minus else ()
-        of = (job, first) if first is not None and further.minus else (job,)
-        self.drawings.request((further, of_first), of, partial(self._draw, further, view, *of))
+        of_first = (view.survey, view.variable, view.index, view.slice) if choice.minus else ()
+        of = (job, first) if first is not None and choice.minus else (job,)
+        self.drawings.request((choice, of_first), of, partial(self._draw, choice, view, *of))
         if self.plane is not None:
             self._show_window_and_lines(self.plane)
 
-    def _show_choices(self, further: ComparisonChoice, job: JobRow, surveys: Mapping[str, str]) -> ComparisonChoice:
-        """Set the menus. Return the choice, with the survey's first map in place of a map that the survey lacks."""
+    def _show_choices(self, choice: ComparisonChoice, job: JobRow, surveys: Mapping[str, str]) -> ComparisonChoice:
+        """Set the menus to a choice, and return it. If the survey lacks the chosen map, its first map is chosen."""
         request = request_of_job(job)
-        number = sum(request.slice_index(further.slice))
-        chosen, options = map_options(request, MapChoice(further.variable, further.index))
+        number = sum(request.slice_index(choice.slice))
+        chosen, options = map_options(request, MapChoice(choice.variable, choice.index))
         with self._watch.paused():
-            self.survey.param.update(options=dict(surveys), value=f"{further.survey},{number}")
-            self.variable.param.update(options=options, value=chosen.address_text, visible=not further.minus)
-            self.minus.value = [MINUS] if further.minus else []
-        return replace(further, variable=chosen.variable, index=chosen.index, slice=number)
+            self.survey.param.update(options=dict(surveys), value=f"{choice.survey},{number}")
+            self.variable.param.update(options=options, value=chosen.address_text, visible=not choice.minus)
+            self.minus.value = [MINUS] if choice.minus else []
+        return replace(choice, variable=chosen.variable, index=chosen.index, slice=number)
 
     def _on_chosen(self) -> None:
         survey, _, number = str(self.survey.value).partition(",")
         chosen = MapChoice.read(str(self.variable.value))
-        further = ComparisonChoice(survey, chosen.variable, chosen.index, int(number), bool(self.minus.value))
-        self._store.dispatch(MapChanged(self._place, further))
+        choice = ComparisonChoice(survey, chosen.variable, chosen.index, int(number), bool(self.minus.value))
+        self._store.dispatch(MapChanged(self._place, choice))
 
     async def _draw(
-        self, further: ComparisonChoice, view: View, job: JobRow, first: JobRow | None = None
+        self, choice: ComparisonChoice, view: View, job: JobRow, first: JobRow | None = None
     ) -> AsyncGenerator[Show, None]:
         def read() -> tuple[MapPlane, MapBlock, Colouring]:
             if first is not None:
                 for each in (first, job):
                     require_small(request_of_job(each))
                 wanted = view.variable, view.index
-                other = self._shared.plane(job, *wanted, further.slice)
+                other = self._shared.plane(job, *wanted, choice.slice)
                 plane: MapPlane = Difference(self._shared.plane(first, *wanted, view.slice), other)
             else:
-                plane = self._shared.plane(job, further.variable, further.index, further.slice)
+                plane = self._shared.plane(job, choice.variable, choice.index, choice.slice)
             block = plane.block(room=self.figure.pixels)
             return plane, block, colouring(plane, block, "auto", False, self.figure.pixels)
 
         plane, block, colours = await self._viewer.run_in_thread(read)
 
         def show() -> None:
-            self._further = further
+            self._further = choice
             self.figure.show_axes_of(plane.request.machine)
             self.title.show(escape(_title_of(plane, colours, job, first, request_of_job(job))))
             self._window = self._store.window
             self.figure.show_window(self._window)
             is_computed = not isinstance(plane, Difference)
-            self.draw_map(plane, block, colours, MapChoice(further.variable, further.index) if is_computed else None)
+            self.draw_map(plane, block, colours, MapChoice(choice.variable, choice.index) if is_computed else None)
             self._show_window_and_lines(plane)
 
         yield show
@@ -158,7 +158,7 @@ class ComparisonMap(SurveyMap):
         self.figure.mark_pins(points_by_number(view.pins, model))
         self.links.html = self._picture_links(plane, view)
         lines = view.lines if self._further is None else view.lines_over(self._further.variable)
-        self.lines.draw([name for name in lines if name not in WHOLE], model, window)
+        self.lines.draw([name for name in lines if name not in LINES_OF_ALL_WINDOWS], model, window)
 
     def show_pointer(self) -> None:
         """Mark the point at which a viewer points on any map, and write the value of this map's cell there."""
@@ -170,16 +170,16 @@ class ComparisonMap(SurveyMap):
 
     def _picture_links(self, plane: MapPlane, first: View) -> str:
         """Return links to pictures of this map, in HTML; "" for a difference, which has no pictures."""
-        further, colours = self._further, self.colours
-        if further is None or colours is None or isinstance(plane, Difference):
+        choice, colours = self._further, self.colours
+        if choice is None or colours is None or isinstance(plane, Difference):
             return ""
         seen = drawn_settings(colours, self.figure.pixels if first.window else None)
         shown = replace(
-            first, variable=further.variable, index=further.index, slice=further.slice, family=None,
-            overlays=tuple(name for name in first.lines_over(further.variable) if name not in WHOLE),
+            first, variable=choice.variable, index=choice.index, slice=choice.slice, family=None,
+            overlays=tuple(name for name in first.lines_over(choice.variable) if name not in LINES_OF_ALL_WINDOWS),
         )  # fmt: skip
-        query = picture_query(self._store.jobs[further.survey].job.request, shown, seen)
-        return f"<p class=faint>Picture: {picture_links(further.survey, further.variable, query)}</p>"
+        query = picture_query(self._store.jobs[choice.survey].job.request, shown, seen)
+        return f"<p class=faint>Picture: {picture_links(choice.survey, choice.variable, query)}</p>"
 
     def show_shades(self, shades: Sequence[Shade]) -> None:
         """Show the meanings and the shares of the colours in the key below the map."""
@@ -187,7 +187,8 @@ class ComparisonMap(SurveyMap):
 
 
 def _title_of(plane: MapPlane, colours: Colouring, job: JobRow, first: JobRow | None, request: SurveyRequest) -> str:
-    if not isinstance(plane, Difference) or first is None:  # the menu above the map names the survey
+    # the title of a survey's map need not name the survey, because the menu above the map does
+    if not isinstance(plane, Difference) or first is None:
         return f"{plane.request.gear_model}{f' ({colours.note})' if colours.note else ''}"
     cells = "the same cells"
     if not plane.has_same_grid:

@@ -20,15 +20,15 @@ from gear_rattle.service.explorer.state.store import JOBS, Store
 from rattle import Machine, RattleError
 from rattle.models import Model
 
-OPENED = "with-point"  # CSS class of the panel while a point is open, which gives the panel more room on the page
+POINT_CLASS = "with-point"  # CSS class of the panel while a point is open, which gives the panel more room on the page
 #: On a small screen the list of bookmarks moves below the open point, so that the point's answer is seen first.
-ANSWER_FIRST = f"@media (max-width: 1199px) {{ :host(.{OPENED}) > .go-to-place {{ order: 1; }} }}"
+ANSWER_FIRST = f"@media (max-width: 1199px) {{ :host(.{POINT_CLASS}) > .go-to-place {{ order: 1; }} }}"
 
 
 class RightSide:
     """Right side of the page: from top to bottom the panel `above`, the open point, and the panel `under`.
 
-    below: panel for a figure below the diagram of the open point.
+    below: the profile of a survey, which is shown inside the view of the open point, below its diagram.
 
     Attributes
     ----------
@@ -71,7 +71,7 @@ class RightSide:
         self.end()
         points = self._points or PointPanel(self._theme, self._store.dispatch, self._below)
         self.point = point = PointView(points, self._viewer.front, self._store, *view.point, model, machine)
-        self.panel.css_classes = [OPENED]
+        self.panel.css_classes = [POINT_CLASS]
         self._column.visible = True
         if self._points is None:
             self._points = points

@@ -23,8 +23,8 @@ from gear_rattle.workers.pictures.maps import (
 )
 
 SHADES = 256
-#: The map shows the name of a family that is wider than WIDE, a share of the map, unless the name of a wider family is
-#: nearer than NAME, the pixels along δ and along ε.
+#: The map shows the name of a family whose width is at least the share WIDE of the map. The name is left out if the
+#: name of a wider family is nearer than NAME: 130 pixels along δ and 24 pixels along ε.
 WIDE, NAME = 0.02, (130, 24)
 
 
@@ -45,10 +45,10 @@ class Shade:
 class Colouring:
     """Colours of a map.
 
-    reasons: uint8 (epsilon, delta), 0 where the colour of a cell shows its value. A number i > 0 stands for a reason
-    why it does not, such as a value not above 0 on a log scale; the colour is then `reason_colours[i - 1]`. low, high:
-    range of the colours; on a categorical map the first code less 0.5, and the last code plus 0.5. log: True if the
-    colours are evenly spaced in the logarithm of the value.
+    reasons: uint8 (epsilon, delta), 0 where the colour of a cell shows its value. A number i > 0 means that the cell
+    has the colour `reason_colours[i - 1]` instead, for example because a log scale cannot show its value. low,
+    high: range of the colours; on a categorical map the first code less 0.5, and the last code plus 0.5. log: True if
+    the colours are evenly spaced in the logarithm of the value.
     """
 
     title: str
@@ -73,7 +73,7 @@ def valueless_cells(plane: MapPlane, block: MapBlock) -> dict[str, tuple[np.ndar
 
 
 def _share_of_code(block: MapBlock, code: int, shown: np.ndarray, computed: int) -> float:
-    """Return a code's share of the computed cells, also if one drawn cell stands for several computed cells."""
+    """Return the share of the computed cells that have a code. A drawn cell may stand for several computed cells."""
     if block.shares:
         return block.shares.get(code, 0.0)
     return float((shown == code).sum() / max(computed, 1))
@@ -114,7 +114,8 @@ def colouring(plane: MapPlane, block: MapBlock, limits: Limits | Pair, log: bool
     if codes is not None and labels:
         every = range(int(codes[0]), int(codes[-1]) + 1)
         colours = [to_hex(cmap(norm(code))) for code in every]
-        if variable == LARGEST:  # all families, because a window may show more than the whole map
+        # colours of all families: a window may show families that the drawing of the whole map does not show
+        if variable == LARGEST:
             colours = list(colours_of_codes(plane.plane))
             every = range(len(colours))
         named = tuple(
@@ -150,7 +151,15 @@ def _placed_names(variable: str, block: MapBlock, labels: Mapping[float, str], r
 
 
 def family_places(block: MapBlock, labels: Mapping[float, str], room: Room) -> dict[str, Pair]:
-    """Return names of wide families, each with the point where it is written; none overlap on a map of size `room`."""
+    """Return {name of a wide family: point (δ, ε) where the name is written}, without names that would overlap.
+
+    room: pixels of the map along (delta, epsilon).
+
+    Returns
+    -------
+    dict[str, Pair]
+        Points by name, the widest family first.
+    """
     rows, columns = block.values.shape
     least = max(WIDE * min(rows, columns), 1.5)
     large = [code for code in labels if 0 < code < OTHERS and (block.values == code).sum() > 3 * (least - 1) ** 2]
@@ -177,7 +186,7 @@ def _short_name(label: str) -> str:
 
 
 def _shares_beyond_limits(values: np.ndarray, low: float, high: float) -> Pair:
-    """Return the shares of values below and above the limits, which are first rounded to float32 like the values."""
+    """Return the shares of values below `low` and above `high`. Both limits are rounded to float32, like values."""
     if not values.size:
         return 0.0, 0.0
     least, most = np.float32(low), np.float32(high)

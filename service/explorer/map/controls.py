@@ -24,7 +24,7 @@ LIMIT_NAMES = {"auto": "default", "robust": "middle 96 %", "full": "all values"}
 LETTERS = {each.name: each.symbol for each in (BETA, *ADDED.values())}
 UNPRINTED = "@media print { :host { display: none !important; } }"
 OWN, LOG = "own", "log scale"
-NUMBERED = "Attractor no."
+ATTRACTOR_INDEX = "Attractor no."
 
 
 class FeaturedMap(NamedTuple):
@@ -79,35 +79,39 @@ def map_buttons(names: Collection[str], request: SurveyRequest) -> list[dict[str
     buttons = []
     for each in FEATURED:
         variable = next((name for name in each.variables if name in names), "")
-        about = each.meaning if variable else _how_to_compute(each, request)
+        about = each.meaning if variable else _reason_of_missing_map(each, request)
         buttons.append({"label": each.button, "variable": variable, "about": about, "missing": not variable})
     return buttons
 
 
-def _how_to_compute(each: FeaturedMap, request: SurveyRequest) -> str:
-    """Return a text about a missing featured map: how a new survey gets the map, or that the model never has it."""
-    if each.group not in groups_of(request.model, bool(request.harmonics)):
-        return f"{each.button}: not computed in this survey, because its model has no quantity {each.group}."
+def _reason_of_missing_map(featured: FeaturedMap, request: SurveyRequest) -> str:
+    """Return a text about a featured map that a survey lacks: how to get the map, or that the model never has it."""
+    if featured.group not in groups_of(request.model, bool(request.harmonics)):
+        return f"{featured.button}: not computed in this survey, because its model has no quantity {featured.group}."
     return (
-        f"{each.button}: not computed in this survey. A new survey has this map if {each.group} is ticked among the "
-        "quantities of its form (Advanced settings)."
+        f"{featured.button}: not computed in this survey. A new survey has this map if {featured.group} is ticked "
+        "among the quantities of its form (Advanced settings)."
     )
 
 
 def meaning_of(variable: str) -> str:
-    """Return a sentence that says how to read the map of a variable; "" if none of the buttons shows this variable."""
+    """Return a sentence that says how to read the map of a variable; "" if no featured map shows the variable."""
     return next((each.meaning for each in FEATURED if variable in each.variables), "")
 
 
 class MapControls:
-    """Widgets that choose a map. featured: the buttons. panel: all others, in `row`, to which the page adds its own."""
+    """Widgets that choose a map.
+
+    featured: the buttons of the featured maps. panel: all other widgets. row: the part of `panel` with these widgets,
+    to which the page adds widgets of other classes.
+    """
 
     def __init__(self, shared: SharedState, store: Store, sheet: str) -> None:
         self._shared, self._store = shared, store
         styled: dict[str, Any] = {"stylesheets": [sheet], "margin": (2, 8, 2, 0)}
         self.buttons = MapButtons(margin=styled["margin"])
         self.variable = pn.widgets.Select(label="Map", options=[], width=205, **styled)
-        self.index = pn.widgets.Select(label=NUMBERED, options=[], width=110, visible=False, **styled)
+        self.index = pn.widgets.Select(label=ATTRACTOR_INDEX, options=[], width=110, visible=False, **styled)
         self.slice = pn.widgets.IntSlider(
             label="", start=0, end=1, show_value=False, width=150, visible=False, stylesheets=[sheet],
             margin=(2, 16, 2, 0),
@@ -133,11 +137,11 @@ class MapControls:
         )  # fmt: skip
         self.panel = pn.Column(self.row, self.wrong.pane, margin=0, sizing_mode="stretch_width")
         self._show_limits()
-        store.subscribe(self._show_map, "survey", JOBS, "variable", "index", "slice")
+        store.subscribe(self._offer_maps, "survey", JOBS, "variable", "index", "slice")
         store.subscribe(self._show_limits, "limits", "log", "seen")
 
-    def _show_map(self) -> None:
-        """Offer the maps of the survey, and select the chosen map."""
+    def _offer_maps(self) -> None:
+        """Fill the menus with the maps of the survey, and select the map that the view shows."""
         view, whole = self._store.view, self._store.whole_request
         maps = self._shared.maps(self._store)
         if whole is None or view.variable not in maps:
@@ -149,7 +153,7 @@ class MapControls:
             self.variable.value = view.variable
             self.buttons.param.update(buttons=buttons, chosen=view.variable if is_featured else "")
             self.index.visible = bool(names)
-            self.index.label = "Orbit" if "A" in names else NUMBERED
+            self.index.label = "Orbit" if "A" in names else ATTRACTOR_INDEX
             self.index.options = {str(name): number for number, name in enumerate(names)}
             if names:
                 self.index.value = min(view.index, len(names) - 1)
@@ -186,7 +190,10 @@ class MapControls:
         self._store.dispatch(SliceChosen(int(self.slice.value or 0)))
 
     def _on_rule(self) -> None:
-        """Dispatch the chosen rule for the colour range, and the scale. The rule OWN begins with the drawn range."""
+        """Dispatch the chosen rule for the colour range, and the scale.
+
+        The rule OWN stands for limits that a viewer enters; until then the limits are those of the drawn map.
+        """
         view, limits = self._store.view, self.rule.value
         if limits == OWN:
             limits = view.limits if isinstance(view.limits, tuple) else view.seen and view.seen.limits

@@ -27,15 +27,16 @@ from gear_rattle.service.explorer.state.events import (
 )
 from gear_rattle.service.explorer.state.store import Store, window_of
 
-FEWEST = 8  # a step is one cell, but in a window with fewer cells than this it is 1/STEPS of the window
+# A step of the cursor is one cell. In a window with fewer than FEWEST_CELLS cells across it is 1/STEPS of the window.
+FEWEST_CELLS = 8
 STEPS = 40
-FAR = 0.1  # length of a step with Shift, as a share of the window
-MOST = 1000  # most steps in one message, which a key that is held down sends
-CLOSER = 0.5  # factor of the window's width when a viewer zooms in
-EDGE = 0.25  # a window that moves to a cursor outside leaves this share of itself between its edge and the cursor
-WIDEST = 3.0  # greatest width of a window, in widths of the survey
+FAR_STEP = 0.1  # length of a step with Shift, as a share of the window
+MOST_STEPS_AT_ONCE = 1000  # most steps in one message of the browser; a key that is held down sends many steps
+ZOOM_FACTOR = 0.5  # factor of the window's width and height when a viewer zooms in by the keyboard
+EDGE_SHARE = 0.25  # distance of the cursor from the edge of a window that moves to it, as a share of the window
+LARGEST_ZOOM_OUT = 3.0  # greatest width of a window after zooming out, in widths of the survey
 WINDOWS = {"back": "Back to the window before", "forward": "Forward to the window after"}
-GO = "point "  # prefix of a command; δ and ε of the point to open follow
+POINT_COMMAND = "point "  # start of the command that opens a point; δ and ε of the point follow
 
 
 class CursorKeys:
@@ -57,7 +58,11 @@ class CursorKeys:
         if request is None or view.seen is None:  # keys do nothing while no map is shown
             return
         steps, words = new["steps"], new["word"]
-        if len(steps) == 4 and all(isinstance(each, int) and abs(each) <= MOST for each in steps) and any(steps):
+        if (
+            len(steps) == 4
+            and all(isinstance(each, int) and abs(each) <= MOST_STEPS_AT_ONCE for each in steps)
+            and any(steps)
+        ):
             if request.machine is not None:  # a machine's speed grows to the right, and so δ grows to the left
                 steps = [-steps[0], steps[1], -steps[2], steps[3]]
             axes = request.delta.values(), request.epsilon.values()
@@ -79,7 +84,7 @@ class CursorKeys:
         at, dispatch = self.position, self._store.dispatch
         match word:
             case "closer" | "farther":
-                factor = CLOSER if word == "closer" else 1 / CLOSER
+                factor = ZOOM_FACTOR if word == "closer" else 1 / ZOOM_FACTOR
                 request = self._store.request
                 assert request is not None
                 self._move_cursor(zoomed_window(self._store.window, at, factor, window_of(request)), at)
@@ -95,9 +100,9 @@ class CursorKeys:
                 dispatch(BackChosen())
             case "forward":
                 dispatch(ForwardChosen())
-            case _ if word.startswith(GO):
+            case _ if word.startswith(POINT_COMMAND):
                 with suppress(ValueError):  # the text is no point
-                    dispatch(PointOpened(parse_point(word.removeprefix(GO))))
+                    dispatch(PointOpened(parse_point(word.removeprefix(POINT_COMMAND))))
 
     def _move_cursor(self, window: Ranges, at: Pair) -> None:
         if window != self._store.window:
@@ -115,8 +120,8 @@ def cursor_after_steps(axes: tuple[np.ndarray, np.ndarray], at: Pair, window: Ra
     """Return the point to which steps move the cursor from the point `at`.
 
     steps: numbers of steps to the right, steps up, far steps to the right and far steps up; negative numbers go left or
-    down. A step is one cell of the survey, or 1/STEPS of a window with fewer than FEWEST cells across. A far step is
-    the share FAR of the window.
+    down. A step is one cell of the survey. In a window less than FEWEST_CELLS cells wide, a step is 1/STEPS of the
+    window's width; likewise for the height. A far step is the share FAR_STEP of the window.
 
     Returns
     -------
@@ -124,16 +129,16 @@ def cursor_after_steps(axes: tuple[np.ndarray, np.ndarray], at: Pair, window: Ra
         (δ, ε) of the cursor.
     """
     (delta, epsilon), (right, up, far_right, far_up) = axes, steps
-    return _after_steps(delta, at[0], window[0], right, far_right), _after_steps(epsilon, at[1], window[1], up, far_up)
+    return _step_along(delta, at[0], window[0], right, far_right), _step_along(epsilon, at[1], window[1], up, far_up)
 
 
-def _after_steps(axis: np.ndarray, at: float, span: Pair, steps: int, far: int) -> float:
+def _step_along(axis: np.ndarray, at: float, span: Pair, steps: int, far: int) -> float:
     cell, width = (axis[-1] - axis[0]) / (axis.size - 1), span[1] - span[0]
-    if width < FEWEST * cell:
-        found = at + (steps / STEPS + far * FAR) * width
+    if width < FEWEST_CELLS * cell:
+        found = at + (steps / STEPS + far * FAR_STEP) * width
         return float(min(max(found, axis[0]), axis[-1]))
     here = int(np.abs(axis - at).argmin())
-    return float(axis[min(max(here + steps + far * max(1, round(FAR * width / cell)), 0), axis.size - 1)])
+    return float(axis[min(max(here + steps + far * max(1, round(FAR_STEP * width / cell)), 0), axis.size - 1)])
 
 
 def window_with_cursor(window: Ranges, at: Pair) -> Ranges:
@@ -144,7 +149,7 @@ def window_with_cursor(window: Ranges, at: Pair) -> Ranges:
 
 def _span_containing(span: Pair, value: float) -> Pair:
     low, high = span
-    edge = EDGE * (high - low)
+    edge = EDGE_SHARE * (high - low)
     if value < low:
         return value - edge, value - edge + (high - low)
     if value > high:
@@ -153,10 +158,18 @@ def _span_containing(span: Pair, value: float) -> Pair:
 
 
 def zoomed_window(window: Ranges, at: Pair, factor: float, box: Ranges) -> Ranges:
-    """Return the window, scaled by a factor about the cursor `at` to at most WIDEST times the survey's size (`box`)."""
+    """Return the window, scaled by a factor about the cursor `at`.
+
+    box: the ranges of the survey. The window becomes at most LARGEST_ZOOM_OUT times as wide and as high.
+
+    Returns
+    -------
+    Ranges
+        The scaled window.
+    """
     delta, epsilon = (
         (value - (value - low) * least, value + (high - value) * least)
         for (low, high), value, (left, right) in zip(window, at, box, strict=True)
-        for least in (min(factor, WIDEST * (right - left) / (high - low)),)
+        for least in (min(factor, LARGEST_ZOOM_OUT * (right - left) / (high - low)),)
     )
     return delta, epsilon

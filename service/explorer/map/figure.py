@@ -46,7 +46,7 @@ LETTER, ROW, REGION_LETTER, REGION_ROW, DISC = 9.0, 19.0, 9.0, 20.0, 11.0
 POINTER_MS, WINDOW_MS = 50, 200
 BAR_ROOM = 110  # pixels for the colour bar and its numbers: Bokeh does not measure numbers again when they change
 NARROW = 500  # width of a figure in pixels, below which the colour bar is below the map
-LARGEST_ZOOM = 5000.0  # greatest width of a survey in widths of the window: browsers misplace cells beyond it
+LARGEST_ZOOM = 5000.0  # a survey wider than this many windows is not drawn, because browsers would misplace its cells
 
 
 class MapFigure:
@@ -140,10 +140,10 @@ class MapFigure:
         """Open the clicked point or, with Shift held, draw the diagram from the open point to the clicked point."""
         if _are_finite([event.x, event.y]) and self._is_inside(event.x, event.y):
             held = event.modifiers is not None and event.modifiers["shift"]
-            at = self._rounded(event.x, event.y)
+            at = self._round_point(event.x, event.y)
             self._dispatch(DiagramEndChosen(at) if held else PointOpened(at))
 
-    def _rounded(self, x: float, y: float) -> Pair:
+    def _round_point(self, x: float, y: float) -> Pair:
         """Round a clicked point to a hundredth of a pixel, so that its numbers in addresses and fields are short."""
         ranges, sides = (self.figure.x_range, self.figure.y_range), self.pixels
         steps = [(each.end - each.start) / (100 * side) for each, side in zip(ranges, sides, strict=True)]
@@ -265,7 +265,7 @@ class MapFigure:
         self._fine.data = {"image": [shown], **image_position(box)}
 
     def dim_cells(self, others: np.ndarray, box: Ranges) -> None:
-        """Dim cells. others: (epsilon, delta), 1 for a dimmed cell. box: the box that all these cells cover."""
+        """Dim cells. others: (epsilon, delta), True for a cell to dim. box: the box of the cells in `others`."""
         self._others.data = {"image": [others.astype(np.uint8)], **image_position(box)}
 
     def undim_cells(self) -> None:
@@ -321,8 +321,8 @@ class MapFigure:
         self._place_names()
 
     def _place_names(self) -> None:
-        """Move names of regions or families into the frame, and write names of points where they cover nothing else."""
-        self._move_regions_inside()
+        """Move names of regions or families into the frame. Write names of codimension-two points that have room."""
+        self._move_region_names_inside()
         if not self._corners:
             glyphs.clear(self._points)
             return
@@ -343,7 +343,7 @@ class MapFigure:
             key: list(column) for key, column in zip(glyphs.POINT, zip(*rows, strict=True), strict=True)
         }
 
-    def _move_regions_inside(self) -> None:
+    def _move_region_names_inside(self) -> None:
         data, width = self._names.data, self.pixels[0]
         moved = []
         for x, y, name in zip(data["x"], data["y"], data["name"], strict=True):
@@ -419,7 +419,10 @@ class MapFigure:
             self._place_names()
 
     def draw_point_lines(self, points: np.ndarray | None) -> None:
-        """Draw lines at the open point, as of its tolerances; None removes them. points: (δ, ε), NaN between lines."""
+        """Draw lines at the open point, such as the ellipse of its tolerances; None removes them.
+
+        points: (k, 2) points (δ, ε) of the lines, with a row of NaN between two lines.
+        """
         if points is None:
             glyphs.clear(self.ellipse_at)
         else:

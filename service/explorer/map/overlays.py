@@ -31,7 +31,7 @@ from rattle.plot import polyline
 from rattle.populations import MOST_SHARE
 
 LABELS = {"quiet_limit": "quiet limit", CRISIS: "crisis: chaos ends", LIMIT: "design limit", POINTS: "COD20–23"}
-WHOLE = frozenset({CRISIS, LIMIT})  # lines that are computed once for all windows
+LINES_OF_ALL_WINDOWS = frozenset({CRISIS, LIMIT})  # lines that are computed once for all windows
 
 
 class MapLines:
@@ -42,18 +42,18 @@ class MapLines:
         self._of: tuple[Hashable, ...] = ()  # model, and the other values on which all lines depend
         self._tasks: dict[str, tuple[Hashable, asyncio.Task[None]]] = {}
 
-    def draw(self, names: Sequence[str], model: Model, window: Ranges, *of: Hashable) -> None:
+    def draw(self, names: Sequence[str], model: Model, window: Ranges, *dependencies: Hashable) -> None:
         """Draw the named lines in a window, unless they are drawn or being computed, and hide all other lines.
 
         Parameters
         ----------
-        of : Hashable
-            Further values on which all lines depend, such as the id of the survey. If one of them or the model changes,
-            all lines are removed first.
+        dependencies : Hashable
+            Further values on which all lines depend, such as the id of the survey. If such a value or the model has
+            changed since the last call, all lines are removed first.
         """
-        if self._of != (model, *of):
+        if self._of != (model, *dependencies):
             self.clear()
-            self._of = model, *of
+            self._of = model, *dependencies
         self._figure.show_overlays(names)
         for name in names:
             if _is_offered(name, model):
@@ -77,7 +77,10 @@ class MapLines:
         self._figure.remove_lines()
 
     def _change_lines(self, name: str, change: Callable[[], object]) -> None:
-        """Let the page call `change` for the task that computes a line, unless another task takes its place before."""
+        """Let the page call `change` to draw a line that the current task has computed.
+
+        Do not call `change` if another task has begun to compute the line meanwhile.
+        """
         task = asyncio.current_task()
 
         def change_unless_cancelled() -> None:
@@ -131,7 +134,8 @@ class KeyedLines(MapLines):
 
     def _on_chosen(self) -> None:
         chosen = tuple(name for name in OVERLAYS if name in self.key.chosen)
-        if chosen != self._store.view.lines:  # equal if the browser only returns the page's own choice
+        # they are equal if the page has set the choice, and the browser only reports it back
+        if chosen != self._store.view.lines:
             self._store.dispatch(OverlaysChosen(chosen))
 
     def _on_share(self) -> None:
@@ -175,7 +179,7 @@ class KeyedLines(MapLines):
     def _dependencies_of(self, name: str, window: Ranges) -> Hashable:
         if name == LIMIT:
             return self._delta_range, self._store.view.share
-        return None if name in WHOLE else window
+        return None if name in LINES_OF_ALL_WINDOWS else window
 
     @property
     def _delta_range(self) -> Pair:
@@ -184,7 +188,7 @@ class KeyedLines(MapLines):
         return UNCHOSEN[0] if whole is None else (whole.delta.start, whole.delta.stop)
 
     async def _compute_line(self, name: str, model: Model, window: Ranges) -> None:
-        if name not in WHOLE:
+        if name not in LINES_OF_ALL_WINDOWS:
             await super()._compute_line(name, model, window)
             return
         await self._viewer.front.kernels.wait_until_compiled(model.name, patience=math.inf)
@@ -197,13 +201,13 @@ class KeyedLines(MapLines):
                 async for delta, limits in self._overlaid.limits.limits_over(
                     model, self._delta_range, self._store.view.share
                 ):
-                    self._change_lines(name, partial(self._show_limit, delta, limits))
+                    self._change_lines(name, partial(self._show_design_limit, delta, limits))
         except RattleError as error:
             self._note_in_key(name, "", str(error))
         else:
             self._note_in_key(name, "")
 
-    def _show_limit(self, delta: np.ndarray, limits: np.ndarray) -> None:
+    def _show_design_limit(self, delta: np.ndarray, limits: np.ndarray) -> None:
         self._figure.draw_line(LIMIT, split_at_nan(limit_line(delta, limits)))
         self._figure.draw_limit_band(*limit_band(delta, limits))
 
@@ -267,14 +271,14 @@ def _missing_capability(model: Model) -> str:
 
 
 def curve_pieces(name: str, model: Model, delta: Pair, epsilon: Pair) -> tuple[list[np.ndarray], str]:
-    """Return the pieces (k, 2) of a curve inside a window, and why there are none if it cannot be traced.
+    """Return the pieces (k, 2) of a curve inside a window, and a reason if the curve cannot be traced.
 
     It blocks: use a thread.
 
     Returns
     -------
     tuple[list[np.ndarray], str]
-        Pieces, and the reason; an empty reason if the curve could be traced.
+        Pieces, and the reason why there are no pieces; "" if the curve could be traced.
     """
     if name not in model.curve_names:
         return [], _missing_capability(model)

@@ -16,7 +16,7 @@ FORMS = ("png", "svg", "pdf")
 
 
 def drawn_settings(colours: Colouring, pixels: Room | None) -> DrawnSettings:
-    """Return the colour range, the scale and the size of a drawn map. pixels: its size, None for the whole survey."""
+    """Return the colour range, the scale and the size of a drawn map. pixels: the size, None for the whole survey."""
     return DrawnSettings(None if colours.categorical else (colours.low, colours.high), colours.log, pixels)
 
 

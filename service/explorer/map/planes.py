@@ -32,10 +32,10 @@ from gear_rattle.workers.survey.tiles import tiles_of_slice
 from gear_rattle.workers.survey.values.schema import CELL, Group
 
 KEPT, KEPT_CELLS = 24, 24_000_000  # most maps in memory, and most cells of all maps together, at 5 bytes a cell
-ENLARGED = 200  # points along an axis of an enlarged window
+ENLARGED_POINTS = 200  # points along an axis of an enlarged window
 SIDE = 512  # most cells that are drawn along an axis, unless the screen is known to have more pixels
 BAND = 1 << 20  # most cells that are read at once from several rows of tiles
-SLICE_SECONDS = 1.0  # seconds after which reading pauses, so that the cells read so far are drawn
+READING_SECONDS = 1.0  # seconds after which reading pauses, so that the cells read so far are drawn
 Key = tuple[str, str, int, int, bool]
 Room = tuple[int, int]  # pixels along (delta, epsilon)
 UNSEEN: Room = (700, 550)  # assumed pixels of a map until the browser has reported them
@@ -67,7 +67,7 @@ class MapPlane:
     """Map of a survey: the `values` (float32) and the `status` of its cells, both (epsilon, delta).
 
     index: number of the slot or the orbit, for a variable that has a map for each. The argument `number` is the number
-    of the slice, 0 without a third axis; the attribute `number` is the number of the job.
+    of the slice, 0 without a third axis; the attribute `number` is the number of the survey's job in the database.
     """
 
     is_kept = True  # True if all cells are kept in memory
@@ -90,9 +90,9 @@ class MapPlane:
         self._lock = threading.Lock()
 
     def update(self, job: JobRow) -> bool:
-        """Read new tiles for at most SLICE_SECONDS, and return whether all were read. It blocks: use a thread."""
+        """Read new tiles for at most READING_SECONDS, and return whether all were read. It blocks: use a thread."""
         with self._lock:
-            deadline = time.monotonic() + SLICE_SECONDS
+            deadline = time.monotonic() + READING_SECONDS
             whole = job.state == State.SUCCESSFUL
             done = set(self._tiles) if whole else written_tiles(self._front, self.id)
             fresh = (done - self._known).intersection(self._tiles)
@@ -104,7 +104,16 @@ class MapPlane:
             return True
 
     def _tiles_to_read(self, fresh: set[int]) -> Iterator[list[int]]:
-        """Yield lists of tiles to read at once: all tiles of some rows if most of them are new, else one new tile."""
+        """Yield lists of tiles to read at once.
+
+        fresh: tiles that are written and not read yet. If more than half of the tiles of some rows are fresh, all tiles
+        of these rows make one list. Otherwise each fresh tile of these rows makes a list.
+
+        Yields
+        ------
+        list[int]
+            Indices of tiles.
+        """
         _, across = self.request.tile_grid
         together = across * max(1, BAND // (self.delta.size * self.request.tile_shape[0]))
         every = list(self._tiles)
@@ -137,8 +146,8 @@ class MapPlane:
         Parameters
         ----------
         anywhere : bool
-            If several cells are drawn as one: True shows their largest value, so that a map of a family shows it
-            wherever it is; False shows a rare code or a mean. True needs a map with its cells in memory (`is_kept`).
+            What a drawn cell shows that stands for several cells. True: their largest value, so that a small part of a
+            family remains visible. False: a rare code or a mean. True needs a map with its cells in memory (`is_kept`).
 
         Returns
         -------
@@ -149,7 +158,7 @@ class MapPlane:
             _cell_range(axis, span) for axis, span in zip((self.delta, self.epsilon), window or self.box, strict=True)
         )
         part = level_part_for(self._levels, (i, j), (end_i, end_j), room[::-1])
-        seen, (rows, columns) = self._largest_to_display(part) if anywhere else self._cells_to_display(part), part.at
+        seen, (rows, columns) = self._largest_values(part) if anywhere else self._cells_to_display(part), part.at
         across, along = (part.level.cells if part.level else (1, 1))[::-1]
         delta, epsilon = level_centres(self.delta, across)[columns], level_centres(self.epsilon, along)[rows]
         box = _covered_range(self.delta, across, columns), _covered_range(self.epsilon, along, rows)
@@ -160,7 +169,7 @@ class MapPlane:
             return DisplayedCells(*self._values_and_status(*part.at))
         return reduce_cells(self.plane, *self._values_and_status(*_covered_cells(part)), part.level)
 
-    def _largest_to_display(self, part: LevelPart) -> DisplayedCells:
+    def _largest_values(self, part: LevelPart) -> DisplayedCells:
         if part.level is None:
             return DisplayedCells(*self._values_and_status(*part.at))
         values, status = self._values_and_status(*_covered_cells(part))
@@ -177,12 +186,13 @@ class MapPlane:
         return self._values_and_status(slice(None), slice(None))
 
     def enlarged_block(self, window: Ranges) -> MapBlock:
-        """Return a very narrow window as ENLARGED² points, each with the value of the survey's cell around it."""
+        """Return a very narrow window as ENLARGED_POINTS² points. A point has the value of the cell around it."""
         (left, right), (bottom, top) = window
         delta, epsilon = (
-            low + (np.arange(ENLARGED) + 0.5) * (high - low) / ENLARGED for low, high in ((left, right), (bottom, top))
+            low + (np.arange(ENLARGED_POINTS) + 0.5) * (high - low) / ENLARGED_POINTS
+            for low, high in ((left, right), (bottom, top))
         )
-        values = np.full((ENLARGED, ENLARGED), np.nan, np.float32)
+        values = np.full((ENLARGED_POINTS, ENLARGED_POINTS), np.nan, np.float32)
         status = np.zeros(values.shape, np.int8)
         j, i = (cell_indices(axis, points) for axis, points in ((self.delta, delta), (self.epsilon, epsilon)))
         inside = np.ix_(i >= 0, j >= 0)
@@ -208,7 +218,7 @@ class MapPlane:
         names = [
             name
             for name, values in self._dataset.data_vars.items()
-            # LARGEST and SHARE are no variables of the store, but are made from such variables for maps
+            # the maps LARGEST and SHARE are no variables of the store: they are made from stored variables
             if values.dims[-2:] == CELL and name not in (LARGEST, SHARE)
         ]
         return self._dataset[names].isel(epsilon=i, delta=j).load()
@@ -225,7 +235,7 @@ class LeveledPlane(MapPlane):
         self._opened: dict[str, xr.Dataset] = {}
 
     def update(self, job: JobRow) -> bool:  # noqa: ARG002  # a completed survey does not change
-        """Return True, for all tiles were read: a completed survey has no new ones."""
+        """Return True: a completed survey has no new tiles to read."""
         return True
 
     def _cells_to_display(self, part: LevelPart) -> DisplayedCells:
@@ -269,7 +279,16 @@ def _cell_range(axis: np.ndarray, span: Pair) -> tuple[int, int]:
 
 
 def _covered_range(axis: np.ndarray, cells: int, span: slice) -> Pair:
-    """Return the range that cells `span` of a level cover. cells: survey cells along the axis per cell of the level."""
+    """Return the range of δ or ε that some cells of a pyramid level cover.
+
+    axis: centres of the survey's cells. cells: how many of these cells a cell of the level covers along the axis. span:
+    the cells of the level.
+
+    Returns
+    -------
+    Pair
+        Lower and upper edge of the cells.
+    """
     step = (axis[-1] - axis[0]) / (axis.size - 1)
     begin = axis[0] - step / 2
     return float(begin + span.start * cells * step), float(begin + span.stop * cells * step)
@@ -367,7 +386,7 @@ def maps_of(request: SurveyRequest) -> dict[str, Any]:
 
 
 def map_options(request: SurveyRequest, *wanted: MapChoice | None) -> tuple[MapChoice, dict[str, str]]:
-    """Return the map to choose in a menu of a survey's maps, and the options of the menu.
+    """Return the map that a menu of a survey's maps selects, and the options of the menu.
 
     Returns
     -------

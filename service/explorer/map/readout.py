@@ -90,7 +90,7 @@ class Readout:
 
 
 def cell_summary(cell: xr.Dataset | None, request: SurveyRequest) -> str:
-    """Return a line about a cell of a survey, in HTML: where it is, the size of its sample, and its quiet fraction.
+    """Return a line about a cell of a survey, in HTML: its δ and ε, its number of samples, and its quiet fraction.
 
     cell: the cell, None outside of the survey.
 
@@ -132,13 +132,13 @@ def cell_tables(
     epsilon: float,
     request: SurveyRequest,
     window: Ranges,
-    here: Row | None = None,
+    finer_row: Row | None = None,
 ) -> str:
     """Return tables about a point (δ, ε), in HTML: its region, and the numbers of its cell.
 
     cell: the survey's cell at the point, None if the point is outside of the survey. request: the survey's request; if
     it is the survey of a machine, the tables also have the speed and the eccentricity in the machine's units.
-    here: name and value of a finer map at the point, None without a finer map.
+    finer_row: title and value at the point of a map with finer cells, None without such a map.
 
     Returns
     -------
@@ -150,12 +150,12 @@ def cell_tables(
     if machine is not None and delta > 0:
         rows = [*_speed_and_eccentricity(machine, delta, epsilon), *rows]
     if delta > 0 and epsilon >= 0:
-        # the error is raised if the forcing has harmonics, because regions are not defined then
+        # regions are not defined if the forcing has harmonics; then an error is raised and the row is left out
         with suppress(rattle.RattleError):
             region = int(rattle.classify_regions(request.gear_model.period_one(delta, epsilon)))
             rows.append(("region here", rattle.REGIONS[region]))
-    if here is not None:
-        rows.append(here)
+    if finer_row is not None:
+        rows.append(finer_row)
     tables = [_definition_list(rows)]
     if cell is None:
         return "".join(tables) + "<p>Outside of the survey.</p>"
@@ -185,7 +185,7 @@ def _speed_and_eccentricity(machine: SurveyedMachine, delta: float, epsilon: flo
 
 
 def _distance_note(cell: xr.Dataset, delta: float, epsilon: float, window: Ranges) -> str:
-    """Return a note on the distance from the point to its cell's centre; "" if the centre is in the window."""
+    """Return a note on how far a point is from its cell's centre; "" if the window shows the centre anyway."""
     away = float(cell["delta"]) - delta, float(cell["epsilon"]) - epsilon
     if all(low <= float(cell[name]) <= high for name, (low, high) in zip(("delta", "epsilon"), window, strict=True)):
         return ""

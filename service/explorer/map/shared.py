@@ -28,12 +28,12 @@ from gear_rattle.workers.pictures.look import LARGEST
 from rattle import RattleError
 from rattle.models import DEFAULT_MODEL, MODELS, Model
 
-KEPT = 4  # most drawings of completed maps in memory, a few MiB each; most pages open with one of a few maps
+MOST_DRAWINGS = 4  # most drawings of completed maps in memory, a few MiB each; most pages open with one of a few maps
 
 EXAMPLE = "example at β = 0.6, which comes with the explorer"
 
-USUAL = "quiet_fraction"  # variable that a page shows first of a survey that has it
-BEFOREHAND = "exact values, shown before the survey has computed them"
+USUAL_VARIABLE = "quiet_fraction"  # variable that a page shows first of a survey that has it
+EXACT_BEFORE_SURVEY = "exact values, shown before the survey has computed them"
 WAITING = "exact values; the survey waits for its turn"
 
 log = logging.getLogger(__name__)
@@ -51,7 +51,8 @@ def default_variable(request: SurveyRequest, is_waiting: bool) -> str:
     """Return the variable that a survey shows unless a viewer chooses another variable.
 
     A survey that waits for its turn shows its first map, if that map is a closed form. Every other survey shows its
-    quiet fraction. If it has none, it shows its first map that is not a closed form, or else its first map.
+    quiet fraction. A survey without a quiet fraction shows its first map that is not a closed form, or else its first
+    map.
 
     Returns
     -------
@@ -62,7 +63,7 @@ def default_variable(request: SurveyRequest, is_waiting: bool) -> str:
     if is_waiting and is_closed_form(request, maps[0]):
         return maps[0]
     filling = [name for name in maps if not is_closed_form(request, name)]
-    return USUAL if USUAL in maps else next(iter(filling), maps[0])
+    return USUAL_VARIABLE if USUAL_VARIABLE in maps else next(iter(filling), maps[0])
 
 
 class UncomputedMaps(Protocol):
@@ -90,8 +91,8 @@ class UncomputedMaps(Protocol):
         number : int
             Number of the slice; 0 without a third axis.
         computed : Callable[[], MapPlane]
-            Returns the map of the cells that the survey has computed; raises MissingError if it has no cells yet. It is
-            called when a viewer reads a cell.
+            Returns the map of the cells that the survey has computed; raises MissingError if no cell is computed
+            yet. This function is called when a viewer reads a cell.
 
         Returns
         -------
@@ -107,7 +108,7 @@ def default_survey(jobs: Iterable[JobRow]) -> JobRow | None:
     return next(shown, readable[0] if readable else None)
 
 
-@lru_cache(maxsize=KEPT)
+@lru_cache(maxsize=MOST_DRAWINGS)
 def cached_drawing(
     plane: ReferenceType[MapPlane], limits: Limits | Pair, log: bool, room: Room
 ) -> tuple[MapBlock, Colouring]:
@@ -146,7 +147,7 @@ class SharedState:
             log.info("the first map cannot be drawn beforehand: %s", error)
 
     def _draw_default_map(self) -> tuple[Model, Ranges]:
-        """Draw the default map of a page, if this map does not change any more; return its model and its window."""
+        """Draw the default map of a page, unless its survey is incomplete. Return the map's model and window."""
         jobs, _ = list_jobs(self.front, LISTED)
         job = default_survey(jobs)
         if job is None:
@@ -159,7 +160,7 @@ class SharedState:
         return request.gear_model, window_of(request)
 
     def map_of(self, job: JobRow, view: View, room: Room) -> tuple[MapPlane, bool, MapBlock, Colouring]:
-        """Return the view's map of a survey, whether all computed tiles have been read, and the drawn cells.
+        """Return the view's map of a survey, whether all computed tiles are read, the drawn cells and their colours.
 
         It blocks: use a thread.
 
@@ -172,7 +173,7 @@ class SharedState:
         if not State(job.state).is_final and is_closed_form(SurveyRequest.model_validate(job.request), view.variable):
             plane = self.exact.unfinished_map(job, *key, lambda: self.atlas.plane(job, *key)[0])
             block, colours = _draw_map(plane, *how)
-            note = WAITING if job.state == State.ACCEPTED else BEFOREHAND
+            note = WAITING if job.state == State.ACCEPTED else EXACT_BEFORE_SURVEY
             return plane, True, block, replace(colours, note=note)
         plane, is_whole = self.atlas.plane(job, *key)
         if not is_whole or job.state != State.SUCCESSFUL:  # the map may still change, so its drawing is not cached

@@ -32,7 +32,7 @@ SURVEY_ONLY = "This map has no finer cells than those of the survey."
 
 
 class SurveyMap(ABC):
-    """Map in a figure, with a heading (`title`) and a text about the cell that a viewer points at (`said`).
+    """Map in a figure, with a heading (`title`). The text `said` describes the cell at which a viewer points.
 
     Attributes
     ----------
@@ -82,7 +82,8 @@ class SurveyMap(ABC):
         chosen : MapChoice | None
             Map that the workers can compute in finer windows; None if they cannot, as for a difference.
         limits, log
-            Range of the colours or the rule for it, and True for a log scale, both as the viewer has chosen.
+            As the viewer has chosen: the range of the colours, or a rule such as "auto" for the range; and whether the
+            scale is logarithmic.
         """
         is_new = plane is not self.plane
         self.plane, self.colours, self._chosen, self._how = plane, colours, chosen, (limits, log)
@@ -128,7 +129,7 @@ class SurveyMap(ABC):
             self._count_shares()
             return
         self._refined, pixels = (plane, window), self.figure.pixels
-        if self.figure.is_too_close:  # these cells stay until the workers send finer cells
+        if self.figure.is_too_close:  # the enlarged cells stay until the workers send finer cells
             self._seen = partial(plane.enlarged_block, window)
             self.figure.draw_finer_cells(shown_values(plane, self._seen()), window)
         else:
@@ -173,13 +174,13 @@ class SurveyMap(ABC):
         if self._counting is not None:
             self._counting.cancel()
         if self.plane is not None and self._seen is not None:
-            self._counting = self._viewer.start(self._count_visible(self.plane, self._seen))
+            self._counting = self._viewer.start(self._compute_shades(self.plane, self._seen))
         else:
             self.show_shades(self.colours.shades if self.colours is not None else ())
 
-    async def _count_visible(self, plane: MapPlane, seen: Callable[[], MapBlock]) -> None:
+    async def _compute_shades(self, plane: MapPlane, visible_cells: Callable[[], MapBlock]) -> None:
         limits, log = self._how
-        shades = await self._viewer.run_in_thread(lambda: colouring(plane, seen(), limits, log).shades)
+        shades = await self._viewer.run_in_thread(lambda: colouring(plane, visible_cells(), limits, log).shades)
         self._viewer.change(lambda: self.show_shades(shades))
 
     def read_cell(self, read: Callable[[], Read], show: Callable[[Read], object]) -> None:

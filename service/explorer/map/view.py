@@ -32,7 +32,7 @@ from gear_rattle.workers.pictures.look import LARGEST, in_revolutions
 from rattle import RattleError
 
 BEGINS = "<p class=faint>The first cells of this survey are being computed.</p>"
-WAITS = "<p class=faint>This survey waits for its turn.</p>"
+SURVEY_WAITS = "<p class=faint>This survey waits for its turn.</p>"
 GONE = "<p>This survey is no longer there. Choose another one.</p>"
 
 
@@ -104,7 +104,7 @@ class MapView(SurveyMap):
             self.forget_window()  # the finer cells of the window belong to another map
         request = store.request
         is_large = request is not None and max(request.shape) > SIDE
-        # a large survey, or a map with names of families, is drawn again when its pixels change
+        # the drawing of a large survey, or of a map with names of families, depends on the pixels of the figure
         room = self.figure.pixels if is_large or view.variable == LARGEST else ()
         what = view.survey, view.slice, chosen, view.limits, view.log, room
         self.drawings.request(what, [] if job is None else [job], partial(self._draw, view, job))
@@ -116,7 +116,7 @@ class MapView(SurveyMap):
         whole = self._store.whole_request
         is_known = whole is not None and is_closed_form(whole, view.variable)
         if job.state == State.ACCEPTED and not job.started and not is_known:
-            yield partial(self.show_nothing, WAITS)
+            yield partial(self.show_nothing, SURVEY_WAITS)
             return
         is_whole = False
         while not is_whole:  # each call reads for a limited time, and the cells read so far are drawn
@@ -128,7 +128,7 @@ class MapView(SurveyMap):
     def show_error(self, error: RattleError) -> None:
         """Write why the map could not be drawn, or that the first cells of the survey are being computed."""
         job = self._store.job
-        # not only in the state running: a survey that waits, according to the page's older job, may run by now
+        # the state need not be running: the page's copy of the job may be older, and the survey may run by now
         is_empty = job is not None and not State(job.state).is_final and not job.cells_done
         if is_empty and isinstance(error, MissingError):
             self.show_nothing(BEGINS)
@@ -153,24 +153,24 @@ class MapView(SurveyMap):
         if is_first:
             self.figure.show_window(self._store.window)
         self.draw_map(plane, block, colours, MapChoice(view.variable, view.index), view.limits, view.log)
-        self._dispatch_drawn()
+        self._dispatch_drawn_settings()
         self._read_cell_at_pointer()
         self._shared.on_map_drawn()
 
-    def _dispatch_drawn(self) -> None:
-        """Dispatch the settings with which the map is drawn. Links to pictures of this map are made from them."""
+    def _dispatch_drawn_settings(self) -> None:
+        """Dispatch the settings with which the map is drawn, so that links lead to pictures with the same settings."""
         if self.colours is not None:
             pixels = self.figure.pixels if self._store.view.window else None
             self._store.dispatch(MapDrawn(drawn_settings(self.colours, pixels), self._how[0]))
 
     def _on_size(self, _attribute: str, _old: object, _new: object) -> None:
-        self._dispatch_drawn()
+        self._dispatch_drawn_settings()
         self._on_view_change()
 
     def _on_window_change(self) -> None:
         self.figure.show_window(self._store.window)
         self.refine()
-        self._dispatch_drawn()
+        self._dispatch_drawn_settings()
 
     def show_finer(self, finer: MapBlock) -> None:
         """Draw finer cells of the window, and read the cell under the pointer again."""
@@ -206,7 +206,7 @@ class MapView(SurveyMap):
             self.read_cell(read, show)
 
     def _mark_point_and_pins(self) -> None:
-        """Mark the open point, its lines and the pins; leave out those whose model is not the model of the map."""
+        """Mark the open point with its lines, and the pins. Points of another model than the map's are left out."""
         view, model, machine = self._store.view, self._store.model, self._store.machine
         self.figure.mark_pins(points_by_number(view.pins, model))
         if (marked := (view.point, view.machine, view.point_state, model, machine)) != self._marked:

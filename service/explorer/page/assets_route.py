@@ -13,7 +13,7 @@ from gear_rattle.service.web.prefix import route_path
 if TYPE_CHECKING:
     from gear_rattle.service.explorer.page.pages import Pages
 
-FOREVER = "private, max-age=31536000, immutable"  # Cache-Control of an address with a version
+CACHE_FOREVER = "private, max-age=31536000, immutable"  # Cache-Control of an address with a version
 MOST_KEPT = 16 << 20  # most bytes of responses in memory
 
 
@@ -39,7 +39,7 @@ class Assets:
 
         async def keep(message: Message) -> None:
             if message["type"] == "http.response.start" and message["status"] == 200 and b"v=" in key[1]:
-                MutableHeaders(scope=message)["Cache-Control"] = FOREVER
+                MutableHeaders(scope=message)["Cache-Control"] = CACHE_FOREVER
             sent.append(message)
             await send(message)
 

@@ -32,17 +32,17 @@ from rattle import RattleError
 from rattle.models import ADDED, BETA, DEFAULT_MODEL, MODELS, Model
 from rattle.plot import FIGURE_8
 
-PATIENCE = 0.4  # seconds without a change of a field, after which the cost is estimated
+ESTIMATE_DELAY = 0.4  # seconds without a change of a field, after which the cost is estimated
 OWN, MACHINE = "own", "machine"
 #: Ranges of δ and ε that have a name; the first is the plane of the paper's Figure 7, without its edge ε = 0.
-NAMED: dict[str, Ranges] = {
+NAMED_RANGES: dict[str, Ranges] = {
     "Figure 7: δ 0.4 to 1, ε up to 0.3": ((0.4, 1.0), (0.005, 0.3)),
     "Figure 8: where curves meet": FIGURE_8,
 }
-PLANES = {name: name for name in NAMED} | {"own ranges of δ and ε": OWN, "a machine: rpm, µm": MACHINE}
+PLANES = {name: name for name in NAMED_RANGES} | {"own ranges of δ and ε": OWN, "a machine: rpm, µm": MACHINE}
 # numbers of values along the first and the second axis
 FINENESS = {"coarse": (31, 30), "medium": (61, 60), "fine": (121, 120)}
-FINE = {f"{name}: {across} × {up}, {across * up:,} cells": name for name, (across, up) in FINENESS.items()}
+FINENESS_OPTIONS = {f"{name}: {across} × {up}, {across * up:,} cells": name for name, (across, up) in FINENESS.items()}
 CELLS = FINENESS["medium"]  # numbers of values along both axes of a new survey of the visible window
 ADVANCED = "Advanced settings"
 
@@ -65,7 +65,7 @@ class SurveyForm:
                 pn.widgets.FloatInput(label=f"{letter} from", value=span[0], **exact),
                 pn.widgets.FloatInput(label=f"{letter} to", value=span[1], **exact),
             )
-            for name, letter, span in zip(("delta", "epsilon"), "δε", NAMED[self.plane.value], strict=True)
+            for name, letter, span in zip(("delta", "epsilon"), "δε", NAMED_RANGES[self.plane.value], strict=True)
         }
         self._ranges = pn.Column(*(pn.Row(*ends, **row) for ends in self.axes.values()), margin=0, visible=False, **row)
         self.machine, self.sample = MachineAxes(sheet), SampleFields(sheet)
@@ -85,7 +85,7 @@ class SurveyForm:
             for name, each in ADDED.items()
         }
         self.fine = pn.widgets.Select(
-            label="How fine", options=FINE, value="medium", **style,
+            label="How fine", options=FINENESS_OPTIONS, value="medium", **style,
             description="Each cell is one point of the plane. Coarse is computed first to see where to look closer.",
         )  # fmt: skip
         self.submit = pn.widgets.Button(
@@ -141,7 +141,7 @@ class SurveyForm:
     def fill_window(self, window: Ranges, model: Model, machine: SurveyedMachine | None = None) -> None:
         """Set the fields to the part of a window that a survey may cover (δ > 0, ε ≥ 0), in few digits.
 
-        With a machine, set the fields also to its numbers, and to its speeds and eccentricities in the window.
+        If a machine is given, set also its fields: its numbers, and its speeds and eccentricities in the window.
         """
         delta, epsilon = (rounded_range(*span) for span in clip_to_plane(*window))
         self._fill_plane((delta, epsilon), CELLS, model, machine, is_rounded=True)
@@ -160,7 +160,7 @@ class SurveyForm:
             widget.value = count
         if machine is not None:
             self.machine.fill(*window, machine, is_rounded)
-        named = next((name for name, ranges in NAMED.items() if ranges == window), OWN)
+        named = next((name for name, ranges in NAMED_RANGES.items() if ranges == window), OWN)
         self.plane.value = named if machine is None else MACHINE
         self.beta.value, self.model.value = model.beta, model.name
         for each in model.added:
@@ -168,7 +168,7 @@ class SurveyForm:
         self.harmonics.value = " ".join(harmonic_texts(model.parameters_at(1.0, 0.0).harmonics))
 
     @property
-    def _is_machine(self) -> bool:
+    def _is_machine_plane(self) -> bool:
         return bool(self.plane.value == MACHINE)
 
     def fields(self) -> dict[str, Any]:
@@ -177,14 +177,14 @@ class SurveyForm:
         own = self._entered_parameters
         return {
             "name": self.name.value,
-            **(self.machine.fields(counts) if self._is_machine else self._plain_fields(counts)),
+            **(self.machine.fields(counts) if self._is_machine_plane else self._fields_without_machine(counts)),
             "model": self.model.value,
             **{name: widget.value if name in own else None for name, widget in self.added.items()},
             "harmonics": read_harmonics(self._harmonic_texts),
             **self.sample.fields(),
         }
 
-    def _plain_fields(self, counts: list[int | None]) -> dict[str, Any]:
+    def _fields_without_machine(self, counts: list[int | None]) -> dict[str, Any]:
         """Return the axes δ and ε and the half-backlash β, for a survey without a machine."""
         axes = {
             name: {"start": start.value, "stop": stop.value, "num": num}
@@ -200,19 +200,21 @@ class SurveyForm:
     def _entered_parameters(self) -> set[str]:
         """Names of the model's additional parameters that a viewer enters; not those that follow from a machine."""
         added = MODELS[self.model.value].added
-        return {each.name for each in added if not (self._is_machine and each.machine_number)}
+        return {each.name for each in added if not (self._is_machine_plane and each.machine_number)}
 
     def _on_plane(self, *_: Any) -> None:
         """Show the fields of the chosen plane, and offer the models that are possible on it."""
-        for ends, span in zip(self.axes.values(), NAMED.get(self.plane.value, ()), strict=False):
+        for ends, span in zip(self.axes.values(), NAMED_RANGES.get(self.plane.value, ()), strict=False):
             ends[0].value, ends[1].value = span
         self._ranges.visible = self.plane.value == OWN
-        self.machine.panel.visible = self.machine.optional.visible = self._is_machine
-        self.beta.visible = not self._is_machine
-        for count, letter in zip(self.counts, ("rpm", "µm") if self._is_machine else "δε", strict=True):
+        self.machine.panel.visible = self.machine.optional.visible = self._is_machine_plane
+        self.beta.visible = not self._is_machine_plane
+        for count, letter in zip(self.counts, ("rpm", "µm") if self._is_machine_plane else "δε", strict=True):
             count.label = f"{letter} values"
         options = {
-            each.title: name for name, each in MODELS.items() if not (self._is_machine and has_machine_parameter(each))
+            each.title: name
+            for name, each in MODELS.items()
+            if not (self._is_machine_plane and has_machine_parameter(each))
         }
         value = self.model.value if self.model.value in options.values() else DEFAULT_MODEL
         self.model.param.update(options=options, value=value)
@@ -233,7 +235,7 @@ class SurveyForm:
         counts = across, up = tuple(widget.value or 0 for widget in self.counts)
         known = next((name for name, each in FINENESS.items() if each == counts), OWN)
         own = {} if known != OWN else {f"own: {across} × {up}, {across * up:,} cells": OWN}
-        self.fine.param.update(options=FINE | own, value=known)
+        self.fine.param.update(options=FINENESS_OPTIONS | own, value=known)
 
     def _toggle_advanced(self) -> None:
         self._advanced.visible = not self._advanced.visible
@@ -245,10 +247,10 @@ class SurveyForm:
     def _on_change(self, *_: Any) -> None:
         if self._estimating is not None:
             self._estimating.cancel()
-        self._estimating = self._viewer.start(self._estimate())
+        self._estimating = self._viewer.start(self._estimate_cost())
 
-    async def _estimate(self) -> None:
-        await asyncio.sleep(PATIENCE)
+    async def _estimate_cost(self) -> None:
+        await asyncio.sleep(ESTIMATE_DELAY)
         try:
             request = SurveyRequest.model_validate(self.fields())
             check_limits(request, self._viewer.front.settings)

@@ -11,7 +11,7 @@ from gear_rattle.service.explorer.files import asset
 if TYPE_CHECKING:
     from gear_rattle.service.explorer.page.pages import Pages
 
-UNUSED = ("bokeh-gl",)  # scripts of Bokeh that are left out, because no figure of the page uses WebGL
+UNUSED_SCRIPTS = ("bokeh-gl",)  # scripts of Bokeh that are left out, because no figure of the page uses WebGL
 #: Styles that parts of the page load late, when a browser draws them; the head lets the browser fetch them early.
 STYLES = ("css/loading", "css/listpanel", "bundled/theme/native", "css/button", "css/select")
 
@@ -30,7 +30,7 @@ def head_html(pages: Pages) -> str:
     from panel.io.resources import JS_VERSION, bundle_resources
 
     resources: Any = pages.resources()
-    resources.components = [name for name in resources.components if name not in UNUSED]
+    resources.components = [name for name in resources.components if name not in UNUSED_SCRIPTS]
     scripts, styles = bundle_resources([], resources)
     early = "\n".join(
         f'<link rel="prefetch" as="style" href="static/extensions/panel/{name}.css?v={JS_VERSION}">' for name in STYLES

@@ -9,11 +9,12 @@ import panel as pn
 
 from gear_rattle.service.explorer.common.address import Pair
 from gear_rattle.service.explorer.design.axes import rounded_range
-from gear_rattle.service.explorer.design.fields import NUMBERS, PAIR, MachineFields, machine_ranges
+from gear_rattle.service.explorer.design.fields import NUMBERS, SURVEY_NUMBERS, MachineFields, machine_ranges
 from gear_rattle.workers.survey.machine import SurveyedMachine
 
 LEAST_DELTA = 0.1  # least lower end of the range of δ, relative to its upper end
-FIRST = {"rpm": (1000.0, 3000.0), "eccentricity": (1.0, 60.0)}
+#: The ranges of a new form, in the units of the fields: speed in rpm, eccentricity in µm.
+DEFAULT_AXES = {"rpm": (1000.0, 3000.0), "eccentricity": (1.0, 60.0)}
 
 
 class MachineAxes:
@@ -21,13 +22,13 @@ class MachineAxes:
 
     def __init__(self, sheet: str) -> None:
         style: dict[str, Any] = {"sizing_mode": "stretch_width", "margin": (3, 4), "stylesheets": [sheet]}
-        self._machine = MachineFields(PAIR, sheet)
+        self._machine = MachineFields(SURVEY_NUMBERS, sheet)
         self._axes = {
             name: [
                 pn.widgets.FloatInput(label=f"{NUMBERS[name].unit} {end}", value=value, **style)
                 for end, value in zip(("from", "to"), span, strict=True)
             ]
-            for name, span in FIRST.items()
+            for name, span in DEFAULT_AXES.items()
         }
         self.optional = self._machine.optional
         self.panel = pn.Column(

@@ -175,7 +175,7 @@ class Explorer:
         return HTMLResponse(body, headers=PAGE_HEADERS)
 
 
-LEFT = (1000, 1001)  # close codes of RFC 6455: a normal end, and a page that was closed or reloaded
+LEFT_CODES = (1000, 1001)  # close codes of RFC 6455: a normal end, and a page that was closed or reloaded
 
 
 class _Socket:
@@ -197,15 +197,15 @@ class _Socket:
             await send({"type": "websocket.close", "code": 1008, "reason": GONE})
             return
 
-        async def receive_noting_code() -> Message:
+        async def receive_and_note_close_code() -> Message:
             nonlocal code
             message = await receive()
             code = message.get("code", 0)
             return message
 
         with scope["app"].state.front.revocations.cancel_when_revoked(caller) as visit:
-            await pages.serve_websocket(session, scope, receive_noting_code, send)
-            if code in LEFT:
+            await pages.serve_websocket(session, scope, receive_and_note_close_code, send)
+            if code in LEFT_CODES:
                 session.request_expiration()  # otherwise the computations of the closed page would go on
         if visit.cancelled_caught:
             with suppress(RuntimeError):  # raised if the browser has closed the websocket meanwhile

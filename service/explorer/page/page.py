@@ -43,7 +43,8 @@ class _Template(pn.Template):
     """Panel's template with a short `repr`."""
 
     def __repr__(self) -> str:
-        return type(self).__name__  # Panel's own repr lists all parts, and is built once for each part
+        # Panel's own repr lists all parts of the page, and Panel makes it again for each part
+        return type(self).__name__
 
 
 def open_page(shared: SharedState) -> pn.Template:
@@ -142,12 +143,12 @@ class Page:
         self._viewer.start(self._learn_statuses(statuses))
 
     async def _learn_statuses(self, statuses: Sequence[JobStatus]) -> None:
-        # raises an error if the API key was revoked
+        # this call raises an error if the API key was revoked
         statuses = await self._viewer.run_in_thread(lambda: self._add_chosen_survey(statuses))
         self._viewer.change(lambda: self.store.update_surveys({each.job.id: each for each in statuses}))
 
     def _add_chosen_survey(self, statuses: Sequence[JobStatus]) -> Sequence[JobStatus]:
-        """Return the statuses, and also the status of the chosen survey if they lack it and the survey exists."""
+        """Return the statuses. Add that of the chosen survey if it is not among them and the survey exists."""
         asked = self.store.view.survey
         if not self.store.view.is_example and all(each.job.id != asked for each in statuses):
             with suppress(UnknownSurveyError):
@@ -158,12 +159,13 @@ class Page:
     def _choose_default(self) -> None:
         """Show the default survey if no survey is chosen when the list of surveys first arrives.
 
-        If the survey that is shown by default is deleted later, show the default among the others. A survey that is
-        submitted later does not replace the example, at which the viewer may be looking.
+        If this survey is deleted later, show the default survey among the remaining ones. If the list is empty at
+        first, the page shows the example. A survey that is submitted later does not replace the example, at which the
+        viewer may be looking.
         """
         shown, jobs = self.store.view.survey, self.store.jobs
         is_first, self._has_list = not self._has_list, True
-        # a job status that was read before the deletion may still come
+        # a survey that was deleted may be in the list again for a moment, if its status was read before the deletion
         gone = shown == self._default_survey and shown not in jobs
         if (gone if shown else is_first) and (first := default_survey(each.job for each in jobs.values())):
             self._default_survey = first.id
@@ -236,30 +238,31 @@ class Page:
             slice_ = request.slice_index(view.slice if survey_id == view.survey else 0)
             self._open_form().fill(request.slice_request(slice_))
         elif action in ("cancel", "delete"):
-            self._act(lambda caller: self._remove(caller, survey_id, action == "delete"))
+            self._start_action(lambda caller: self._cancel_or_delete(caller, survey_id, action == "delete"))
         elif action == "resume":
-            self._act(lambda caller: verify_survey(self._shared.front, caller, survey_id))
+            self._start_action(lambda caller: verify_survey(self._shared.front, caller, survey_id))
         elif action == "describe":
-            self._act(lambda caller: self._describe(caller, survey_id, entered))
+            self._start_action(lambda caller: self._describe_survey(caller, survey_id, entered))
 
-    def _act(self, act: Callable[[Caller], object]) -> None:
-        """Call `act` with the caller in a thread, if the caller may submit surveys."""
+    def _start_action(self, act: Callable[[Caller], object]) -> None:
+        """Start a task that calls `act` with the caller in a thread, if the caller may submit surveys."""
 
         async def run() -> None:
             await self._viewer.run_as_caller(act, Scope.SUBMIT)
 
         self._viewer.start(run())
 
-    def _describe(self, caller: Caller, survey_id: str, entered: Mapping[str, Any]) -> None:
+    def _describe_survey(self, caller: Caller, survey_id: str, entered: Mapping[str, Any]) -> None:
         try:
             given = Description(name=entered.get("name"), notes=entered.get("notes"))
         except ValidationError as error:
             raise ServiceError(error_message(error)) from error
         describe_survey(self._shared.front, caller, survey_id, given)
 
-    def _remove(self, caller: Caller, survey_id: str, is_deletion: bool) -> None:
+    def _cancel_or_delete(self, caller: Caller, survey_id: str, is_deletion: bool) -> None:
         ended = find_job(self._shared.front, survey_id).shown_status[0].is_final
-        # `remove_survey` deletes a survey that has ended, but "cancel" must not delete one that has just ended
+        # `remove_survey` cancels a survey that waits or runs, and deletes one that has ended; but "cancel" must not
+        # delete a survey that has just ended
         if ended == is_deletion:
             remove_survey(self._shared.front, caller, survey_id)
 

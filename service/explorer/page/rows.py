@@ -7,7 +7,7 @@ from typing import Any
 from gear_rattle.service.database.tables import State
 from gear_rattle.service.explorer.common.address import EXAMPLE, View
 from gear_rattle.service.explorer.common.news import JobStatus
-from gear_rattle.service.explorer.design.fields import NUMBERS, PAIR, machine_ranges, text_in_unit
+from gear_rattle.service.explorer.design.fields import NUMBERS, SURVEY_NUMBERS, machine_ranges, text_in_unit
 from gear_rattle.service.explorer.map.picture import picture_query, third_axis_names
 from gear_rattle.service.harmonics import harmonic_texts
 from gear_rattle.workers import SurveyRequest
@@ -15,11 +15,11 @@ from gear_rattle.workers.pictures.look import LARGEST
 from gear_rattle.workers.survey.stored_families import FAMILY
 from rattle.models import ADDED
 
-STORED = {LARGEST: FAMILY}  # {map that is not stored: the stored variable from which it is made}
+STORED_VARIABLES = {LARGEST: FAMILY}  # {map that is not stored: the stored variable from which it is made}
 
 
-def survey_row(status: JobStatus, view: View, owned: bool) -> dict[str, Any]:
-    """Return a survey's row in the list of surveys of a page. owned: whether the survey belongs to the caller."""
+def survey_row(status: JobStatus, view: View, is_owned: bool) -> dict[str, Any]:
+    """Return a survey's row in the list of surveys of a page. is_owned: whether the survey belongs to the caller."""
     job = status.job
     state, message = job.shown_status
     submitted = ["submitted", job.created[:16].replace("T", " ") + " UTC"]
@@ -37,9 +37,9 @@ def survey_row(status: JobStatus, view: View, owned: bool) -> dict[str, Any]:
         "failed": job.cells_failed,
         "rate": status.rate,
         "left": status.left,
-        "mine": owned,
+        "mine": is_owned,
         "facts": [*facts, submitted],
-        "variable": STORED.get(view.variable, view.variable) if chosen else "",
+        "variable": STORED_VARIABLES.get(view.variable, view.variable) if chosen else "",
         "picture": picture_query(job.request, view, view.seen) if chosen else "",
         "slice": [next(third_axis_names(job.request), ""), view.slice] if chosen else ["", 0],
     }
@@ -76,9 +76,9 @@ def _size_and_facts(request: dict[str, Any]) -> tuple[str, list[list[str]]]:
     return " × ".join(map(str, (delta["num"], epsilon["num"], *slices))), facts
 
 
-def _value_text(given: Any) -> str:
-    """Return a parameter in words: its value, or the range and the number of values of an axis."""
-    return f"{given['start']:g} … {given['stop']:g}, {given['num']} values" if isinstance(given, dict) else f"{given:g}"
+def _value_text(value: Any) -> str:
+    """Return the value of a parameter as text; for an axis (a dict), its range and its number of values."""
+    return f"{value['start']:g} … {value['stop']:g}, {value['num']} values" if isinstance(value, dict) else f"{value:g}"
 
 
 def machine_facts(request: SurveyRequest) -> list[list[str]]:
@@ -102,7 +102,7 @@ def machine_facts(request: SurveyRequest) -> list[list[str]]:
     numbers = machine.model_dump()
     constant = [
         [NUMBERS[name].name.lower(), f"{text_in_unit(name, numbers[name])} {NUMBERS[name].unit}".rstrip()]
-        for name in PAIR
+        for name in SURVEY_NUMBERS
         if name in numbers
     ]
     return [*facts, *constant, ["drive", machine.drive]]

@@ -12,7 +12,7 @@ from gear_rattle.workers.survey.request import BY_FAMILY, BY_FRACTION, MAX_SLOTS
 from gear_rattle.workers.survey.values.schema import DEFAULT, Group
 from rattle.attractors import BUDGET, read_speed
 
-UNSAID = ""
+NO_CHOICE = ""
 QUANTITIES = (
     "Groups of variables to store. Attractors has the quiet fraction; intensity has loudness; families joins the "
     "motions of neighbouring cells."
@@ -51,7 +51,7 @@ class SampleFields:
         )  # fmt: skip
         self._by = pn.widgets.Select(
             label="Order attractors by", **style,
-            options={"default": UNSAID, "by share": BY_FRACTION, "by family": BY_FAMILY},
+            options={"default": NO_CHOICE, "by share": BY_FRACTION, "by family": BY_FAMILY},
             description="By share, the first attractor is the one that most samples reach; by family, each family has "
             "a place of its own.",
         )  # fmt: skip
@@ -94,7 +94,7 @@ class SampleFields:
         )
 
     def offer_groups(self, groups: list[str]) -> None:
-        """Offer these groups of quantities. A chosen group stays chosen if it is among them."""
+        """Offer these groups of quantities. A chosen group stays chosen if it is offered."""
         self.quantities.param.update(options=groups, value=[each for each in self.quantities.value if each in groups])
 
     def fields(self) -> dict[str, Any]:
@@ -116,6 +116,6 @@ class SampleFields:
         for name, widget in self._sample.items():
             widget.value = getattr(sample, name)
         self._v_max.value, self._seed.value = "" if sample.v_max is None else str(sample.v_max), request.seed
-        self._slots.value, self._by.value = request.slots, request.slots_by or UNSAID
+        self._slots.value, self._by.value = request.slots, request.slots_by or NO_CHOICE
         self._refined.value = request.refine is not None
         self._audit.value = request.refine.audit if request.refine is not None else AUDITED_SHARE

@@ -1,7 +1,8 @@
 """Work around three defects of bokeh_fastapi, by which Panel serves websockets on Python 3.11.
 
-It sends a message in parts, and may send another message between two parts if a part has to wait. It notices that a
-browser has left only when `receive` raises. For a token that this service did not issue it may raise any exception.
+bokeh_fastapi sends a message in parts, and may send another message between two parts if a part has to wait. It notices
+only by an exception of `receive` that a browser has left. If this service did not issue the token of a request,
+bokeh_fastapi may raise any exception.
 """
 
 from __future__ import annotations
@@ -42,7 +43,7 @@ async def serve_socket(app: ASGIApp, scope: Scope, receive: Receive, send: Send)
             if message["type"] != "websocket.disconnect":
                 return message
             left.append(message)
-            # an empty message first: at the disconnection, `app` would handle its last message once more
+            # When `receive` raises, `app` handles the last message again. This empty message makes that harmless.
             return {"type": "websocket.receive"}
         if is_told:
             raise RuntimeError("the browser has left")

@@ -16,7 +16,7 @@ from gear_rattle.service.explorer.common.point_state import BASINS, MOTION
 from gear_rattle.service.explorer.common.text import Text
 from gear_rattle.service.explorer.point import parts
 from gear_rattle.service.explorer.point.basins import basins_caption
-from gear_rattle.service.explorer.point.panel import PLACES, PointPanel
+from gear_rattle.service.explorer.point.panel import SLIDER_STEPS, PointPanel
 from gear_rattle.service.explorer.point.parts import PlaneLines
 from gear_rattle.service.explorer.point.state import (
     ATTRACTORS,
@@ -49,7 +49,7 @@ class BasinsTab:
         self._basins: rattle.Basins | None = None
         self._lines: PlaneLines | None = None
         self._place: Pair | None = None  # point (δ, ε) that the slider chooses; None for the open point itself
-        first, *finer = [(panel.under_basins, partial(self._compute_own, *each)) for each in RESOLUTIONS]
+        first, *finer = [(panel.under_basins, partial(self._compute_open_point_basins, *each)) for each in RESOLUTIONS]
         self._own_parts: list[Part] = [first, (panel.about_lines, self._compute_lines), *finer]
         self._place_parts: list[Part] = []
         self._tasks: dict[bool, asyncio.Task[None]] = {}
@@ -67,16 +67,16 @@ class BasinsTab:
             self._place = place
             if place is None:
                 point.update(place=Place(point.gear))
-                self._show_own_basins()
-                self._show_own_lines()
+                self._show_open_point_basins()
+                self._show_open_point_lines()
             else:
-                computations = (partial(self._compute_place, place, *each) for each in PLACE_RESOLUTIONS)
+                computations = (partial(self._compute_basins_at, place, *each) for each in PLACE_RESOLUTIONS)
                 self._place_parts = [(self._panel.under_basins, each) for each in computations]
         self._mark_initial_state()
         for is_away in (False, True):
             task = self._tasks.get(is_away)
             if point.is_ready and self._missing_parts(is_away) and (task is None or task.done()):
-                self._tasks[is_away] = point.work.start(self._fill(is_away))
+                self._tasks[is_away] = point.work.start(self._compute_missing_parts(is_away))
 
     def _show_slider(self, place: Pair | None) -> None:
         """Set the slider to a place (δ, ε) on the line of the diagram, or to the open point if `place` is None."""
@@ -84,30 +84,32 @@ class BasinsTab:
         (begin, end), here = diagram_line(gear, state), (gear.delta, gear.epsilon)
         axis = max((0, 1), key=lambda each: abs(end[each] - begin[each]))
         length = end[axis] - begin[axis]
-        own_stop = round(PLACES * (here[axis] - begin[axis]) / length) if length else 0
-        self._panel.show_place(own_stop if state.at is None else round(PLACES * state.at), own_stop, place or here)
+        own_stop = round(SLIDER_STEPS * (here[axis] - begin[axis]) / length) if length else 0
+        self._panel.show_place(
+            own_stop if state.at is None else round(SLIDER_STEPS * state.at), own_stop, place or here
+        )
 
     def _missing_parts(self, is_away: bool) -> list[Part]:
         """Return the parts of the basins that the open tab needs and that are not begun yet.
 
-        is_away: True for the parts at another point of the diagram, False for those at the open point itself. If the
-        slider has not chosen this point, there are none.
+        is_away: True for the parts at another point of the diagram, False for the parts at the open point.
 
         Returns
         -------
         list[Part]
-            The parts in their order, from which the caller removes each part as it begins.
+            The parts in their order; the caller removes a part from this list when it begins the part. The list is
+            empty if the slider has chosen the open point and `is_away` is True, or the other way round.
         """
         tab = self._point.state.shown_tab
         if is_away:
             return self._place_parts if self._place is not None and tab in (BASINS, MOTION) else []
         return self._own_parts if self._place is None and tab == BASINS else []
 
-    async def _fill(self, is_away: bool) -> None:
+    async def _compute_missing_parts(self, is_away: bool) -> None:
         while missing := self._missing_parts(is_away):
             await self._point.work.run_part(*missing.pop(0))
 
-    async def _compute_own(self, side: int, method: str) -> None:
+    async def _compute_open_point_basins(self, side: int, method: str) -> None:
         slow = method != "cells"
         found = await self._point.work.compute(
             parts.basins, self._point.gear, side, method, what="The basins", slow=slow
@@ -116,7 +118,7 @@ class BasinsTab:
         def show() -> None:
             self._basins = found
             if self._place is None:
-                self._show_own_basins()
+                self._show_open_point_basins()
 
         await self._point.work.change(show)
 
@@ -126,11 +128,11 @@ class BasinsTab:
         def show() -> None:
             self._lines = found
             if self._place is None:
-                self._show_own_lines()
+                self._show_open_point_lines()
 
         await self._point.work.change(show)
 
-    async def _compute_place(self, place: Pair, side: int, method: str) -> None:
+    async def _compute_basins_at(self, place: Pair, side: int, method: str) -> None:
         gear, slow = model_at(self._point.gear).gear(*place), method != "cells"
         found = await self._point.work.compute(
             parts.basins_at_other_point, gear, side, method, what="The basins", slow=slow
@@ -151,12 +153,12 @@ class BasinsTab:
         self._panel.picture.show_orbits(orbits)
         self._mark_initial_state()
 
-    def _show_own_basins(self) -> None:
+    def _show_open_point_basins(self) -> None:
         if self._basins is not None:
             self._show_cells(self._basins, self._point.orbits)
             self._show_legend()
 
-    def _show_own_lines(self) -> None:
+    def _show_open_point_lines(self) -> None:
         if self._lines is not None:
             self._panel.picture.show_lines(self._lines.lines)
             notes = "".join(f"<li>{escape(each)}</li>" for each in self._lines.missing)

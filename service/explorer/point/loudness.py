@@ -13,17 +13,17 @@ from bokeh.models import ColumnDataSource
 import rattle
 from gear_rattle.service.explorer.common.figures import line_colour, themed_figure
 from gear_rattle.service.explorer.common.glyphs import clear
-from gear_rattle.service.explorer.design.rattling import HIGHEST
+from gear_rattle.service.explorer.design.rattling import HIGHEST_SPECTRUM_ORDER
 from gear_rattle.service.explorer.point.words import html_table, number_text, swatch_html
 from rattle import Density, Lines, Machine
 from rattle.intensity import natural_energy
 from rattle.plot import Palette, legend_name
 
-PLAIN = ("Impacts per forcing period", "Mean speed", "Largest speed", "Energy Σv²/2", "dB re 2π²δ²")
+DIMENSIONLESS_COLUMNS = ("Impacts per forcing period", "Mean speed", "Largest speed", "Energy Σv²/2", "dB re 2π²δ²")
 #: The reference of 0 dB in words: for a gear without a machine (`natural_energy`), and for a machine.
 ZERO_LEVEL = "the energy of one impact of speed 2πδ in each forcing period"
 ZERO_LEVEL_IN_SI = "an impact power of 1 pW"
-IN_SI = ("Impacts/s", "Mean speed, m/s", "Largest speed, m/s", "J per revolution", "Power, W", "dB re 1 pW")
+SI_COLUMNS = ("Impacts/s", "Mean speed, m/s", "Largest speed, m/s", "J per revolution", "Power, W", "dB re 1 pW")
 
 
 def intensity_table(
@@ -36,11 +36,11 @@ def intensity_table(
     """Return a table of intensities in HTML, in SI units with a machine. An intensity None makes a row of dashes."""
     rows = []
     for attractor, each in zip(attractors, found, strict=True):
-        cells = ["–"] * len(IN_SI if machine else PLAIN)
+        cells = ["–"] * len(SI_COLUMNS if machine else DIMENSIONLESS_COLUMNS)
         if each is not None:
             cells = _si_texts(each, machine) if machine else _dimensionless_texts(each, delta)
         rows.append((swatch_html(palette.colour(attractor)) + escape(legend_name(attractor)), *cells))
-    *heads, level = IN_SI if machine else PLAIN
+    *heads, level = SI_COLUMNS if machine else DIMENSIONLESS_COLUMNS
     zero = ZERO_LEVEL_IN_SI if machine else ZERO_LEVEL
     explained = f'<abbr title="0 dB: {zero}">{level}</abbr>'
     return html_table("How hard each rattles", ("Motion", *heads, explained), rows)
@@ -93,7 +93,9 @@ class SpectrumPicture:
 
     def __init__(self, theme: str) -> None:
         self._theme = theme
-        self.figure: Any = themed_figure("spectrum", theme, "order", "force", 240, (0.0, HIGHEST), (0.0, 1.0))
+        self.figure: Any = themed_figure(
+            "spectrum", theme, "order", "force", 240, (0.0, HIGHEST_SPECTRUM_ORDER), (0.0, 1.0)
+        )
         self.lines = ColumnDataSource({"x": [], "y": []})
         self._density = ColumnDataSource({"x": [], "y": [], "low": [], "high": []})
         self._drawn = [
@@ -125,7 +127,9 @@ class SpectrumPicture:
             what = "force, N²/Hz" if machine else "force², per order"
         self.figure.xaxis.axis_label = "frequency, Hz" if machine else "order"
         self.figure.yaxis.axis_label = what
-        self.figure.x_range.update(start=-0.01 * hertz * HIGHEST, end=1.01 * hertz * HIGHEST)
+        self.figure.x_range.update(
+            start=-0.01 * hertz * HIGHEST_SPECTRUM_ORDER, end=1.01 * hertz * HIGHEST_SPECTRUM_ORDER
+        )
         self.figure.y_range.update(start=0.0, end=1.05 * max(float(y.max()), 1e-300))
         for each in self._drawn[:2]:
             each.glyph.line_color = line_colour(colour, self._theme)

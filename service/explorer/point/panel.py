@@ -28,13 +28,13 @@ from gear_rattle.service.explorer.state.events import (
 )
 
 MARGIN = (0, 4)
-#: Styles with which two pictures stand side by side only if both fit; without these styles they always stand so.
+#: Styles with which two pictures stand below each other if there is no room for both side by side.
 NARROW, WRAPPED = ":host { min-width: 0 !important; }", ":host { flex-wrap: wrap; min-width: 0 !important; }"
 WIDE: dict[str, Any] = {"sizing_mode": "stretch_width", "margin": MARGIN}
-PLACES = 100  # steps of the slider from the first to the last point (δ, ε) of the diagram
+SLIDER_STEPS = 100  # steps of the slider from the first to the last point (δ, ε) of the diagram
 DIRECTIONS = {"along eccentricity ε": "epsilon", "along damping δ": "delta"}
-ALONG = (BASINS, MOTION, DIAGRAM)  # tabs that show the point (δ, ε) that the slider chooses
-CLICKED = -1  # value of the menu of motions for the motion from a clicked state
+TABS_AT_SLIDER = (BASINS, MOTION, DIAGRAM)  # tabs that show the point (δ, ε) that the slider chooses
+CLICKED_STATE = -1  # value of the menu of motions for the motion from a clicked state
 
 
 @dataclass(frozen=True)
@@ -102,18 +102,18 @@ class PointPanel:
             self._tabs.param.update(value=tab, visible=True)
         for name, body in self._bodies.items():
             body.visible = name == tab
-        self.place_slider.visible = tab in ALONG
+        self.place_slider.visible = tab in TABS_AT_SLIDER
 
     def _choose_tab(self) -> None:
         self._dispatch(TabChosen(str(self._tabs.value)))
 
     def _choose_place(self) -> None:
         stop = int(self.place_slider.value or 0)
-        self._dispatch(PlaceChosen(None if stop == self._own_stop else stop / PLACES))
+        self._dispatch(PlaceChosen(None if stop == self._own_stop else stop / SLIDER_STEPS))
 
     def _choose_motion(self) -> None:
         number = self.motion_choice.value
-        if number is not None and number != CLICKED:
+        if number is not None and number != CLICKED_STATE:
             self._dispatch(AttractorChosen(number))
 
     def clear(self) -> None:
@@ -125,7 +125,7 @@ class PointPanel:
         self.clear_results()
 
     def clear_results(self) -> None:
-        """Remove all results of a point, but not the text of its parameters, which may already be of the next point."""
+        """Remove all results of a point. The parameters stay: they may already be those of the next point."""
         for text in self._texts:
             if text is not self.where:
                 text.html = ""
@@ -157,8 +157,8 @@ class PointPanel:
     def place_slider(self) -> pn.widgets.IntSlider:
         """Slider that chooses the point (δ, ε) of the diagram whose basins and motion are shown."""
         found = pn.widgets.IntSlider(
-            label="", start=0, end=PLACES, show_value=False, stylesheets=self._sheets, max_width=420, margin=(2, 16),
-            sizing_mode="stretch_width", visible=False,
+            label="", start=0, end=SLIDER_STEPS, show_value=False, stylesheets=self._sheets, max_width=420,
+            margin=(2, 16), sizing_mode="stretch_width", visible=False,
         )  # fmt: skip
         self._watch.call_on_change(found, self._choose_place)
         return found
@@ -250,7 +250,7 @@ class PointPanel:
         return found
 
     def mark_position(self, at: float) -> None:
-        """Mark the point that the slider chooses, if the diagram was drawn. at: its value on the parameter axis."""
+        """Mark the point that the slider chooses, if the diagram was drawn. at: the point's value of the parameter."""
         if "diagram" in self.__dict__:
             self.diagram.mark_position(at)
 

@@ -19,7 +19,8 @@ from rattle.flight import wrapped
 from rattle.models import AnyGear, Capability, model_at, require_capability
 
 ARCLENGTH, SPACING = 60.0, 0.02  # arclength of a drawn manifold; spacing of points on manifolds and Γ
-# if the sweeps of a diagram found more states, every k-th is drawn: at least this number, fewer than twice this number
+# if the sweeps of a diagram find more states, every k-th is drawn; so at least MOST_POINTS are drawn, and fewer than
+# twice as many
 MOST_POINTS = 8000
 SAME_ORBIT = 1e-6  # an attractor and an orbit are the same motion if their τ and v differ by less than this
 CELL_NAMES = {f"attractor_{name}" for name in ("kind", "m", "n_plus", "n_minus", "fraction")}
@@ -34,8 +35,8 @@ def largest_sampled_speed(delta: float, epsilon: float, beta: float) -> float:
 class SampledAttractors(NamedTuple):
     """Attractors that samples reached. starts: the number of samples, each with its own initial condition.
 
-    multipliers: for each attractor its two Floquet multipliers, None if it has none or they are not known. letters: for
-    each attractor its letter A to D, "" if it is none of these motions or if this is not known.
+    multipliers: the two Floquet multipliers of each attractor; None for an attractor that is not periodic, and if they
+    are not known. letters: the letter A to D of each attractor; "" for any other motion, and if it is not known.
     """
 
     starts: int
@@ -55,9 +56,9 @@ class Margin(NamedTuple):
     """Least impact that ends quiet motion, from `Gear.boundary_distance`.
 
     v, tau: its speed and phase; v is 0 if there is no quiet motion, inf if no such impact was found, NaN if the speed
-    cannot be computed. undecided: the least speed of an impact after which the motion is undecided, inf if there is
-    none. leads_to: the attractor to which the impact leads; None if v is 0, inf or NaN. v_max: the largest searched
-    speed.
+    cannot be computed. undecided: the least speed of an impact after which it is not known whether the motion becomes
+    quiet again, inf if there is no such impact. leads_to: the attractor to which the impact with speed v leads; None if
+    v is 0, inf or NaN. v_max: the largest searched speed.
     """
 
     v: float
@@ -130,9 +131,9 @@ class DiagramEvent(NamedTuple):
 class DiagramLines(NamedTuple):
     """A one-parameter diagram: its branches (`strokes`), its events, and states of attractors that sweeps found.
 
-    direction: the parameter x, "epsilon" or "delta". If `to` is not None, x is instead the fraction of the way to this
-    point. span: the range of x. marks: the impacts of all events. x, v, tau (n,): parameter, speed and phase of each
-    state. upward (n,): True if x grew in the sweep that found the state.
+    direction: the parameter x, "epsilon" or "delta". If `to` is not None, x is instead the position on the line from
+    the open point (x = 0) to the point `to` (x = 1). span: the range of x. marks: the impacts of all events. x, v, tau
+    (n,): parameter, speed and phase of each state. upward (n,): True if x grew in the sweep that found the state.
     """
 
     direction: str
@@ -176,9 +177,9 @@ def survey_attractors(cell: xr.Dataset, starts: int) -> SampledAttractors | None
 def sampled_attractors(gear: AnyGear, count: int) -> SampledAttractors:
     """Return the attractors reached from `count` initial conditions, with letters if A to D have a closed form."""
     found = gear.attractors(count)
-    multipliers = tuple(_multipliers(gear, each) for each in found)
+    multipliers = tuple(_multipliers_of(gear, each) for each in found)
     orbits = gear.orbits() if model_at(gear).in_closed_form else ()
-    return SampledAttractors(count, found, multipliers, tuple(_letter(orbits, each) for each in found))
+    return SampledAttractors(count, found, multipliers, tuple(_letter_of_attractor(orbits, each) for each in found))
 
 
 def period_one(gear: AnyGear) -> PeriodOneOrbits:
@@ -186,7 +187,7 @@ def period_one(gear: AnyGear) -> PeriodOneOrbits:
     return PeriodOneOrbits(gear.region(), gear.orbits())
 
 
-def _multipliers(gear: AnyGear, attractor: rattle.Attractor) -> tuple[complex, complex] | None:
+def _multipliers_of(gear: AnyGear, attractor: rattle.Attractor) -> tuple[complex, complex] | None:
     if attractor.kind != "periodic":
         return None
     state = attractor.tau, attractor.v, attractor.n_plus
@@ -200,10 +201,10 @@ def _multipliers(gear: AnyGear, attractor: rattle.Attractor) -> tuple[complex, c
 
 def add_letters(found: SampledAttractors, orbits: Iterable[rattle.Orbit]) -> SampledAttractors:
     """Return `found` with the letter A to D of each attractor that is one of these orbits, and "" for the others."""
-    return found._replace(letters=tuple(_letter(orbits, each) for each in found.attractors))
+    return found._replace(letters=tuple(_letter_of_attractor(orbits, each) for each in found.attractors))
 
 
-def _letter(orbits: Iterable[rattle.Orbit], attractor: rattle.Attractor) -> str:
+def _letter_of_attractor(orbits: Iterable[rattle.Orbit], attractor: rattle.Attractor) -> str:
     for orbit in orbits:
         if abs(orbit.v - attractor.v) < SAME_ORBIT and abs(wrapped(orbit.tau - attractor.tau)) < SAME_ORBIT:
             return orbit.name
@@ -257,7 +258,7 @@ def diagram(
     to : tuple[float, float] | None
         Other point (δ, ε), where the diagram ends; it then begins at the gear's own point.
     steps, count : int | None
-        Points of the parameter, and initial conditions at each; None for the defaults.
+        Number of values of the parameter, and number of initial conditions at each value; None for the defaults.
 
     Returns
     -------

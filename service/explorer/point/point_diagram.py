@@ -27,18 +27,19 @@ from gear_rattle.service.explorer.point.words import (
 
 MARKERS = {"SN": "circle", "PD": "diamond", "GR": "square"}
 SIGNS = {"SN": "●", "PD": "◆", "GR": "■"}
-EVENT, MOST_LISTED = "#f2c14e", 4  # colour of events; largest number of events that a tooltip lists
-HERE = "#d7191c"
+EVENT_COLOUR, MOST_LISTED = "#f2c14e", 4  # colour of events; largest number of events that a tooltip lists
+POSITION_COLOUR = "#d7191c"
 MEANINGS = {"SN": "saddle-node", "PD": "period doubling", "GR": "grazing"}
-INFINITE = 1e12  # multipliers larger than this are written as ∞; they occur at grazes
+LEAST_INFINITE = 1e12  # multipliers larger than this are written as ∞; they occur at grazes
 NAMES = {"epsilon": "eccentricity ε", "delta": "damping δ"}
 # colours of the states that upward and downward sweeps found
 UPWARD, DOWNWARD = {"light": "#4a90d9", "dark": "#7fb3e0"}, "#e8862e"
-DOTS = 3.6, 1.8  # diameters in pixels: where both sweeps find one state, the small dot lies on the large one
+# diameters in pixels of dots of upward and downward sweeps: where both sweeps find a state, both dots are visible
+DOTS = 3.6, 1.8
 ROOM = 0.04  # margin above and below the speeds, relative to their range
 DENSE, ALL = "dense", "all"  # choices of a viewer: the axis shows the dense range of speeds, or all speeds
 MOST_THIN = 0.5  # a range of speeds is dense if its excess mass is larger than this, see `dense_speed_range`
-PLACES = 1e-7, 1e-3  # states whose parameter and speed are equal when rounded to these steps count once
+ROUNDING_STEPS = 1e-7, 1e-3  # parameter and speed of states are rounded to these steps; equal states count once
 # pixels: height of the figure, height of its speed axis, width that is assumed until a browser sends the true one
 HEIGHT, INNER, NARROW = 360, 270, 300
 # event names: number of rows, height of a row and width of a letter in pixels, largest number of names
@@ -72,7 +73,7 @@ class DiagramPicture:
         )  # fmt: skip
         self._marks = ColumnDataSource({"x": [], "v": [], "tau": [], "what": [], "marker": [], "size": []})
         marked = self.figure.scatter(
-            "x", "v", source=self._marks, marker="marker", size="size", line_color="#000000", fill_color=EVENT
+            "x", "v", source=self._marks, marker="marker", size="size", line_color="#000000", fill_color=EVENT_COLOUR
         )
         # Motions have their tooltip on the left and events on the right, so that neither covers the other.
         of_motions = [("motion", "@motion"), ("", "@stable"), ("at", "$x{%.6g}"), ("v", "$y{%.4g}")]
@@ -82,7 +83,7 @@ class DiagramPicture:
             place: Any = {"attachment": side, "limit": limit}
             hover = HoverTool(renderers=[what], tooltips=tooltips, formatters=formatters, **place)
             self.figure.add_tools(hover)
-        self._here = Span(location=0.0, dimension="height", line_color=HERE, line_width=1.5, line_alpha=0.8)
+        self._here = Span(location=0.0, dimension="height", line_color=POSITION_COLOUR, line_width=1.5, line_alpha=0.8)
         self.figure.add_layout(self._here)
         self.speeds = pn.widgets.RadioButtonGroup(
             label="Speeds of the diagram", options={"Dense speeds": DENSE, "All speeds": ALL}, visible=False,
@@ -101,7 +102,7 @@ class DiagramPicture:
             clear(source)
 
     def show(self, found: DiagramLines, at: float) -> None:
-        """Draw a diagram, and mark the point whose basins and motion are shown. at: its value on the parameter axis."""
+        """Draw a diagram, and mark the point whose basins and motion are shown. at: the point's parameter."""
         self._found = found
         self.figure.x_range.update(start=found.span[0], end=found.span[1])
         self.figure.xaxis.axis_label = axis_name(found)
@@ -156,7 +157,7 @@ class DiagramPicture:
         }
 
     def mark_position(self, at: float) -> None:
-        """Mark the point whose basins and motion are shown. at: its value on the parameter axis."""
+        """Mark the point whose basins and motion are shown. at: the point's value on the parameter axis."""
         self._here.location = at
 
 
@@ -177,7 +178,7 @@ class EventName(NamedTuple):
     right: float  # where the text ends, in pixels from the left edge of the picture
 
     def collides_with(self, other: EventName) -> bool:
-        """Return whether the two texts overlap, or the line from one text to its event crosses the other text."""
+        """Return whether the texts of two event names overlap, or the line of one name crosses the other's text."""
         if self.row == other.row:
             return self.left < other.right and other.left < self.right
         upper, lower = (self, other) if self.row > other.row else (other, self)
@@ -204,8 +205,8 @@ def dense_speed_range(found: DiagramLines) -> Pair | None:
         Lowest and highest speed of the range with the largest excess mass; None if this mass is at most MOST_THIN.
     """
     low, high = speed_range(found)
-    distinct = np.unique(np.round(np.column_stack([found.x, found.v]) / PLACES), axis=0)
-    v = np.sort(distinct[:, 1]) * PLACES[1]
+    distinct = np.unique(np.round(np.column_stack([found.x, found.v]) / ROUNDING_STEPS), axis=0)
+    v = np.sort(distinct[:, 1]) * ROUNDING_STEPS[1]
     if not v.size:
         return None
     share, ranks = (v - low) / (high - low), np.arange(v.size) / v.size
@@ -294,7 +295,7 @@ def diagram_table(found: DiagramLines, chaos: Sequence[ChaosEvent] = ()) -> str:
             rows.append((what, motion, _link_to_point(*at, f"δ {at[0]:.10g}, ε {epsilon}"), "–"))
     for each in sorted(found.events, key=lambda each: (not each.name, each.delta, each.epsilon)):
         link = _link_to_point(each.delta, each.epsilon, f"δ {each.delta:.10g}, ε {each.epsilon:.10g}")
-        multipliers = multipliers_text(each.multipliers) if abs(each.multipliers[0]) < INFINITE else "∞, 0"
+        multipliers = multipliers_text(each.multipliers) if abs(each.multipliers[0]) < LEAST_INFINITE else "∞, 0"
         rows.append((f"{MEANINGS[each.kind]} {each.name}".rstrip(), each.motion, link, multipliers))
     if not rows:
         return f"<p>The diagram along the {axis_name(found)} has no events.</p>"
@@ -327,13 +328,13 @@ def diagram_legend(found: DiagramLines, theme: str) -> str:
         for is_stable, dash, name in ((True, "solid", "stable"), (False, "dashed", "unstable"))
         if is_stable in there
     ]
-    lines.append((f"3px solid {HERE}", "here"))
+    lines.append((f"3px solid {POSITION_COLOUR}", "here"))
     parts = [
         f'<li><span class="stroke" style="border-top:{style};outline:0"></span>{name}</li>' for style, name in lines
     ]
     sweeps = ((True, UPWARD[theme], "swept upward"), (False, DOWNWARD, "swept downward"))
     signs = [("●", shade, name) for is_upward, shade, name in sweeps if (found.upward == is_upward).any()]
-    signs += [(SIGNS[kind], EVENT, MEANINGS[kind]) for kind in MARKERS if kind in found.marks.kind]
+    signs += [(SIGNS[kind], EVENT_COLOUR, MEANINGS[kind]) for kind in MARKERS if kind in found.marks.kind]
     parts += [
         f'<li><span class="sign" style="color:{shade}" aria-hidden="true">{sign}</span> {name}</li>'
         for sign, shade, name in signs

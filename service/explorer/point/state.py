@@ -37,7 +37,7 @@ class Place(NamedTuple):
 
 
 class OpenPoint(Listeners):
-    """The open point: its gear, its results so far, and the tasks that compute the others.
+    """The open point: its gear, the results that are computed so far, and the tasks that compute further results.
 
     The tabs of the point subscribe to the results by name (ATTRACTORS, CHAOS, ORBITS, PLACE, READY), and with `follow`
     to fields of the store's view.
@@ -89,7 +89,7 @@ class OpenPoint(Listeners):
 
     @property
     def state(self) -> PointState:
-        """State of the tabs, without its initial condition if that is faster than the largest speed of the basins."""
+        """State of the tabs, without a chosen initial condition whose speed is outside the picture of the basins."""
         return self.store.view.point_state.limited_to(self._fastest)
 
     @property
@@ -113,8 +113,9 @@ class OpenPoint(Listeners):
     def shown_attractor(self) -> rattle.Attractor | None:
         """Attractor to show, None if none is known.
 
-        At another point of the diagram, this is the attractor with the same name there. If there is none, it is the
-        first attractor there that is not quiet, else the first.
+        At the open point, this is the attractor with the number `attractor_number`. At another point of the diagram, it
+        is the attractor with the same name as that one. If no attractor there has this name, it is the first that is
+        not quiet; if all are quiet, the first.
         """
         own = self._known_attractors[self.attractor_number] if self._known_attractors else None
         if not self.is_away:

@@ -11,7 +11,7 @@ from gear_rattle.service.explorer.common.text import faint_html
 from gear_rattle.service.explorer.design import rattling, tolerance
 from gear_rattle.service.explorer.design.fields import machine_at_other_point
 from gear_rattle.service.explorer.point import loudness, motion, parts, point_diagram
-from gear_rattle.service.explorer.point.panel import CLICKED, PointPanel
+from gear_rattle.service.explorer.point.panel import CLICKED_STATE, PointPanel
 from gear_rattle.service.explorer.point.parts import DiagramLines
 from gear_rattle.service.explorer.point.state import ATTRACTORS, CHAOS, PLACE, READY, OpenPoint, chosen_place
 from gear_rattle.service.explorer.point.work import waiting_html
@@ -21,8 +21,8 @@ POINTS = 3000  # computed points of a motion
 # Numbers of forcing periods that are shown: 3 m for a P(m, n₊, n₋), but at least PERIODS and at most MOST_PERIODS;
 # CHAOTIC_PERIODS for a chaotic motion; PERIODS for every other motion.
 PERIODS, MOST_PERIODS, CHAOTIC_PERIODS = 12.0, 60.0, 30.0
-NO_ATTRACTOR = "#8a96a3"  # colour of the motion from a clicked state
-QUIET_LINE = "#8f8000"  # colour of lines of quiet motion, a yellow that is dark enough for a white background
+CLICKED_MOTION_COLOUR = "#8a96a3"  # colour of the motion from a clicked state
+QUIET_COLOUR = "#8f8000"  # colour of lines of quiet motion, a yellow that is dark enough for a white background
 
 
 class MotionTab:
@@ -40,7 +40,7 @@ class MotionTab:
             panel.rpm.value = float(f"{point.machine.rpm:.6g}")
 
     def _on_view_change(self) -> None:
-        """Fill the menu of motions, and show the chosen motion if its tab is open and still shows another motion."""
+        """Fill the menu of motions. If the tab of the motion is open and shows another motion, show the chosen one."""
         point = self._point
         if point.attractors is not None:
             self._offer_motions(point.attractors.attractors)
@@ -55,7 +55,7 @@ class MotionTab:
         number = self._point.attractor_number
         if self._point.state.start is not None:
             tau, v = self._point.state.start
-            options[f"from τ = {tau:.4f}, v = {v:.4g}"] = number = CLICKED
+            options[f"from τ = {tau:.4f}, v = {v:.4g}"] = number = CLICKED_STATE
         self._panel.offer_motions(options, number)
 
     @property
@@ -65,7 +65,7 @@ class MotionTab:
 
     async def _compute_motion(self) -> None:
         point, panel = self._point, self._panel
-        requested, gear, periods, shade = self._motion_key, point.place.gear, PERIODS, NO_ATTRACTOR
+        requested, gear, periods, shade = self._motion_key, point.place.gear, PERIODS, CLICKED_MOTION_COLOUR
         attractor = None
         if point.state.start is not None:
             (tau, v), what = point.state.start, "From the chosen initial condition"
@@ -75,7 +75,7 @@ class MotionTab:
             )
         else:
             tau, v, what = attractor.tau, attractor.v, legend_name(attractor)
-            shade = QUIET_LINE if attractor.kind == "quiet" else point.palette.colour(attractor)
+            shade = QUIET_COLOUR if attractor.kind == "quiet" else point.palette.colour(attractor)
             whole = min(max(PERIODS, 3.0 * attractor.m), MOST_PERIODS)
             periods = CHAOTIC_PERIODS if attractor.kind == "chaotic" else whole
         found = await point.work.compute(parts.motion_from, gear, tau, v, periods, POINTS, what="The motion")
@@ -147,7 +147,7 @@ class DiagramTab:
         is_shown = self._known is not None and (state.shown_tab == NUMBERS or self._drawn is self._known)
         if state.shown_tab in (DIAGRAM, NUMBERS) and not is_shown and (self._task is None or self._task.done()):
             said = panel.under_diagram if state.shown_tab == DIAGRAM else panel.events
-            self._task = point.work.start(point.work.run_part(said, self._compute))
+            self._task = point.work.start(point.work.run_part(said, self._compute_diagram))
 
     @property
     def _position(self) -> float:
@@ -158,7 +158,7 @@ class DiagramTab:
         delta, epsilon = chosen_place(gear, state) or (gear.delta, gear.epsilon)
         return epsilon if state.direction == "epsilon" else delta
 
-    async def _compute(self) -> None:
+    async def _compute_diagram(self) -> None:
         choice = self._choice
         if self._known is None:
             found = await self._point.work.compute(
@@ -167,9 +167,9 @@ class DiagramTab:
             if choice != self._choice:
                 return  # the viewer has chosen another diagram, which another task computes
             self._known = found
-        await self._point.work.change(self._show)
+        await self._point.work.change(self._show_diagram)
 
-    def _show(self) -> None:
+    def _show_diagram(self) -> None:
         found, panel = self._known, self._panel
         if found is None:
             return
@@ -210,9 +210,9 @@ class YieldPart:
         if requested != self._requested:
             said, work = self._panel.tolerance.said, self._point.work
             said.html = waiting_html("the yield")
-            self._task = work.start(work.run_part(said, lambda: self._compute(widths)), self._task)
+            self._task = work.start(work.run_part(said, lambda: self._compute_yield(widths)), self._task)
 
-    async def _compute(self, widths: Tolerance) -> None:
+    async def _compute_yield(self, widths: Tolerance) -> None:
         point = self._point
         found = await point.work.compute(
             tolerance.compute_yield, point.gear, point.machine, widths, what="The yield", slow=True

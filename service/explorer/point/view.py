@@ -29,7 +29,7 @@ from rattle.models import Capability, Model, lacking, model_at
 COUNT = 1024  # number of initial conditions from which the basin fractions are estimated
 PAINT_SECONDS = 0.05  # seconds to wait, so that a browser shows the words before it lays out pictures
 OF_ONE_COSINE = "The motions A to D and their regions are defined for a forcing of one cosine only."
-SURVEYED = ' <span class="faint">(from the survey\'s grid cell; the point itself is being computed)</span>'
+FROM_SURVEY_CELL = ' <span class="faint">(from the survey\'s grid cell; the point itself is being computed)</span>'
 COMPILING = "Kernels are being compiled, once after the service was installed or updated. This takes a minute or so …"
 
 
@@ -85,7 +85,7 @@ class PointView:
     def show_survey_answer(self, found: parts.SampledAttractors) -> None:
         """Show the attractors of the survey's cell around the point, if those of the point are not computed yet."""
         if self._point is not None and self._point.attractors is None:
-            self._answer.show(found, SURVEYED)
+            self._answer.show(found, FROM_SURVEY_CELL)
 
     def stop(self) -> None:
         """Give up the computations that still run, because another point is shown."""
@@ -114,7 +114,7 @@ class Answer:
         point.follow(self._on_view_change, "point_state")
         point.subscribe(self._on_view_change, READY)
         self._on_view_change()
-        point.work.start(self._fill())
+        point.work.start(self._compute_in_order())
 
     def _on_view_change(self) -> None:
         point, state = self._point, self._point.state
@@ -124,8 +124,11 @@ class Answer:
             self._is_margin_requested = True
             point.work.start(point.work.run_part(self._panel.safe, self._compute_margin))
 
-    async def _fill(self) -> None:
-        """Fill in attractors and intensities; let the open tab be filled (`is_ready`); fill in orbits and extents."""
+    async def _compute_in_order(self) -> None:
+        """Compute and show attractors and intensities, then set `is_ready`; then compute and show orbits and extents.
+
+        `is_ready` lets the open tab begin its computations.
+        """
         point, panel = self._point, self._panel
         await point.work.run_part(panel.likely, self._compute_attractors)
         await point.work.run_part(panel.loud, self._compute_intensities)

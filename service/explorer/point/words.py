@@ -32,13 +32,12 @@ from rattle.parameters import Harmonic
 from rattle.plot import Palette, legend_name
 
 MINUS = "\N{MINUS SIGN}"
-ENOUGH = 5e-4  # a positive share below this one is written as "less than 0.05 %"
+LEAST_WRITTEN_SHARE = 5e-4  # a share between 0 and this number is written as "less than 0.05 %"
 MOST_HARMONICS = 6  # most harmonics that a sentence lists
 MOST_NAMED = 6  # most attractors that are named below the bar of basin fractions
 ROWS = 6  # rows of a table that are shown before a viewer unfolds it
 PERIOD, REVOLUTION = "forcing period", "revolution"
-#: Words for kinds of events, at the lower end (BEGINS) and at the upper end (ENDS) of the range of ε in which a motion
-#: attracts.
+#: Words for the event at an end of the range of ε in which a motion attracts. BEGINS: lower end. ENDS: upper end.
 BEGINS = {SADDLE_NODE: "begins by a saddle-node", FLIP: "begins by period doubling", GRAZING: "begins at a graze"}
 ENDS = {
     SADDLE_NODE: "ends by a saddle-node",
@@ -75,9 +74,9 @@ def recurrence_in_words(count: int, period: str) -> str:
 
 def percent_text(share: float) -> str:
     """Return a share in per cent, with three significant digits. Only exactly 0 and 1 become 0 % and 100 %."""
-    if 0 < share < ENOUGH:
+    if 0 < share < LEAST_WRITTEN_SHARE:
         return "less than 0.05 %"
-    if 1 - ENOUGH < share < 1:
+    if 1 - LEAST_WRITTEN_SHARE < share < 1:
         return "more than 99.95 %"
     return f"{100 * share:.3g} %"
 
@@ -136,7 +135,7 @@ def point_in_words(gear: AnyGear) -> str:
 
 
 def quiet_limit_in_words(gear: AnyGear, period: str = PERIOD) -> str:
-    """Return in words up to which ε quiet running is possible, and if ε is below SN1, where P(1,1,0) begins."""
+    """Return in words up to which ε quiet running is possible. Below SN1, also say at which ε P(1,1,0) begins."""
     if gear.epsilon >= gear.quiet_limit:
         quiet = (
             f"The gear cannot run quietly here: above an eccentricity of {number_text(gear.quiet_limit)} the teeth "
@@ -151,7 +150,7 @@ def quiet_limit_in_words(gear: AnyGear, period: str = PERIOD) -> str:
 
 
 def harmonics_in_words(harmonics: Sequence[Harmonic]) -> str:
-    """Return harmonics in words: order, amplitude relative to the first harmonic, and phase in turns of each."""
+    """Return in words the orders, amplitudes (relative to the first harmonic) and phases (in turns) of harmonics."""
     few = [f"{order}: {number_text(size)} at {number_text(phase)}" for order, size, phase in harmonics[:MOST_HARMONICS]]
     more = len(harmonics) - len(few)
     return f"harmonic{'s' * (len(harmonics) > 1)} {'; '.join(few)}{f'; and {more} more' if more else ''}"
@@ -356,7 +355,8 @@ def extents_table(
     found : SampledAttractors
         The attractors of the point.
     extents : sequence of MotionExtent or None
-        The extents of the first attractors; None for an undecided one, and for one not computed in time.
+        The extents of the first attractors; None for the entry of undecided samples, and for an extent that was not
+        computed in time.
     machine : Machine | None
         Machine whose eccentricities are shown, in µm; None for ε.
     palette : Palette
@@ -391,8 +391,8 @@ def chaos_events(
 ) -> list[ChaosEvent]:
     """Return the beginning and the end along ε of each chaotic attractor as events.
 
-    Both are left out if the attractor has no extent. The beginning or the end is left out if chaos lasts up to the
-    lower or the upper limit of the range that was swept.
+    Both events are left out if the extent of the attractor is None. The beginning is left out if chaos lasts down to
+    the lower limit of the range that was swept, and the end if chaos lasts up to the upper limit.
 
     Returns
     -------

@@ -24,7 +24,7 @@ from rattle.models import DEFAULT_MODEL
 if TYPE_CHECKING:
     from bokeh.document import Document
 
-GRACE_SECONDS = 15.0  # seconds in which a task may end by itself before it is cancelled, which would end its process
+GRACE_SECONDS = 15.0  # seconds before a given-up task is cancelled; the cancellation ends the process that computes
 
 Result = TypeVar("Result")
 Arguments = TypeVarTuple("Arguments")
@@ -35,10 +35,10 @@ async def prepare_processes(front: Front) -> None:
     """Start the processes that compute points, and load their kernels, so that the first click is not a slow one."""
     async with anyio.create_task_group() as tasks:
         for _ in range(front.settings.max_points):
-            tasks.start_soon(_prepare_one, front)
+            tasks.start_soon(_prepare_process, front)
 
 
-async def _prepare_one(front: Front) -> None:
+async def _prepare_process(front: Front) -> None:
     try:
         await compute_in_process(
             front,
@@ -152,10 +152,10 @@ class PointTasks:
 
         await self.change(change)
 
-    async def change(self, what: Callable[[], object]) -> None:
-        """Run `what`, which changes the document, and wait for it. Raises CancelledError if the view has ended."""
+    async def change(self, action: Callable[[], object]) -> None:
+        """Run `action`, which changes the document, and wait for it. Raises CancelledError if the view has ended."""
         self._require_open()
         if self._document is None or self._document.session_context is None:
-            what()
+            action()
             return
-        await change_and_wait(self._document, lambda: None if self.stopped else what())
+        await change_and_wait(self._document, lambda: None if self.stopped else action())

@@ -81,7 +81,7 @@ def test_the_yield_of_a_machine_is_that_of_its_numbers(monkeypatch: pytest.Monke
     with pytest.raises(rattle.ParameterError, match="nothing varies"):
         tolerance.compute_yield(MACHINE.gear, MACHINE, Tolerance(0.0, 0.0, 0.9))
     monkeypatch.setattr(Impacting, "design_gears", 128)
-    monkeypatch.setattr(tolerance, "JUDGED", 1)
+    monkeypatch.setattr(tolerance, "MOST_JUDGED", 1)
     found = tolerance.compute_yield(MACHINE.gear, MACHINE, Tolerance(0.0, 1e-9, 0.9))
     shares = {each.kind: each.fraction for each in MACHINE.attractors(1024)}
     assert found.quiet.low - 0.03 < shares["quiet"] < found.quiet.high + 0.03

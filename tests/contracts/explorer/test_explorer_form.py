@@ -19,7 +19,7 @@ from gear_rattle.service.explorer.common.viewer import Viewer
 from gear_rattle.service.explorer.page.form import (
     CELLS,
     FINENESS,
-    NAMED,
+    NAMED_RANGES,
     OWN,
     SurveyForm,
     duration_in_words,
@@ -94,7 +94,7 @@ def test_three_questions_make_a_survey_and_all_else_is_folded(tmp_path: Path) ->
             each.label for each in form.panel.select(pn.widgets.WidgetBase) if each.visible and _is_shown(form, each)
         }
         assert asked == {"Plane", "Model", "How fine", "Submit", "Advanced settings"}
-        for name, (delta, epsilon) in NAMED.items():
+        for name, (delta, epsilon) in NAMED_RANGES.items():
             for fine, (across, up) in FINENESS.items():
                 form.plane.value, form.fine.value = name, fine
                 found = SurveyRequest.model_validate(form.fields())

@@ -25,7 +25,7 @@ from gear_rattle.service.explorer.map.figure import MapFigure
 from gear_rattle.service.explorer.map.overlays import points_in_window
 from gear_rattle.service.explorer.map.planes import Atlas, LeveledPlane, MapBlock, MapPlane
 from gear_rattle.service.explorer.map.readout import cell_in_words
-from gear_rattle.service.explorer.map.shared import KEPT
+from gear_rattle.service.explorer.map.shared import MOST_DRAWINGS
 from gear_rattle.service.explorer.state.events import DiagramEndChosen, Event, PointOpened
 from gear_rattle.workers import SurveyRequest, complete, is_incomplete, open_survey
 from gear_rattle.workers.pictures.levels import level_opener, reduce_map
@@ -362,10 +362,10 @@ def test_a_map_that_stays_as_it_is_is_drawn_once_for_all_pages(
     assert draw(plane, False) == draw(plane, False) == 1
     assert draw(plane, True) == 2
     assert draw(other, False) == 3
-    for number in range(KEPT - 1):
+    for number in range(MOST_DRAWINGS - 1):
         draw(plane, True, 21 + number)
         assert draw(plane, True) == 2  # what is looked at stays
-    assert draw(plane, False) == len(drawn) == 3 + KEPT
+    assert draw(plane, False) == len(drawn) == 3 + MOST_DRAWINGS
     alone = ref(other)
     del other
     drawn.clear()
