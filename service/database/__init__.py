@@ -72,7 +72,9 @@ class Database(Surveys, Keys):
         self._reader.dispose()
 
     def _open(self, exclusive: bool) -> None:
-        current = is_current(self._reader)  # first, because it refuses another program's database unchanged
+        current = is_current(
+            self._reader
+        )  # the first step: it refuses another program's database and leaves it unchanged
         if current and not exclusive:
             return
         self._lock = lock_database(self._reader)

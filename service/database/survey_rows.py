@@ -83,7 +83,7 @@ class Surveys(Transactions):
         UnauthorizedError
             The owner's key was revoked.
         QueueFullError
-            ``max_jobs`` surveys are waiting or running, or as many of the owner as its key allows.
+            ``max_jobs`` surveys are waiting or running, or the owner has as many of them as its key allows.
         QuotaError
             With this survey the owner would have more cells than its key allows.
         """
@@ -247,7 +247,7 @@ class Surveys(Transactions):
         UnauthorizedError
             The key of ``owner`` was revoked.
         QueueFullError
-            ``max_jobs`` surveys are waiting or running, or as many of the owner as its key allows.
+            ``max_jobs`` surveys are waiting or running, or the owner has as many of them as its key allows.
         ConflictError
             The survey is active, or is being deleted.
         """

@@ -69,7 +69,7 @@ OURS, MODULE = "gear-rattle", "gear_rattle"
 #: Packages whose versions must be equal in all processes. With different versions, processes cannot exchange messages,
 #: or compute different bits.
 PACKAGES = (OURS, "dask", "distributed", "numpy", "numba", "llvmlite", "zarr")
-SHOWN = 3  # a message names at most this many workers
+WORKERS_IN_MESSAGE = 3  # a message names at most this many workers
 REFUSED_TOPIC = "gear-rattle-refused"  # topic of dask's events about refused workers, which have other software
 
 logger = logging.getLogger(__name__)
@@ -167,7 +167,7 @@ def _interrupts_blocked() -> Iterator[None]:
 
 
 class _WorkerProcesses:
-    """Keep the process of the nannies and workers running: start it, and start it again if it is killed.
+    """Start the process that starts the nannies and workers. If this process is killed, start it again.
 
     Parameters
     ----------
@@ -280,8 +280,8 @@ def embedded_cluster(
     if n_workers < 1:
         raise SurveyError(f"n_workers must be at least 1, got {n_workers}")
     with ExitStack() as stack:
-        # The cluster's event loop logs every lost connection with a traceback until it ends. dask's own option
-        # `silence_logs` does not silence the last of these, because it is reset earlier.
+        # The cluster's event loop logs every lost connection with a traceback until the loop ends. dask's own option
+        # `silence_logs` does not silence the last tracebacks, because dask resets the option before the loop ends.
         stack.enter_context(silence_logging_cmgr(logging.CRITICAL))
         # Workers run in this directory, where Python first looks for modules; dask's default is open to all accounts.
         scratch = stack.enter_context(scratch_directory(dask.config.get("temporary-directory", None)))
@@ -402,15 +402,19 @@ def _own_version(client: Client) -> str:
     return str(versions["client"]["packages"][OURS] or "VERSION")
 
 
-def _versions_by_package(of: Mapping[str, Any]) -> dict[str, str | None]:
+def _versions_by_package(versions: Mapping[str, Any]) -> dict[str, str | None]:
     """Return versions by package; the version of Python is its first two numbers."""
-    packages = {name: of["packages"].get(name) for name in PACKAGES}
-    return packages | {"Python": ".".join(str(of["host"]["python"]).split(".")[:2])}
+    packages = {name: versions["packages"].get(name) for name in PACKAGES}
+    return packages | {"Python": ".".join(str(versions["host"]["python"]).split(".")[:2])}
 
 
 def _workers_in_words(addresses: list[str]) -> str:
-    more = f" and {len(addresses) - SHOWN} more" if len(addresses) > SHOWN else ""
-    return ("the worker at " if len(addresses) == 1 else "workers at ") + ", ".join(sorted(addresses)[:SHOWN]) + more
+    more = f" and {len(addresses) - WORKERS_IN_MESSAGE} more" if len(addresses) > WORKERS_IN_MESSAGE else ""
+    return (
+        ("the worker at " if len(addresses) == 1 else "workers at ")
+        + ", ".join(sorted(addresses)[:WORKERS_IN_MESSAGE])
+        + more
+    )
 
 
 def _address_of(url: str) -> str:
@@ -442,11 +446,11 @@ def end_processes(client: Client, addresses: list[str]) -> None:
 
 
 def end_tasks(client: Client, futures: list[Future]) -> None:
-    """Cancel tasks, and kill the workers that run only these tasks."""
+    """Cancel tasks, and kill the workers that run only these tasks and have a nanny."""
     keys = {future.key for future in futures}
     try:
         processing = client.processing()
-        client.cancel(futures)  # or dask would repeat the tasks of killed workers elsewhere
+        client.cancel(futures)  # otherwise dask would repeat the tasks of killed workers on other workers
     except OSError:  # the scheduler is gone
         return
     end_processes(client, [address for address, busy in processing.items() if busy and keys.issuperset(busy)])
@@ -462,7 +466,7 @@ def end_tasks_and_wait(client: Client, futures: list[Future]) -> None:
     quiet, keys = 0, {future.key for future in futures}
     while quiet < IDLE_CHECKS:
         answers: SimpleQueue[dict[str, bool]] = SimpleQueue()
-        Thread(target=_ask_workers, args=(client, keys, answers), name="ask-workers", daemon=True).start()
+        Thread(target=_ask_who_computes, args=(client, keys, answers), name="ask-workers", daemon=True).start()
         at_work = list[str]()
         with suppress(Empty):  # a frozen worker does not answer, but it computes nothing either
             at_work = [address for address, here in answers.get(timeout=END_SECONDS).items() if here]
@@ -471,7 +475,7 @@ def end_tasks_and_wait(client: Client, futures: list[Future]) -> None:
         time.sleep(LOOK_SECONDS)
 
 
-def _ask_workers(client: Client, keys: set[str], answers: SimpleQueue[dict[str, bool]]) -> None:
+def _ask_who_computes(client: Client, keys: set[str], answers: SimpleQueue[dict[str, bool]]) -> None:
     with suppress(OSError):  # the scheduler is gone, and its workers end
         answers.put(client.run(_is_computing, keys, on_error="ignore"))
 

@@ -83,7 +83,7 @@ def _receive_outcomes(stream: IO[bytes]) -> Iterator[CellOutcome]:
     RuntimeError
         The process did not start.
     Exception
-        The error that ended the process, if it could send the error.
+        The error that the process sent before it ended.
     """
     try:
         pickle.load(stream)

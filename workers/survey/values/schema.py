@@ -76,7 +76,7 @@ class Quantity:
     reference: str
     evaluate: Evaluate
     flags: tuple[str, ...] = ()  # meanings of the codes 0, 1, 2, …
-    needs: Capability | None = None  # a capability that a model needs besides that in GROUP_NEEDS
+    needs: Capability | None = None  # a capability that a model needs for this variable, besides GROUP_NEEDS
 
     @property
     def fill_value(self) -> int | float | complex | bool:
