@@ -37,7 +37,10 @@ def complete(
     on_proved: Callable[[int, int], None] = lambda _done, _number: None,
     should_pause: Callable[[], bool] = lambda: False,
 ) -> None:
-    """Compute the missing additions to a survey whose tiles are all computed. The caller holds the lock of the store.
+    """Take the missing steps to complete a survey whose tiles are all computed.
+
+    The steps meet the requested bound, join families, build levels and prove attractors. The caller holds the lock of
+    the store.
 
     Parameters
     ----------

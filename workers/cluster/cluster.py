@@ -38,12 +38,12 @@ CONNECT_SECONDS = 10
 ONE_THREAD = {"NUMBA_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
 
 
-#: dask replaces a worker that has sent no heartbeat for this time (at the latest after twice this time). A worker sends
-#: two heartbeats a second while it computes; the long time keeps a slow worker of a busy machine from being replaced.
+#: dask replaces a worker that has sent no heartbeat for this many seconds, at the latest after twice as many. In a
+#: cluster of few workers each sends two heartbeats a second; the time is long, so that dask keeps slow workers, too.
 SILENT_SECONDS = 60
 #: After two deaths of its worker, a tile is computed in a process of its own, which shows which cells are the cause.
 ALLOWED_DEATHS = 1
-HEARTBEAT_SECONDS = 1.0
+HEARTBEAT_SECONDS = 1.0  # seconds between two heartbeats of a worker that loads kernels
 WATCH_SECONDS = 0.1  # seconds between two checks whether the nannies' process lives and whether start-up was cancelled
 #: Longest wait for killed workers to vanish, and seconds between two checks.
 END_SECONDS, LOOK_SECONDS = 1.0, 0.02

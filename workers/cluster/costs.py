@@ -1,4 +1,4 @@
-"""Predict the costs of a run's tiles from some of their cells and from finished tiles, and the time left."""
+"""Predict the costs of a run's tiles and the end of the run, from a few measured cells and from finished tiles."""
 
 from __future__ import annotations
 

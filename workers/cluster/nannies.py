@@ -1,7 +1,7 @@
 """The process that starts the workers of a cluster on this machine. Each worker has a nanny of dask, which restarts it.
 
-A worker that multiprocessing starts imports the main module of the process that starts it. Here the main module is this
-one. So a user's script needs no ``if __name__ == "__main__"``, and workers never run it.
+A worker that multiprocessing starts imports the main module of the process that starts it. Here that main module is
+this file. So a user's script needs no ``if __name__ == "__main__"``, and workers never run it.
 """
 
 import asyncio

@@ -73,9 +73,9 @@ class Submission(SubmittedTasks[Attempt, Found]):
         self.superseded: list[Future] = []
 
     def free_threads(self) -> int:
-        """Return how many more tiles are needed to keep every thread busy.
+        """Return the number of threads that have no tile, and so the number of tiles that may be submitted.
 
-        No tile waits at a busy worker, because dask counts a worker's death against every task that the worker has.
+        No thread gets a second tile in advance, because dask counts a worker's death against all tasks of the worker.
 
         Returns
         -------

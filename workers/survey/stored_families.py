@@ -259,13 +259,17 @@ def create_family_array(root: zarr.Group, request: SurveyRequest, side: int) -> 
     )
 
 
-def files_of_families(request: SurveyRequest, side: int, found: Mapping[Along, tuple[JoinedFamilies, Any]]) -> Template:
+def files_of_families(
+    request: SurveyRequest, side: int, joined_slices: Mapping[Along, tuple[JoinedFamilies, Any]]
+) -> Template:
     """Return the files of the families in a store by key, except the chunks of the array of family numbers.
 
     Parameters
     ----------
-    found : Mapping[Along, tuple[JoinedFamilies, Any]]
-        For each slice, by its index: the families, and the `FamilyEdges` with the values of EDGE_VARIABLES.
+    side : int
+        Number of cells along a side of a chunk of the family numbers.
+    joined_slices : Mapping[Along, tuple[JoinedFamilies, Any]]
+        For each slice, by its index, the families and the `FamilyEdges` with the values of EDGE_VARIABLES.
 
     Returns
     -------
@@ -275,7 +279,7 @@ def files_of_families(request: SurveyRequest, side: int, found: Mapping[Along, t
     kept: dict[str, Buffer] = {}
     root = zarr.create_group(MemoryStore(kept), zarr_format=3)
     create_family_array(root, request, side)
-    for along, (joined, edges) in found.items():
+    for along, (joined, edges) in joined_slices.items():
         attributes = {"long_name": "families of attractors", "references": REFERENCE}
         group = create_slice_group(root, request, along).create_group(GROUP, attributes=attributes)
         write_variables(group, FAMILY_VARIABLES, joined)
