@@ -101,7 +101,7 @@ def claims_of(survey: xr.Dataset) -> list[AttractorClaim]:
 
 
 def certify_claims(claims: Iterable[AttractorClaim]) -> ProofResults:
-    """Try to prove attractors. Return the place of each with its certificate (a dictionary) or the cause of failure."""
+    """Try to prove attractors. Return each attractor's place with its certificate or the cause of failure."""
     found: ProofResults = []
     for claim in claims:
         try:

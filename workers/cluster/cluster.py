@@ -39,7 +39,7 @@ ONE_THREAD = {"NUMBA_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_TH
 
 
 #: dask replaces a worker that has sent no heartbeat for this many seconds, at the latest after twice as many. In a
-#: cluster of few workers each sends two heartbeats a second; the time is long, so that dask keeps slow workers, too.
+#: small cluster every worker sends two heartbeats a second; the time is long, so that dask keeps slow workers, too.
 SILENT_SECONDS = 60
 #: After two deaths of its worker, a tile is computed in a process of its own, which shows which cells are the cause.
 ALLOWED_DEATHS = 1
@@ -243,7 +243,7 @@ class _WorkerProcesses:
 
 
 def _environment() -> dict[str, str]:
-    """Return this process's environment variables for workers, with one thread each, without semaphore warnings."""
+    """Return this process's environment variables, changed for workers: one thread each, no semaphore warnings."""
     ignored = ",".join(filter(None, [os.environ.get("PYTHONWARNINGS"), "ignore:resource_tracker:UserWarning"]))
     return {**environment(), **ONE_THREAD, "PYTHONWARNINGS": ignored}
 
@@ -430,7 +430,7 @@ def _address_of(url: str) -> str:
 
 
 def end_processes(client: Client, addresses: list[str]) -> None:
-    """Kill workers, even during a task, and wait until they are gone, at most END_SECONDS.
+    """Kill workers, even during a task, and wait until they are gone, but at most END_SECONDS.
 
     Workers without a nanny are spared, because nothing restarts them.
     """
@@ -492,10 +492,10 @@ async def _end_process(dask_worker: Worker) -> None:
 def _require_answer(url: str) -> None:
     """Raise an error unless a program answers at the address, because a dask client that never connects hangs later."""
 
-    async def knock() -> None:
+    async def connect_once() -> None:
         answer = await comm.connect(url, timeout=CONNECT_SECONDS, **Security().get_connection_args("client"))
         await answer.close()
 
     # A thread of its own runs the event loop, because a notebook's thread already has one.
     with ThreadPoolExecutor(1) as thread:
-        thread.submit(asyncio.run, knock()).result()
+        thread.submit(asyncio.run, connect_once()).result()

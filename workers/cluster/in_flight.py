@@ -95,8 +95,8 @@ class SubmittedTasks(ABC, Generic[Work, Result]):
         Returns
         -------
         tuple[Task[Work], Result] | None
-            None if no task ends within `seconds`, if the ended task was forgotten before, or if `handle_error` raises
-            no error.
+            None if no task ends within `seconds`, if the ended task was forgotten before, or if it failed and
+            `handle_error` raised no error.
 
         Raises
         ------
@@ -133,7 +133,7 @@ class SubmittedTasks(ABC, Generic[Work, Result]):
         self._ended.put((future, result, error))
 
     def forget_tasks(self, condition: Callable[[Work], bool]) -> None:
-        """Forget all tasks whose work meets `condition`. The scheduler then cancels those that have not finished.
+        """Forget all tasks whose work meets `condition`. The scheduler then cancels the unfinished tasks.
 
         Finished tasks must be forgotten, too: if a worker died, dask would compute the finished tasks of this worker
         again, unless they are forgotten.

@@ -112,7 +112,7 @@ class _WindowTasks(SubmittedTasks[WindowPart, PartValues]):
                 yield task.work, values
 
     def handle_error(self, _: Task[WindowPart], error: BaseException) -> None:
-        """Raise an error. Parts are not repeated, because a viewer does not wait for a window that long."""
+        """Raise an error for the failed part. No part is repeated, because viewers of a window would wait too long."""
         if isinstance(error, KilledWorker):
             raise SurveyError("a part of this window kills its worker: choose another window") from error
         raise SurveyError(

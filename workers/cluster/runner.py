@@ -215,8 +215,8 @@ def run_tiles(
     """Compute tiles on a cluster and write them to an existing store, until all are written or the run must stop.
 
     If tiles may take long, some cells of many tiles are computed first to predict costs, and the most expensive tiles
-    come first. A tile that kills its workers, or takes a quarter of an hour (a large one longer), is computed cell by
-    cell in a process of its own, so that only those cells fail that kill the process or take too much processor time.
+    come first. A tile that kills its workers, or takes a quarter of an hour (longer if it is large), is computed cell
+    by cell in a process of its own. Then only those cells fail that kill the process or take too much processor time.
 
     Parameters
     ----------
@@ -226,7 +226,7 @@ def run_tiles(
         Called several times a second. The run ends within seconds after this returns true. Tiles that end in that time
         are reported; all others are left to the next run.
     should_kill : Callable[[], bool]
-        Called after a stop. If it returns true, nobody needs the running tiles, and their processes are killed at once.
+        Called after a stop. It returns true if nobody needs the running tiles; then their processes are killed at once.
     should_pause : Callable[[], bool]
         Called several times a second. After it returns true, no more tasks begin. Running tasks end within
         PART_SECONDS, unless one cell takes longer.

@@ -86,7 +86,7 @@ class Submission(SubmittedTasks[Attempt, Found]):
         return max(self.n_threads - len(self.in_flight), 0)
 
     def submit(self, tile: AnyTile, isolated: bool = False, workers: Iterable[str] | None = None) -> None:
-        """Submit a tile. isolated: compute it in a process of its own. workers: addresses of workers to choose from."""
+        """Submit a tile. isolated: compute it in a process of its own. workers: the only ones that may compute it."""
         known = self._partial.get(tile.index), self._slowest or math.inf, self.seconds
         self.put(
             Attempt(tile, isolated), self._task, self._request, self._path, tile, isolated, *known, workers=workers

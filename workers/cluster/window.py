@@ -96,7 +96,7 @@ def window_survey(request: SurveyRequest, window: Window, pixels: tuple[int, int
     try:
         for name, span, number in zip(("delta", "epsilon"), window, pixels, strict=True):
             low, high = require_pair(name, span)
-            axes[name] = _axis(name, low, high, require_integer(f"pixels along {name}", number, 2, MOST_PIXELS))
+            axes[name] = _window_axis(name, low, high, require_integer(f"pixels along {name}", number, 2, MOST_PIXELS))
         sample = request.initial_conditions.model_copy(update={"v_max": request.v_max})
         same = {"initial_conditions": sample, "slots": request.n_slots, "tile": TileShape(), "certify": False}
         return SurveyRequest.model_validate(request.model_dump() | axes | same)
@@ -104,7 +104,7 @@ def window_survey(request: SurveyRequest, window: Window, pixels: tuple[int, int
         raise SurveyError(f"the window cannot be computed: {first_message(error)}") from error
 
 
-def _axis(name: str, low: float, high: float, number: int) -> Axis:
+def _window_axis(name: str, low: float, high: float, number: int) -> Axis:
     """Return an axis of about `number` values: k·2ᵖ + 1 with p ≤ HALVINGS, so that its ends are on every level."""
     if not low < high:
         raise SurveyError(f"the window has no width along {name} ({low} to {high}): choose another window")

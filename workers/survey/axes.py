@@ -220,7 +220,7 @@ def first_message(error: ValueError) -> str:
 
 
 def field_and_message(error: ValidationError) -> str:
-    """Return the message for the first wrong field, which begins with the name of the field."""
+    """Return the message for the first wrong field, with the name of the field at the beginning."""
     where = ".".join(str(part) for part in error.errors()[0]["loc"])
     return f"{where}: {first_message(error)}" if where else first_message(error)
 

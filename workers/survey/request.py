@@ -131,7 +131,7 @@ else:
 
 
 class _CommonFields(StrictRecord):
-    """The fields of a survey request that come first in documents."""
+    """The first fields of a survey request in documents: name, model and half-backlash."""
 
     name: Name = ""
     model: ModelName = ModelName(DEFAULT_MODEL)

@@ -143,7 +143,7 @@ def _attributes(request: SurveyRequest, created: str) -> dict[str, Any]:
         "creator_name": "gear-rattle, at the request of its user",
         "license": "CC0-1.0: these numbers may be used without restriction; gear-rattle itself is BSD-3-Clause",
         "citation": f"gear-rattle {rattle.__version__}; J. F. Mason and P. T. Piiroinen, doi:{DOI}",
-        "title": request.name or _title(request),
+        "title": request.name or _survey_title(request),
         "source": f"gear-rattle {code_version()}",
         "references": f"https://doi.org/{DOI}",
         "doi": DOI,
@@ -158,7 +158,7 @@ def _attributes(request: SurveyRequest, created: str) -> dict[str, Any]:
     }
 
 
-def _title(request: SurveyRequest) -> str:
+def _survey_title(request: SurveyRequest) -> str:
     planes = f"planes at {request.n_slices} values of {request.third_axis_name}" if request.third_axis_name else "plane"
     return f"Survey of the (delta, epsilon) {planes} of the {request.model} gear model"
 

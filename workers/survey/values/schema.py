@@ -91,7 +91,7 @@ class Quantity:
 
     @property
     def per_cell(self) -> bool:
-        """True if the variable has a value for each cell, which tiles write; others are in the store from the start."""
+        """True if the variable has a value for each cell. Tiles write these variables, not the others."""
         return self.dims[-2:] == CELL
 
     @property
