@@ -60,14 +60,14 @@ def certify_areas(
 
 
 def _blocks_of_columns(
-    places: list[Ends], epsilon: Ends, beta: Fraction, processes: int
+    ranges: list[Ends], epsilon: Ends, beta: Fraction, processes: int
 ) -> Iterator[list[ProvedBlock]]:
-    """Yield the proved blocks of each column of δ, in the order of the columns. places: the columns' ranges of δ."""
+    """Prove the blocks of each column, and yield a list for each column. ranges: the range of δ of each column."""
     if processes == 1:
-        yield from (prove_column(beta, delta, epsilon) for delta in places)
+        yield from (prove_column(beta, delta, epsilon) for delta in ranges)
         return
     pool = ThreadPoolExecutor(processes)
     try:
-        yield from pool.map(lambda delta: call_in_subprocess(prove_column, beta, delta, epsilon), places)
+        yield from pool.map(lambda delta: call_in_subprocess(prove_column, beta, delta, epsilon), ranges)
     finally:
         pool.shutdown(cancel_futures=True)

@@ -154,8 +154,8 @@ def _counts_by_kind(leaf: np.ndarray) -> np.ndarray:
     return np.bincount(leaf % KINDS, minlength=KINDS)
 
 
-def _add_counts(one: AuditCounts, other: AuditCounts) -> AuditCounts:
-    return AuditCounts(*(a + b for a, b in zip(one, other, strict=True)))
+def _add_counts(first: AuditCounts, second: AuditCounts) -> AuditCounts:
+    return AuditCounts(*(a + b for a, b in zip(first, second, strict=True)))
 
 
 def _write_attributes(place: Place, attributes: Mapping[str, str | int | float]) -> None:

@@ -55,7 +55,8 @@ ProofResults = list[tuple[Place, dict[str, Any] | str]]
 class AttractorClaim(NamedTuple):
     """A periodic attractor to prove.
 
-    place: the slot and the cell of the attractor. tau, v: a state on it. label: (m, n₊, n₋).
+    place: the attractor's slot, and the indices of its cell along ε and δ. tau, v: a state on the attractor. label:
+    (m, n₊, n₋).
     """
 
     place: Place
@@ -100,7 +101,7 @@ def claims_of(survey: xr.Dataset) -> list[AttractorClaim]:
 
 
 def certify_claims(claims: Iterable[AttractorClaim]) -> ProofResults:
-    """Try to prove attractors. Return the place of each with its certificate (a dictionary) or the cause of failure."""
+    """Try to prove attractors. Return each attractor's place with its certificate or the cause of failure."""
     found: ProofResults = []
     for claim in claims:
         try:
@@ -339,7 +340,8 @@ def examine_certificates(out: Path, ended: bool = False) -> CertificatesIntegrit
     out : pathlib.Path
         The store.
     ended : bool
-        True if no run still proves. A missing file of checksums then counts as lost, because a run ends by writing it.
+        True if the run that proves the attractors has ended. A missing file of checksums then counts as lost,
+        because a run writes this file at its end.
 
     Returns
     -------

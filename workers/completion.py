@@ -21,8 +21,8 @@ def is_incomplete(request: AnyRequest, where: str | Path | Place) -> bool:
     Returns
     -------
     bool
-        True if a requested bound is not met yet, or if requested families or certificates, or levels, are missing;
-        False for a population.
+        True if one of these is missing: a requested bound, requested families, levels (in a large survey), requested
+        certificates. False for a population.
     """
     return isinstance(request, SurveyRequest) and any(
         lacks(request, where) for lacks in (lacks_bound, lacks_families, lacks_levels, lacks_certificates)
@@ -37,7 +37,10 @@ def complete(
     on_proved: Callable[[int, int], None] = lambda _done, _number: None,
     should_pause: Callable[[], bool] = lambda: False,
 ) -> None:
-    """Compute the missing additions to a survey whose tiles are all computed. The caller holds the lock of the store.
+    """Take the missing steps to complete a survey whose tiles are all computed.
+
+    The steps meet the requested bound, join families, build levels and prove attractors. The caller holds the lock of
+    the store.
 
     Parameters
     ----------

@@ -67,7 +67,7 @@ def run_tiles_here(
     tiles = list(tiles)
     require_aligned(request, tiles)
     place = place_of(where)
-    stopping, left = threading.Event(), threading.Event()
+    stopping, run_ended = threading.Event(), threading.Event()
     ended: SimpleQueue[TileRecord | Exception | None] = SimpleQueue()
 
     def compute_tiles() -> None:
@@ -76,7 +76,7 @@ def run_tiles_here(
                 break
             try:
                 values, record = compute_tile(request, tile)
-                if left.is_set():  # after the run the store is not locked, so nothing may be written
+                if run_ended.is_set():  # the store is not locked any more, so nothing may be written
                     break
                 record = replace(record, files=write_tile(request, str(place), tile, values))
             except Exception as error:
@@ -107,4 +107,4 @@ def run_tiles_here(
                     note({found.index: found.files})
                     on_tile(found)
             finally:
-                left.set()
+                run_ended.set()

@@ -130,15 +130,16 @@ def _reduced_arrays(
         yield from ((each,) for each in made(values, known, steps))
 
 
-def _stacked_maps(made: Sequence[np.ndarray], beside: tuple[int, ...]) -> np.ndarray:
+def _stacked_maps(maps: Sequence[np.ndarray], lengths: tuple[int, ...]) -> np.ndarray:
     """Join the maps of a variable, for example one for each slot, to one array.
 
-    made: the maps. beside: lengths of the variable's dimensions other than δ and ε.
+    maps: arrays (statistics, rows, columns), or (rows, columns) if the variable's values are codes, such as regions.
+    lengths: the lengths of the variable's dimensions other than δ and ε.
 
     Returns
     -------
     np.ndarray
-        Shape (statistics, *beside, rows, columns); codes have no statistics.
+        Shape (statistics, *lengths, rows, columns), without the first axis for codes.
     """
-    statistics = made[0].shape[:-2]
-    return np.stack(made, axis=len(statistics)).reshape(*statistics, *beside, *made[0].shape[-2:])
+    statistics = maps[0].shape[:-2]
+    return np.stack(maps, axis=len(statistics)).reshape(*statistics, *lengths, *maps[0].shape[-2:])

@@ -121,12 +121,12 @@ def _compute_and_complete(
         return
     from gear_rattle.workers.cluster.runner import complete_on, run_tiles
 
-    with _client(cluster) as client:
+    with _open_client(cluster) as client:
         run_tiles(request, place, missing, client, on_tile, _never_stop)
         complete_on(client, request, place, _never_stop)
 
 
-def _client(cluster: str | Client | int | None) -> AbstractContextManager[Client]:
+def _open_client(cluster: str | Client | int | None) -> AbstractContextManager[Client]:
     from gear_rattle.workers.cluster.cluster import connect, embedded_cluster
 
     if isinstance(cluster, str):

@@ -72,7 +72,8 @@ class Database(Surveys, Keys):
         self._reader.dispose()
 
     def _open(self, exclusive: bool) -> None:
-        current = is_current(self._reader)  # first, because it refuses another program's database unchanged
+        # The first step, because it refuses a database of another program without changing the database.
+        current = is_current(self._reader)
         if current and not exclusive:
             return
         self._lock = lock_database(self._reader)

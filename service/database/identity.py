@@ -43,7 +43,7 @@ class NewJob:
 
 
 def find_by_key(session: Session, new: NewJob) -> JobRow | None:
-    """Return the job with the same idempotency key, or None. Raises ConflictError if its request body differs."""
+    """Return the job with the same idempotency key, or None. Raises ConflictError if that job had another body."""
     if new.stored_key is None:
         return None
     job = session.scalars(select(JobRow).where(JobRow.idempotency_key == new.stored_key)).one_or_none()

@@ -100,7 +100,9 @@ class Keys(Transactions):
     def key_by_session(self, session_hash: str) -> KeyRow | None:
         """Return the key of a browser's session; None if the session has ended or expired, or the key was revoked."""
         with self._read() as session:
-            return session.scalars(_where_live(select(KeyRow)).where(SessionRow.hash == session_hash)).one_or_none()
+            return session.scalars(
+                _join_live_sessions(select(KeyRow)).where(SessionRow.hash == session_hash)
+            ).one_or_none()
 
     def end_session(self, session_hash: str) -> None:
         """Sign a browser out."""
@@ -120,9 +122,9 @@ class Keys(Transactions):
 
 
 def _live_session_hashes(session: Session, hashes: set[str]) -> set[str]:
-    return set(session.scalars(_where_live(select(SessionRow.hash)).where(SessionRow.hash.in_(hashes))))
+    return set(session.scalars(_join_live_sessions(select(SessionRow.hash)).where(SessionRow.hash.in_(hashes))))
 
 
-def _where_live(what: Select[tuple[Any]]) -> Select[tuple[Any]]:
-    joined = what.join_from(SessionRow, KeyRow, SessionRow.key == KeyRow.id)
+def _join_live_sessions(query: Select[tuple[Any]]) -> Select[tuple[Any]]:
+    joined = query.join_from(SessionRow, KeyRow, SessionRow.key == KeyRow.id)
     return joined.where(SessionRow.expires > timestamp(), KeyRow.revoked.is_(None))

@@ -40,7 +40,7 @@ def is_current(engine: Engine) -> bool:
         present = inspect(connection)
         tables = set(present.get_table_names())
         revision = MigrationContext.configure(connection).get_current_revision() if VERSION_TABLE in tables else None
-        scripts = ScriptDirectory.from_config(_config())
+        scripts = ScriptDirectory.from_config(_alembic_config())
         head = scripts.get_current_head()
         if revision is None:
             if tables - {VERSION_TABLE}:
@@ -70,12 +70,12 @@ def upgrade_schema(engine: Engine) -> None:
     if is_current(engine):
         return
     with engine.execution_options(writes=True).begin() as connection:
-        config = _config()
+        config = _alembic_config()
         config.attributes["connection"] = connection
         command.upgrade(config, "head")
 
 
-def _config() -> Config:
+def _alembic_config() -> Config:
     from alembic.config import Config
 
     config = Config()

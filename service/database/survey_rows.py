@@ -83,7 +83,7 @@ class Surveys(Transactions):
         UnauthorizedError
             The owner's key was revoked.
         QueueFullError
-            ``max_jobs`` surveys are waiting or running, or as many of the owner as its key allows.
+            ``max_jobs`` surveys are waiting or running, or the owner has as many of them as its key allows.
         QuotaError
             With this survey the owner would have more cells than its key allows.
         """
@@ -167,7 +167,7 @@ class Surveys(Transactions):
             return [ActiveSurvey(*row) for row in found]
 
     def set_turn_messages(self, survey_id: str) -> None:
-        """Write into the messages of the other queued surveys that they wait for this survey, whose turn begins now."""
+        """Set the messages of all other queued surveys: they wait for this survey, which is computed from now on."""
         with self._write() as (session, _):
             if (job := _find_active(session, survey_id)) is None:
                 return
@@ -233,7 +233,7 @@ class Surveys(Transactions):
         Parameters
         ----------
         owner : str | None
-            Id of the API key that requests it, whose quotas apply; None without a key.
+            Id of the API key that requests the computation and whose quotas apply; None without a key.
 
         Returns
         -------
@@ -247,7 +247,7 @@ class Surveys(Transactions):
         UnauthorizedError
             The key of ``owner`` was revoked.
         QueueFullError
-            ``max_jobs`` surveys are waiting or running, or as many of the owner as its key allows.
+            ``max_jobs`` surveys are waiting or running, or the owner has as many of them as its key allows.
         ConflictError
             The survey is active, or is being deleted.
         """

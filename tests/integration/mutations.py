@@ -129,7 +129,7 @@ PROTECTIONS = (
         "a tile that kills workers is computed apart",
         f"{WORKERS}::test_a_poison_cell_is_the_only_one_lost",
         "workers/cluster/submission.py",
-        "        if task.work.apart:\n",
+        "        if task.work.isolated:\n",
         "        if True:\n",
     ),
     _one(

@@ -38,12 +38,12 @@ CONNECT_SECONDS = 10
 ONE_THREAD = {"NUMBA_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
 
 
-#: dask replaces a worker that has sent no heartbeat for this time (at the latest after twice this time). A worker sends
-#: two heartbeats a second while it computes; the long time keeps a slow worker of a busy machine from being replaced.
+#: dask replaces a worker that has sent no heartbeat for this many seconds, at the latest after twice as many. In a
+#: small cluster every worker sends two heartbeats a second; the time is long, so that dask keeps slow workers, too.
 SILENT_SECONDS = 60
 #: After two deaths of its worker, a tile is computed in a process of its own, which shows which cells are the cause.
 ALLOWED_DEATHS = 1
-HEARTBEAT_SECONDS = 1.0
+HEARTBEAT_SECONDS = 1.0  # seconds between two heartbeats of a worker that loads kernels
 WATCH_SECONDS = 0.1  # seconds between two checks whether the nannies' process lives and whether start-up was cancelled
 #: Longest wait for killed workers to vanish, and seconds between two checks.
 END_SECONDS, LOOK_SECONDS = 1.0, 0.02
@@ -69,7 +69,7 @@ OURS, MODULE = "gear-rattle", "gear_rattle"
 #: Packages whose versions must be equal in all processes. With different versions, processes cannot exchange messages,
 #: or compute different bits.
 PACKAGES = (OURS, "dask", "distributed", "numpy", "numba", "llvmlite", "zarr")
-SHOWN = 3  # a message names at most this many workers
+WORKERS_IN_MESSAGE = 3  # a message names at most this many workers
 REFUSED_TOPIC = "gear-rattle-refused"  # topic of dask's events about refused workers, which have other software
 
 logger = logging.getLogger(__name__)
@@ -167,7 +167,7 @@ def _interrupts_blocked() -> Iterator[None]:
 
 
 class _WorkerProcesses:
-    """Keep the process of the nannies and workers running: start it, and start it again if it is killed.
+    """Start the process that starts the nannies and workers. If this process is killed, start it again.
 
     Parameters
     ----------
@@ -243,7 +243,7 @@ class _WorkerProcesses:
 
 
 def _environment() -> dict[str, str]:
-    """Return this process's environment variables for workers, with one thread each, without semaphore warnings."""
+    """Return this process's environment variables, changed for workers: one thread each, no semaphore warnings."""
     ignored = ",".join(filter(None, [os.environ.get("PYTHONWARNINGS"), "ignore:resource_tracker:UserWarning"]))
     return {**environment(), **ONE_THREAD, "PYTHONWARNINGS": ignored}
 
@@ -280,8 +280,8 @@ def embedded_cluster(
     if n_workers < 1:
         raise SurveyError(f"n_workers must be at least 1, got {n_workers}")
     with ExitStack() as stack:
-        # The cluster's event loop logs every lost connection with a traceback until it ends. dask's own option
-        # `silence_logs` does not silence the last of these, because it is reset earlier.
+        # The cluster's event loop logs every lost connection with a traceback until the loop ends. dask's own option
+        # `silence_logs` does not silence the last tracebacks, because dask resets the option before the loop ends.
         stack.enter_context(silence_logging_cmgr(logging.CRITICAL))
         # Workers run in this directory, where Python first looks for modules; dask's default is open to all accounts.
         scratch = stack.enter_context(scratch_directory(dask.config.get("temporary-directory", None)))
@@ -402,15 +402,19 @@ def _own_version(client: Client) -> str:
     return str(versions["client"]["packages"][OURS] or "VERSION")
 
 
-def _versions_by_package(of: Mapping[str, Any]) -> dict[str, str | None]:
+def _versions_by_package(versions: Mapping[str, Any]) -> dict[str, str | None]:
     """Return versions by package; the version of Python is its first two numbers."""
-    packages = {name: of["packages"].get(name) for name in PACKAGES}
-    return packages | {"Python": ".".join(str(of["host"]["python"]).split(".")[:2])}
+    packages = {name: versions["packages"].get(name) for name in PACKAGES}
+    return packages | {"Python": ".".join(str(versions["host"]["python"]).split(".")[:2])}
 
 
 def _workers_in_words(addresses: list[str]) -> str:
-    more = f" and {len(addresses) - SHOWN} more" if len(addresses) > SHOWN else ""
-    return ("the worker at " if len(addresses) == 1 else "workers at ") + ", ".join(sorted(addresses)[:SHOWN]) + more
+    more = f" and {len(addresses) - WORKERS_IN_MESSAGE} more" if len(addresses) > WORKERS_IN_MESSAGE else ""
+    return (
+        ("the worker at " if len(addresses) == 1 else "workers at ")
+        + ", ".join(sorted(addresses)[:WORKERS_IN_MESSAGE])
+        + more
+    )
 
 
 def _address_of(url: str) -> str:
@@ -426,7 +430,7 @@ def _address_of(url: str) -> str:
 
 
 def end_processes(client: Client, addresses: list[str]) -> None:
-    """Kill workers, even during a task, and wait until they are gone, at most END_SECONDS.
+    """Kill workers, even during a task, and wait until they are gone, but at most END_SECONDS.
 
     Workers without a nanny are spared, because nothing restarts them.
     """
@@ -442,11 +446,11 @@ def end_processes(client: Client, addresses: list[str]) -> None:
 
 
 def end_tasks(client: Client, futures: list[Future]) -> None:
-    """Cancel tasks, and kill the workers that run only these tasks."""
+    """Cancel tasks, and kill the workers that run only these tasks and have a nanny."""
     keys = {future.key for future in futures}
     try:
         processing = client.processing()
-        client.cancel(futures)  # or dask would repeat the tasks of killed workers elsewhere
+        client.cancel(futures)  # otherwise dask would repeat the tasks of killed workers on other workers
     except OSError:  # the scheduler is gone
         return
     end_processes(client, [address for address, busy in processing.items() if busy and keys.issuperset(busy)])
@@ -462,7 +466,7 @@ def end_tasks_and_wait(client: Client, futures: list[Future]) -> None:
     quiet, keys = 0, {future.key for future in futures}
     while quiet < IDLE_CHECKS:
         answers: SimpleQueue[dict[str, bool]] = SimpleQueue()
-        Thread(target=_ask_workers, args=(client, keys, answers), name="ask-workers", daemon=True).start()
+        Thread(target=_ask_who_computes, args=(client, keys, answers), name="ask-workers", daemon=True).start()
         at_work = list[str]()
         with suppress(Empty):  # a frozen worker does not answer, but it computes nothing either
             at_work = [address for address, here in answers.get(timeout=END_SECONDS).items() if here]
@@ -471,7 +475,7 @@ def end_tasks_and_wait(client: Client, futures: list[Future]) -> None:
         time.sleep(LOOK_SECONDS)
 
 
-def _ask_workers(client: Client, keys: set[str], answers: SimpleQueue[dict[str, bool]]) -> None:
+def _ask_who_computes(client: Client, keys: set[str], answers: SimpleQueue[dict[str, bool]]) -> None:
     with suppress(OSError):  # the scheduler is gone, and its workers end
         answers.put(client.run(_is_computing, keys, on_error="ignore"))
 
@@ -488,10 +492,10 @@ async def _end_process(dask_worker: Worker) -> None:
 def _require_answer(url: str) -> None:
     """Raise an error unless a program answers at the address, because a dask client that never connects hangs later."""
 
-    async def knock() -> None:
+    async def connect_once() -> None:
         answer = await comm.connect(url, timeout=CONNECT_SECONDS, **Security().get_connection_args("client"))
         await answer.close()
 
     # A thread of its own runs the event loop, because a notebook's thread already has one.
     with ThreadPoolExecutor(1) as thread:
-        thread.submit(asyncio.run, knock()).result()
+        thread.submit(asyncio.run, connect_once()).result()

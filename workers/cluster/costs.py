@@ -1,4 +1,4 @@
-"""Predict the costs of a run's tiles from some of their cells and from finished tiles, and the time left."""
+"""Predict the costs of a run's tiles and the end of the run, from a few measured cells and from finished tiles."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from gear_rattle.workers.cluster.partial import PartialTile
 from gear_rattle.workers.kinds import AnyTile
 from gear_rattle.workers.survey.tiles import TileRecord
 
-MANY = 64  # in a run of fewer tiles no cells are measured first: its first finished tiles predict as well
+MANY = 64  # in a run of fewer tiles no cells are measured: the first finished tiles predict costs just as well
 MEASURED = 256  # at most this many tiles have measured cells
 LEAST_MEASURED, MOST_PER_TILE = 128, 5  # cells to measure: at least in all tiles together, and at most in one tile
-#: The measured cells of a tile are kept if the tile has at most this many cells for each measured cell. In larger tiles
-#: they are computed again with all others, which takes less time than computing the others without them.
+#: The values of a tile's measured cells are kept if the tile has at most this many cells for each measured cell. In a
+#: larger tile they are computed again: a computation of all cells takes less time than one that leaves out a few cells.
 KEPT = 64
-NEAREST = 5  # a tile's cost is the mean of this many measured tiles near it, because a single one may be an exception
+NEAREST = 5  # a tile's cost is the mean of this many measured tiles near it, because a single tile may be untypical
 #: Predictions are corrected by (measured + w) / (predicted + w), from measured and predicted seconds of finished tiles.
 #: The weight w is this multiple of the predicted seconds of all tiles, so that few finished tiles change little.
 PREDICTION_WEIGHT = 1.0
@@ -35,9 +35,9 @@ class RunState:
 
     partial: dict[int, PartialTile] = field(default_factory=dict)
     seconds_per_cell: dict[int, float] = field(default_factory=dict)
-    _each: int = 1  # how many cells are measured in a tile
+    _cells_per_tile: int = 1  # how many cells are measured in each tile
     _expected: dict[int, float] = field(default_factory=dict)  # predicted seconds of each remaining tile, by index
-    _rest: float = 0.0  # sum of _expected
+    _remaining: float = 0.0  # predicted seconds of all remaining tiles
     _ended: float = 0.0  # predicted seconds of all finished tiles
     _spent: float = 0.0  # measured seconds of all finished tiles
 
@@ -49,28 +49,29 @@ class RunState:
         Returns
         -------
         list[AnyTile]
-            At most MEASURED tiles, less those measured before; empty in a run of fewer than MANY tiles.
+            Tiles without measured cells, so few that at most MEASURED tiles are measured in the whole run. Empty in a
+            run of fewer than MANY tiles.
         """
         if len(tiles) + len(self.seconds_per_cell) < MANY:
             return []
         new = [tile for tile in tiles if tile.index not in self.seconds_per_cell]
-        self._each = min(max(LEAST_MEASURED // max(len(tiles), 1), 1), MOST_PER_TILE)
+        self._cells_per_tile = min(max(LEAST_MEASURED // max(len(tiles), 1), 1), MOST_PER_TILE)
         return spread_evenly(new, columns)[: MEASURED - len(self.seconds_per_cell)]
 
     def record_measured(self, tile: AnyTile) -> bool:
         """Record a tile's cost after one of its cells was measured. Return whether to measure another of its cells."""
         part = self.partial[tile.index]
         self.seconds_per_cell[tile.index] = part.record.seconds / part.record.cells
-        if part.record.cells < self._each:
+        if part.record.cells < self._cells_per_tile:
             return True
-        if tile.n_cells > KEPT * self._each:
+        if tile.n_cells > KEPT * self._cells_per_tile:
             del self.partial[tile.index]
         return False
 
     def record_ended(self, record: TileRecord) -> None:
         """Record the measured cost of a finished tile."""
         seconds = self._expected.pop(record.index)
-        self._rest -= seconds
+        self._remaining -= seconds
         self._ended += seconds
         self._spent += record.seconds
 
@@ -93,12 +94,12 @@ class RunState:
             cells = np.array(list(self._expected.values()))
             seconds = cells * np.array(list(self.seconds_per_cell.values()))[which].mean(axis=1)
             self._expected = dict(zip(wanted.tolist(), seconds.tolist(), strict=True))
-        self._rest = math.fsum(self._expected.values())
+        self._remaining = math.fsum(self._expected.values())
 
     def sort_by_cost(self, tiles: Sequence[AnyTile], columns: int) -> list[AnyTile]:
         """Sort tiles: first partly computed tiles, then by falling cost; equally expensive tiles spread over the plane.
 
-        Fewer than MANY tiles keep their order.
+        In a run of fewer than MANY tiles the order does not change.
 
         Returns
         -------
@@ -114,7 +115,7 @@ class RunState:
 
     def seconds_left(self, threads: int) -> float | None:
         """Return the seconds until all tiles have ended; None without threads, or before a cell or tile is measured."""
-        trusted = PREDICTION_WEIGHT * (self._ended + self._rest) if self.seconds_per_cell else 0.0
+        trusted = PREDICTION_WEIGHT * (self._ended + self._remaining) if self.seconds_per_cell else 0.0
         if not threads or not self._ended + trusted:
             return None
         pace = (self._spent + trusted) / (self._ended + trusted)
@@ -130,7 +131,7 @@ class RunState:
                 lefts.append(max(pace * seconds - part.record.seconds, 0.0))
             else:  # the tile's own computed cells predict better than its neighbours
                 lefts.append(part.record.seconds / done * (part.done.size - done))
-        others = pace * max(self._rest - begun, 0.0)
+        others = pace * max(self._remaining - begun, 0.0)
         return max((others + math.fsum(lefts)) / threads, max(lefts, default=0.0))
 
 

@@ -34,11 +34,11 @@ class Task(Generic[Work]):
     began: float
 
 
-class InFlight(ABC, Generic[Work, Result]):
+class SubmittedTasks(ABC, Generic[Work, Result]):
     """The submitted tasks of one run. Subclasses decide the order of submission and the response to failures."""
 
     def __init__(self, client: Client, name: str, lost: str) -> None:
-        """Store the client. name: prefix of the tasks' keys in dask. lost: error message if the scheduler is lost."""
+        """Store the client. name: prefix of the tasks' keys in dask. lost: message for a lost scheduler."""
         self._client, self._lost = client, lost
         self._loop = cast("IOLoop", client.loop)
         self._name = f"{name}-{uuid4().hex}"  # unique, so that dask does not confuse the tasks of two runs
@@ -90,14 +90,13 @@ class InFlight(ABC, Generic[Work, Result]):
         future.add_done_callback(partial(self._loop.add_callback, self._queue_result))
 
     def next_result(self, seconds: float) -> tuple[Task[Work], Result] | None:
-        """Return the next finished task and its result; None if there is none within `seconds`.
-
-        None is also returned if the ended task was forgotten, or after `handle_error` has responded to its failure.
+        """Wait until a task ends, and return the task with its result. A failed task is passed to `handle_error`.
 
         Returns
         -------
         tuple[Task[Work], Result] | None
-            The task and its result, or None.
+            None if no task ends within `seconds`, if the ended task was forgotten before, or if it failed and
+            `handle_error` raised no error.
 
         Raises
         ------
@@ -109,7 +108,7 @@ class InFlight(ABC, Generic[Work, Result]):
         except Empty:
             return None
         task = self.in_flight.get(future.key)
-        if task is None:  # `drop` has forgotten the task
+        if task is None:  # `forget_tasks` has removed the task
             return None
         if error is None:
             return task, result
@@ -133,13 +132,14 @@ class InFlight(ABC, Generic[Work, Result]):
             error = failed
         self._ended.put((future, result, error))
 
-    def drop(self, belongs: Callable[[Work], bool]) -> None:
-        """Forget the tasks for whose work `belongs` returns true. The scheduler then cancels the unfinished ones.
+    def forget_tasks(self, condition: Callable[[Work], bool]) -> None:
+        """Forget all tasks whose work meets `condition`. The scheduler then cancels the unfinished tasks.
 
-        Finished tasks must be forgotten, too: if a worker died, dask would compute its remembered tasks again.
+        Finished tasks must be forgotten, too: if a worker died, dask would compute the finished tasks of this worker
+        again, unless they are forgotten.
         """
         for key, task in list(self.in_flight.items()):
-            if belongs(task.work):
+            if condition(task.work):
                 del self.in_flight[key]
                 task.future.release()
 

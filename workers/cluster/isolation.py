@@ -40,10 +40,10 @@ def compute_tile_isolated(request: AnyRequest, tile: AnyTile, memory: int | None
     tuple[TileArrays, TileRecord]
         Arrays of the tile, and its record.
     """
-    return compute_tile(request, tile, outcomes=_outcomes(request, tile, memory))
+    return compute_tile(request, tile, outcomes=_compute_outcomes(request, tile, memory))
 
 
-def _outcomes(request: AnyRequest, tile: AnyTile, memory: int | None) -> Iterator[CellOutcome]:
+def _compute_outcomes(request: AnyRequest, tile: AnyTile, memory: int | None) -> Iterator[CellOutcome]:
     first, deaths = 0, 0
     while first < tile.n_cells:
         child = subprocess.Popen(
@@ -83,7 +83,7 @@ def _receive_outcomes(stream: IO[bytes]) -> Iterator[CellOutcome]:
     RuntimeError
         The process did not start.
     Exception
-        The error that ended the process, if it could send the error.
+        The error that the process sent before it ended.
     """
     try:
         pickle.load(stream)

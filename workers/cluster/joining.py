@@ -8,7 +8,7 @@ from typing import Any
 from distributed import Client, KilledWorker
 
 from gear_rattle.workers.cluster.cluster import end_tasks_and_wait
-from gear_rattle.workers.cluster.in_flight import InFlight, Task
+from gear_rattle.workers.cluster.in_flight import SubmittedTasks, Task
 from gear_rattle.workers.cluster.submission import LOST, WORKERLESS_SECONDS
 from gear_rattle.workers.errors import StoppedError, SurveyError
 from gear_rattle.workers.survey.request import SurveyRequest
@@ -16,9 +16,8 @@ from gear_rattle.workers.survey.tiles import POLL_SECONDS
 
 #: A task is attempted at most this many times; an attempt fails when two workers have died during it.
 ATTEMPTS = 3
-SEVERAL = (
-    8  # number of tasks for each thread in a batch; the next batch begins only after all tasks of this one have ended
-)
+#: A batch has this many tasks for each thread. The next batch begins when all tasks of the batch have ended.
+TASKS_PER_THREAD = 8
 
 
 @dataclass(frozen=True)
@@ -29,7 +28,7 @@ class _TaskAttempt:
     attempt: int
 
 
-class CompletionTasks(InFlight[_TaskAttempt, Any]):
+class CompletionTasks(SubmittedTasks[_TaskAttempt, Any]):
     """Runs the tasks that complete a survey on a cluster. `complete` calls the method `run_for_each`."""
 
     def __init__(self, client: Client, should_stop: Callable[[], bool]) -> None:
@@ -74,7 +73,7 @@ class CompletionTasks(InFlight[_TaskAttempt, Any]):
                 if ended := self.next_result(POLL_SECONDS):
                     done, result = ended
                     found[done.work.number] = result
-                    self.drop(done.work.__eq__)
+                    self.forget_tasks(done.work.__eq__)
         finally:
             if futures := [task.future for task in self.in_flight.values()]:
                 self.in_flight.clear()
@@ -83,11 +82,11 @@ class CompletionTasks(InFlight[_TaskAttempt, Any]):
 
     def batch_size(self) -> int:
         """Return a number of tasks for a batch, so large that threads are idle only shortly before the batch ends."""
-        return SEVERAL * max(self.count_threads(WORKERLESS_SECONDS), 1)
+        return TASKS_PER_THREAD * max(self.count_threads(WORKERLESS_SECONDS), 1)
 
     def handle_error(self, task: Task[_TaskAttempt], error: BaseException) -> None:
         """Queue a task again if it killed its worker, for at most ATTEMPTS attempts. Raise any other error."""
-        self.drop(task.work.__eq__)
+        self.forget_tasks(task.work.__eq__)
         if not isinstance(error, KilledWorker):
             raise error
         if task.work.attempt == ATTEMPTS:

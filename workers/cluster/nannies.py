@@ -1,7 +1,7 @@
 """The process that starts the workers of a cluster on this machine. Each worker has a nanny of dask, which restarts it.
 
-A worker that multiprocessing starts imports the main module of the process that starts it. Here the main module is this
-one. So a user's script needs no ``if __name__ == "__main__"``, and workers never run it.
+A worker that multiprocessing starts imports the main module of the process that starts it. Here that main module is
+this file. So a user's script needs no ``if __name__ == "__main__"``, and workers never run it.
 """
 
 import asyncio
@@ -14,11 +14,11 @@ import threading
 from contextlib import suppress
 from typing import Any, NamedTuple
 
-OBJECTS = 400_000  # new objects between two garbage collections; Python's default is 700
+COLLECTION_THRESHOLD = 400_000  # number of new objects between two garbage collections; Python's default is 700
 
 # Garbage collections among the imported modules took a fifth of a worker's start. The threshold is set here because a
 # worker imports this module before anything else.
-gc.set_threshold(OBJECTS)
+gc.set_threshold(COLLECTION_THRESHOLD)
 
 #: Module of the process with which Python removes the semaphores of dead processes.
 TRACKER = "multiprocessing.resource_tracker"

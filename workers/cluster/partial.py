@@ -16,7 +16,7 @@ from gear_rattle.workers.survey.values.schema import SAMPLED, Group
 
 PART_SECONDS = 2.0  # intended duration of a task, short so that other tasks can begin soon
 FEW = 16  # a tile with fewer cells has no parts
-QUICK = 0.25  # a tile that takes less than this share of a task's time has no parts
+QUICK_SHARE = 0.25  # a tile that takes less than this share of a task's time has no parts
 
 
 @dataclass(frozen=True)
@@ -83,7 +83,7 @@ def compute_partly(
     """
     began = time.perf_counter()
     part = before or _empty_part(tile)
-    if before is None and expected * part.done.size < QUICK * seconds:
+    if before is None and expected * part.done.size < QUICK_SHARE * seconds:
         return _compute_group(part, request, tile, *(slice(0, size) for size in part.done.shape))
     while True:
         left = max(seconds - (time.perf_counter() - began), 0.0)
@@ -142,13 +142,13 @@ def _subslice(span: slice, part: slice) -> slice:
     return slice(span.start + part.start, span.start + part.stop)
 
 
-def _sum_records(one: TileRecord, other: TileRecord) -> TileRecord:
+def _sum_records(first: TileRecord, second: TileRecord) -> TileRecord:
     return TileRecord(
-        one.index,
-        one.cells + other.cells,
-        tuple(sorted(one.failed_cells + other.failed_cells)),
-        one.undecided_cells + other.undecided_cells,
-        one.seconds + other.seconds,
-        one.impacts + other.impacts,
-        one.filled_cells + other.filled_cells,
+        first.index,
+        first.cells + second.cells,
+        tuple(sorted(first.failed_cells + second.failed_cells)),
+        first.undecided_cells + second.undecided_cells,
+        first.seconds + second.seconds,
+        first.impacts + second.impacts,
+        first.filled_cells + second.filled_cells,
     )

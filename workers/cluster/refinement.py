@@ -5,19 +5,19 @@ from collections.abc import Callable, Generator, Iterator
 
 from distributed import Client, KilledWorker
 
-from gear_rattle.workers.cluster.in_flight import InFlight, Task
+from gear_rattle.workers.cluster.in_flight import SubmittedTasks, Task
 from gear_rattle.workers.cluster.window import Frame, PartValues, WindowGrid, WindowPart, compute_part, map_quantity
 from gear_rattle.workers.errors import SurveyError
 from gear_rattle.workers.survey.request import SurveyRequest
 
 PRIORITY = 10  # dask runs tasks of higher priority first; tiles have 0
 PART_SECONDS = 0.3  # intended duration of a part; a running part cannot be interrupted
-FIRST_CELLS = 64  # number of cells of a part until the time per cell has been measured
-FIRST_CLOSED_FORM = 16_384  # number of cells of a part, for variables in closed form
+FIRST_CELLS = 64  # number of cells of a part on the coarsest level, where the time of a cell is not known yet
+SINGLE_LEVEL_CELLS = 16_384  # number of cells of a part if the grid has one level only, as for closed forms
 FRAME_SECONDS = 0.4  # seconds between two frames of a level
 POLL_SECONDS = 0.1  # seconds between two checks whether to stop
 WORKERLESS_SECONDS = 20.0  # the cluster is lost after this time without workers
-AHEAD = 2  # submitted parts for each thread: one runs, and one waits
+PARTS_PER_THREAD = 2  # number of submitted parts for each thread: one runs, and one waits
 LOST = "the workers are gone, or are being restarted: try again in a few seconds"
 
 
@@ -53,7 +53,7 @@ def refined_frames(
     try:
         for level in grid.levels:
             shown = time.monotonic()
-            parts = work.parts(grid, level, FIRST_CELLS if len(grid.levels) > 1 else FIRST_CLOSED_FORM)
+            parts = work.parts(grid, level, FIRST_CELLS if len(grid.levels) > 1 else SINGLE_LEVEL_CELLS)
             unseen = True
             for part, values in work.run(parts, should_stop):
                 grid.put(part, values)
@@ -66,10 +66,10 @@ def refined_frames(
             if unseen:
                 yield grid.frame(level)
     finally:
-        work.drop(lambda _: True)
+        work.forget_tasks(lambda _: True)
 
 
-class _WindowTasks(InFlight[WindowPart, PartValues]):
+class _WindowTasks(SubmittedTasks[WindowPart, PartValues]):
     """The parts of a window that are submitted to the cluster and have not ended."""
 
     def __init__(self, client: Client, survey: SurveyRequest, variable: str, index: int) -> None:
@@ -79,7 +79,15 @@ class _WindowTasks(InFlight[WindowPart, PartValues]):
         self._cells, self._seconds = 0, 0.0
 
     def parts(self, grid: WindowGrid, level: int, first_cells: int) -> Iterator[WindowPart]:
-        """Divide a level into parts of about PART_SECONDS each, or of `first_cells` cells before any part was timed."""
+        """Divide a level into parts that take about PART_SECONDS each.
+
+        The time of a cell is known from the next coarser level. On the coarsest level parts have `first_cells` cells.
+
+        Yields
+        ------
+        WindowPart
+            A part; together the parts have all cells of the level that no coarser level has.
+        """
         cells = max(1, int(PART_SECONDS * self._cells / self._seconds)) if self._seconds else first_cells
         for block in grid.blocks(level):
             yield from grid.parts(block, cells)
@@ -87,11 +95,11 @@ class _WindowTasks(InFlight[WindowPart, PartValues]):
     def run(
         self, parts: Iterator[WindowPart], should_stop: Callable[[], bool]
     ) -> Iterator[tuple[WindowPart, PartValues]]:
-        """Compute parts as threads become free, and yield them in the order in which they end."""
+        """Compute parts on the cluster, and yield each part with its values as soon as its task ends."""
         left = next(parts, None)
         self._cells, self._seconds = 0, 0.0  # measured anew: cells of this level may take longer
         while (left or self.in_flight) and not should_stop():
-            room = AHEAD * self.count_threads(WORKERLESS_SECONDS) - len(self.in_flight)
+            room = PARTS_PER_THREAD * self.count_threads(WORKERLESS_SECONDS) - len(self.in_flight)
             while left and room > 0:
                 axes = self._delta[left.delta], self._epsilon[left.epsilon]
                 self.put(left, compute_part, *self._map, *axes, priority=PRIORITY)
@@ -104,7 +112,7 @@ class _WindowTasks(InFlight[WindowPart, PartValues]):
                 yield task.work, values
 
     def handle_error(self, _: Task[WindowPart], error: BaseException) -> None:
-        """Raise an error. Parts are not repeated, because a viewer does not wait for a window that long."""
+        """Raise an error for the failed part. No part is repeated, because viewers of a window would wait too long."""
         if isinstance(error, KilledWorker):
             raise SurveyError("a part of this window kills its worker: choose another window") from error
         raise SurveyError(

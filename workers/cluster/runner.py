@@ -49,9 +49,9 @@ if TYPE_CHECKING:
 ATTEMPTS = 3
 
 
-def compute_and_write(request: AnyRequest, path: str, tile: AnyTile, apart: bool = False) -> TileRecord:
-    """Compute a tile and write it to the store. apart: compute it in a process of its own."""
-    if apart:
+def compute_and_write(request: AnyRequest, path: str, tile: AnyTile, isolated: bool = False) -> TileRecord:
+    """Compute a tile and write it to the store. isolated: compute it in a process of its own."""
+    if isolated:
         values, record = compute_tile_isolated(request, tile, get_worker().memory_manager.memory_limit)
     else:
         values, record = compute_tile(request, tile)
@@ -62,23 +62,24 @@ def advance_tile(
     request: AnyRequest,
     path: str,
     tile: AnyTile,
-    apart: bool,
+    isolated: bool,
     before: PartialTile | None,
     expected: float,
     seconds: float,
 ) -> TileRecord | PartialTile:
     """Compute a tile and write it to the store, or compute a part of the tile for some seconds.
 
-    This is the task that the cluster runs, and repeats if necessary. apart: compute the whole tile in a process of its
-    own. before, expected, seconds: arguments of `compute_partly`.
+    This is the task that the cluster runs, and repeats if necessary. isolated: compute the whole tile in a process of
+    its own. before: the tile with the cells computed so far, or None. expected: seconds per cell of the slowest part of
+    the survey so far. seconds: after this time no further group of cells begins.
 
     Returns
     -------
     TileRecord | PartialTile
         The record if the tile is written, else its computed part.
     """
-    if apart or not is_divisible(request, tile.n_cells):
-        return compute_and_write(request, path, tile, apart)
+    if isolated or not is_divisible(request, tile.n_cells):
+        return compute_and_write(request, path, tile, isolated)
     if not (loaded := _load_marks(request)):
         compute_partly(request, tile, None, 0.0)  # one cell, to load kernels before times are measured
         loaded.append(True)
@@ -206,7 +207,7 @@ def run_tiles(
     client: Client,
     on_tile: Callable[[TileRecord], None],
     should_stop: Callable[[], bool],
-    unwanted: Callable[[], bool] = _always_false,
+    should_kill: Callable[[], bool] = _always_false,
     should_pause: Callable[[], bool] = _always_false,
     run_state: RunState | None = None,
     on_left: Callable[[float], None] = lambda _: None,
@@ -214,8 +215,8 @@ def run_tiles(
     """Compute tiles on a cluster and write them to an existing store, until all are written or the run must stop.
 
     If tiles may take long, some cells of many tiles are computed first to predict costs, and the most expensive tiles
-    come first. A tile that kills its workers, or takes a quarter of an hour (a large one longer), is computed cell by
-    cell in a process of its own, so that only those cells fail that kill the process or take too much processor time.
+    come first. A tile that kills its workers, or takes a quarter of an hour (longer if it is large), is computed cell
+    by cell in a process of its own. Then only those cells fail that kill the process or take too much processor time.
 
     Parameters
     ----------
@@ -224,8 +225,8 @@ def run_tiles(
     should_stop : Callable[[], bool]
         Called several times a second. The run ends within seconds after this returns true. Tiles that end in that time
         are reported; all others are left to the next run.
-    unwanted : Callable[[], bool]
-        Called after a stop. If it returns true, nobody needs the running tiles, and their processes are killed at once.
+    should_kill : Callable[[], bool]
+        Called after a stop. It returns true if nobody needs the running tiles; then their processes are killed at once.
     should_pause : Callable[[], bool]
         Called several times a second. After it returns true, no more tasks begin. Running tasks end within
         PART_SECONDS, unless one cell takes longer.
@@ -272,7 +273,7 @@ def run_tiles(
                 if (seconds := run_state.seconds_left(submission.n_threads)) is not None:
                     on_left(seconds)
 
-            asked = should_stop, unwanted, should_pause
+            asked = should_stop, should_kill, should_pause
             try:
                 if is_divisible(request, math.prod(request.tile_shape)):
                     measuring = deque(run_state.tiles_to_measure(tiles, columns))
@@ -295,7 +296,7 @@ def run_tiles(
                 if not should_stop():
                     _run_submission(submission, waiting, on_ended, *asked, on_part)
                 if submission.superseded and isinstance(request, SurveyRequest) and request.has_bound:
-                    # Attempts that still run at finished tiles would overwrite what later rounds of audits write.
+                    # Later rounds of audits write some tiles again. An old attempt at such a tile would overwrite it.
                     end_tasks_and_wait(client, submission.superseded)
             finally:
                 submission.cancel()
@@ -306,17 +307,17 @@ def _run_submission(
     waiting: deque[AnyTile],
     on_tile: Callable[[TileRecord], None],
     should_stop: Callable[[], bool],
-    unwanted: Callable[[], bool],
+    should_kill: Callable[[], bool],
     should_pause: Callable[[], bool],
     on_part: Callable[[AnyTile], None],
 ) -> None:
-    def report(found: TileRecord | AnyTile | None) -> None:
-        if isinstance(found, Tile | GearTile):
-            on_part(found)
-        elif found:
-            on_tile(found)
+    def report(result: TileRecord | AnyTile | None) -> None:
+        if isinstance(result, Tile | GearTile):
+            on_part(result)
+        elif result:
+            on_tile(result)
 
-    has_begun = False  # at least one tile begins before a pause: otherwise a run that always pauses would never end
+    has_begun = False  # at least one tile begins before a pause, so that a run that pauses often still ends
     while (waiting or submission.in_flight) and not should_stop():
         if waiting and has_begun and should_pause():
             waiting.clear()
@@ -329,7 +330,7 @@ def _run_submission(
             has_begun = True
         submission.isolate_endless_tile()
         report(submission.next_record(POLL_SECONDS))
-    if submission.in_flight and unwanted():
+    if submission.in_flight and should_kill():
         submission.kill_tasks()
     deadline = time.monotonic() + GRACE_SECONDS
     while submission.in_flight and (left := deadline - time.monotonic()) > 0:

@@ -11,7 +11,7 @@ from dask.typing import Key
 from distributed import Client, Future, KilledWorker
 
 from gear_rattle.workers.cluster.cluster import end_tasks
-from gear_rattle.workers.cluster.in_flight import InFlight, Task
+from gear_rattle.workers.cluster.in_flight import SubmittedTasks, Task
 from gear_rattle.workers.cluster.partial import PART_SECONDS, PartialTile
 from gear_rattle.workers.errors import SurveyError
 from gear_rattle.workers.kinds import AnyRequest, AnyTile, tile_error, tile_name
@@ -20,13 +20,13 @@ from gear_rattle.workers.survey.tiles import TileRecord
 #: A task is late if it takes longer than LATE_SECONDS and than LATE_FACTOR times the longest finished task of the run.
 #: The worker of a late task may be frozen.
 LATE_SECONDS, LATE_FACTOR = 30.0, 10
-#: The task of a tile of up to TILE_CELLS cells may take TILE_SECONDS on a worker. That of a larger tile may take
+#: The task of a tile may take TILE_SECONDS on a worker. If the tile has more than TILE_CELLS cells, its task may take
 #: proportionally longer, but at most LONGEST_FACTOR times as long. A usual task takes seconds.
 TILE_CELLS, TILE_SECONDS, LONGEST_FACTOR = 4096, 900.0, 8.0
 #: If the tasks of several tiles take too long, their processes are killed one after the other, at intervals of at least
 #: this many seconds, in which a killed process restarts.
 RESTART_SECONDS = 60.0
-#: A cluster is lost after this time without workers; shorter times pass while workers restart.
+#: A cluster counts as lost after this many seconds without workers. Workers that restart are back sooner.
 WORKERLESS_SECONDS = 60.0
 LOST = "the dask scheduler is gone: start one and compute the same request again, which resumes the computation"
 
@@ -36,13 +36,16 @@ Found = TileRecord | PartialTile
 
 @dataclass(frozen=True)
 class Attempt:
-    """An attempt to compute a tile. All attempts at the same tile write the same bytes."""
+    """An attempt to compute a tile. All attempts at the same tile write the same bytes.
+
+    isolated: whether a process of its own computes the tile, so that the worker survives a cell that kills a process.
+    """
 
     tile: AnyTile
-    apart: bool
+    isolated: bool
 
 
-class Submission(InFlight[Attempt, Found]):
+class Submission(SubmittedTasks[Attempt, Found]):
     """The tiles of one run that are submitted to the cluster and have not ended."""
 
     def __init__(
@@ -70,9 +73,9 @@ class Submission(InFlight[Attempt, Found]):
         self.superseded: list[Future] = []
 
     def free_threads(self) -> int:
-        """Return how many more tiles are needed to keep every thread busy.
+        """Return the number of threads that have no tile, and so the number of tiles that may be submitted.
 
-        No tile waits at a busy worker, because dask counts a worker's death against every task that the worker has.
+        No thread gets a second tile in advance, because dask counts a worker's death against all tasks of the worker.
 
         Returns
         -------
@@ -82,10 +85,12 @@ class Submission(InFlight[Attempt, Found]):
         self.n_threads = self.count_threads(WORKERLESS_SECONDS)
         return max(self.n_threads - len(self.in_flight), 0)
 
-    def submit(self, tile: AnyTile, apart: bool = False, workers: Iterable[str] | None = None) -> None:
-        """Submit a tile. apart: compute it in a process of its own. workers: addresses of workers to choose from."""
+    def submit(self, tile: AnyTile, isolated: bool = False, workers: Iterable[str] | None = None) -> None:
+        """Submit a tile. isolated: compute it in a process of its own. workers: the only ones that may compute it."""
         known = self._partial.get(tile.index), self._slowest or math.inf, self.seconds
-        self.put(Attempt(tile, apart), self._task, self._request, self._path, tile, apart, *known, workers=workers)
+        self.put(
+            Attempt(tile, isolated), self._task, self._request, self._path, tile, isolated, *known, workers=workers
+        )
 
     def repeat_late_tiles(self, again: bool) -> int:
         """Submit late tiles once more, to idle workers. The result that arrives first counts.
@@ -110,20 +115,20 @@ class Submission(InFlight[Attempt, Found]):
         if late:
             idle = self._idle_workers()
             for attempt, address in zip(late, idle, strict=False):
-                self.submit(attempt.tile, attempt.apart, workers=[address])
+                self.submit(attempt.tile, attempt.isolated, workers=[address])
         return len(self.in_flight) - before
 
     def isolate_endless_tile(self) -> None:
-        """Kill the process of a tile that has taken too long, and compute its cells with a time limit in a new process.
+        """Kill the worker of a tile that takes too long, and submit the tile to be computed in a process of its own.
 
-        Only one tile is treated at a time: dask may send another tile to the ending process, and would count the death
-        against that tile.
+        There each cell has a time limit. If several tiles take too long, the others wait RESTART_SECONDS: dask may send
+        one of them to the worker that is being killed, and would count the death of this worker against that tile.
         """
         now = time.monotonic()
         endless = (
             each
             for each in self.in_flight.values()
-            if not each.work.apart and now - each.began > _allowed_seconds(each)
+            if not each.work.isolated and now - each.began > _allowed_seconds(each)
         )
         if now >= self._next_end and (task := next(endless, None)):
             self._next_end = now + RESTART_SECONDS
@@ -131,13 +136,13 @@ class Submission(InFlight[Attempt, Found]):
             self._submit_isolated(task.work.tile)
 
     def next_record(self, seconds: float) -> TileRecord | AnyTile | None:
-        """Wait for the next task. Return the record of a finished tile, or a tile with another part computed.
+        """Wait until a task ends. Return the record of its tile, or the tile if some of its cells are still missing.
 
         Returns
         -------
         TileRecord | AnyTile | None
-            None if no task ends within `seconds`, or if the task that ended was forgotten, or failed and its tile was
-            submitted again.
+            None if no task ends within `seconds`. None also for a task that was forgotten before, and for a failed task
+            whose tile is submitted again.
         """
         if (ended := self.next_result(seconds)) is None:
             return None
@@ -146,7 +151,7 @@ class Submission(InFlight[Attempt, Found]):
         self._longest = max(self._longest, time.monotonic() - task.began)
         attempts = [each for each in self.in_flight.values() if each.work.tile.index == tile.index]
         self.superseded += [each.future for each in attempts if each is not task]
-        self._drop(tile)
+        self._forget_tile(tile)
         if isinstance(found, PartialTile):
             self._slowest = max(self._slowest, found.slowest)
             self._partial[tile.index] = found
@@ -156,28 +161,28 @@ class Submission(InFlight[Attempt, Found]):
         return found
 
     def handle_error(self, task: Task[Attempt], error: BaseException) -> None:
-        """If a task killed workers and had no process of its own, submit its tile again in one; else raise an error."""
+        """If a task killed workers and is not isolated, submit its tile again, isolated. Otherwise raise an error."""
         tile = task.work.tile
         if not isinstance(error, KilledWorker):
             raise tile_error(self._request, tile, error) from error
-        if task.work.apart:
+        if task.work.isolated:
             what, attempts = tile_name(self._request, tile), error.allowed_failures + 1
             raise SurveyError(
-                f"{what} killed its worker (attempts: {attempts}), although its cells were computed in another process"
+                f"the worker of {what} died (attempts: {attempts}), although a separate process computed the cells"
                 ": see the logs of the workers"
             ) from error
         self._submit_isolated(tile)
 
     def _submit_isolated(self, tile: AnyTile) -> None:
-        self._drop(tile)
-        self.submit(tile, apart=True)
+        self._forget_tile(tile)
+        self.submit(tile, isolated=True)
 
-    def _drop(self, tile: AnyTile) -> None:
+    def _forget_tile(self, tile: AnyTile) -> None:
         """Forget every attempt at a tile."""
-        self.drop(lambda attempt: attempt.tile.index == tile.index)
+        self.forget_tasks(lambda attempt: attempt.tile.index == tile.index)
 
     def kill_tasks(self) -> None:
-        """Cancel all tasks of this run, and kill the workers that run only these tasks."""
+        """Cancel all tasks of this run, and kill the workers that run only these tasks and have a nanny."""
         futures = [task.future for task in self.in_flight.values()]
         self.in_flight.clear()
         end_tasks(self._client, futures)

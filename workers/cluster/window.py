@@ -47,10 +47,11 @@ class PartValues(NamedTuple):
 
 @dataclass(frozen=True)
 class Frame:
-    """A partly computed window. delta (n,), epsilon (m,): the cell centres. values (m, n): in the dtype of the map.
+    """The values of a window on one level of its grid, which may be partly computed.
 
-    A cell that is not computed yet has the value of a neighbour on the next coarser level. done: computed share of the
-    whole grid, 1 in the last frame. failed: number of cells that could not be computed and have no value.
+    delta (n,), epsilon (m,): the centres of the level's cells. values (m, n): their values, in the dtype of the map. A
+    cell that is not computed yet has the value of a nearby cell of the next coarser level. done: the computed share of
+    the cells of the whole grid, 1 in the last frame. failed: the number of cells whose computation failed.
     """
 
     delta: np.ndarray
@@ -95,7 +96,7 @@ def window_survey(request: SurveyRequest, window: Window, pixels: tuple[int, int
     try:
         for name, span, number in zip(("delta", "epsilon"), window, pixels, strict=True):
             low, high = require_pair(name, span)
-            axes[name] = _axis(name, low, high, require_integer(f"pixels along {name}", number, 2, MOST_PIXELS))
+            axes[name] = _window_axis(name, low, high, require_integer(f"pixels along {name}", number, 2, MOST_PIXELS))
         sample = request.initial_conditions.model_copy(update={"v_max": request.v_max})
         same = {"initial_conditions": sample, "slots": request.n_slots, "tile": TileShape(), "certify": False}
         return SurveyRequest.model_validate(request.model_dump() | axes | same)
@@ -103,7 +104,7 @@ def window_survey(request: SurveyRequest, window: Window, pixels: tuple[int, int
         raise SurveyError(f"the window cannot be computed: {first_message(error)}") from error
 
 
-def _axis(name: str, low: float, high: float, number: int) -> Axis:
+def _window_axis(name: str, low: float, high: float, number: int) -> Axis:
     """Return an axis of about `number` values: k·2ᵖ + 1 with p ≤ HALVINGS, so that its ends are on every level."""
     if not low < high:
         raise SurveyError(f"the window has no width along {name} ({low} to {high}): choose another window")
@@ -146,13 +147,13 @@ class WindowGrid:
         piece = len(columns) if cells >= len(columns) else max(1, cells)
         for i in range(0, len(rows), band):
             for j in range(0, len(columns), piece):
-                yield WindowPart(*(_as_slice(some) for some in (rows[i : i + band], columns[j : j + piece])))
+                yield WindowPart(*(_slice_of_range(each) for each in (rows[i : i + band], columns[j : j + piece])))
 
-    def put(self, part: WindowPart, found: PartValues) -> None:
+    def put(self, part: WindowPart, computed: PartValues) -> None:
         """Store the values of a part."""
-        self.values[part] = found.values
+        self.values[part] = computed.values
         self.known[part] = True
-        self.failed += found.failed
+        self.failed += computed.failed
 
     def frame(self, level: int) -> Frame:
         """Return the values on a level. Cells that are not computed yet have values of the next coarser level."""
@@ -165,8 +166,8 @@ class WindowGrid:
         )
 
 
-def _as_slice(some: range) -> slice:
-    return slice(some.start, some.stop, some.step)
+def _slice_of_range(indices: range) -> slice:
+    return slice(indices.start, indices.stop, indices.step)
 
 
 def compute_part(
@@ -216,8 +217,8 @@ def compute_part(
     return PartValues(values, failed, time.perf_counter() - began)
 
 
-def _compute_map(wanted: tuple[Quantity, ...], index: int, cells: Cells) -> np.ndarray:
-    """Compute variables of cells, and return a map of the last one. An error in any of them is passed on.
+def _compute_map(quantities: tuple[Quantity, ...], index: int, cells: Cells) -> np.ndarray:
+    """Compute variables of cells, and return a map of the last variable. An error in any variable is passed on.
 
     index: the number of the map, if the last variable has a map for each of several orbits or slots.
 
@@ -226,6 +227,6 @@ def _compute_map(wanted: tuple[Quantity, ...], index: int, cells: Cells) -> np.n
     np.ndarray
         The values of the map.
     """
-    for quantity in (each for each in wanted if each.per_cell):
+    for quantity in (each for each in quantities if each.per_cell):
         values = np.asarray(quantity.evaluate(cells)).astype(quantity.dtype)
     return values[(index, *(0,) * (values.ndim - 3))] if values.ndim > 2 else values

@@ -101,7 +101,9 @@ class Axis(StrictRecord):
     @model_validator(mode="after")
     def _check_increasing(self) -> Self:
         if not self.start < self.stop:
-            raise ValueError(f"start ({self.start}) must be below stop ({self.stop}): exchange or separate them")
+            raise ValueError(
+                f"start ({self.start}) must be below stop ({self.stop}): exchange them, or give two different values"
+            )
         with np.errstate(over="ignore", invalid="ignore"):
             spaced = np.all(np.diff(self.values()) > 0)
         if not spaced:
@@ -164,7 +166,7 @@ LONGEST_QUOTE = 60  # a message quotes at most this many characters of a given v
 
 
 def _fields_of_subclasses(kind: type[BaseModel]) -> set[str]:
-    """Return the names of all fields of all subclasses of a model."""
+    """Return the names of all fields of all direct and indirect subclasses of a pydantic model."""
     below = kind.__subclasses__()
     return {field for each in below for field in each.model_fields}.union(*map(_fields_of_subclasses, below))
 
@@ -212,13 +214,13 @@ def _shortened_text(given: Any) -> str:
 
 
 def first_message(error: ValueError) -> str:
-    """Return the message for the first wrong field, without the field's name; for an error without fields its text."""
+    """Return the message for the first wrong field, without its name, or the text of an error that names no field."""
     errors = getattr(error, "errors", None)
     return field_message(errors()[0]) if errors else str(error)
 
 
 def field_and_message(error: ValidationError) -> str:
-    """Return the message for the first wrong field, which begins with the name of the field."""
+    """Return the message for the first wrong field, with the name of the field at the beginning."""
     where = ".".join(str(part) for part in error.errors()[0]["loc"])
     return f"{where}: {first_message(error)}" if where else first_message(error)
 

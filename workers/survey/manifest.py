@@ -49,7 +49,7 @@ class Manifest:
     date_created: str
     grid: tuple[int, int]  # numbers of tiles along (epsilon, delta), with the rows of all slices together
     chunks: dict[str, str]  # {variable: pattern of its chunk keys, with {row} and {column}}
-    root: tuple[str, ...]  # digest of the root; while it is replaced, its old and its new digest
+    root: tuple[str, ...]  # digest of the file ROOT; while the file is being replaced, its old and new digests
     files: dict[str, str]  # {key: digest} of each file except the root and the chunks of tiles
     tiles: dict[int, str] = field(default_factory=dict)  # {index of a computed tile: joined digests of its chunks}
     slices: int = 1  # number of slices along a third axis

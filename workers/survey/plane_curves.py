@@ -24,7 +24,7 @@ LOWEST_DELTA = 0.1  # least δ of a window, as a share of the survey's least δ,
 #: A window extends beyond its cells by at least this share of its largest δ (or ε), because curves take minutes to
 #: trace in narrower windows.
 NARROWEST = 1e-9
-LEAST_EPSILON = 1e-6  # NARROWEST is a share of this ε if all ε of a survey are smaller
+LEAST_EPSILON = 1e-6  # if all ε of a survey are smaller, NARROWEST counts as a share of this ε
 
 
 class MissingCurve(NamedTuple):
@@ -35,10 +35,10 @@ class MissingCurve(NamedTuple):
 
 @dataclass(frozen=True)
 class CurveVariable:
-    """A variable that describes an object, for example a curve, in the object's group of the store.
+    """A stored variable of a curve, of the codimension-two points or of the families of a survey.
 
-    values: the function that returns the variable's values for such an object. The variable is empty for a curve that
-    cannot be traced.
+    These objects have a group each in the store. values: the function that returns the variable's values for such an
+    object. For a `MissingCurve` the stored variable is empty.
     """
 
     name: str
@@ -128,13 +128,13 @@ Points = tuple[CodimensionTwo, ...]
 
 
 def _pairs_at_points(points: Points) -> list[tuple[str, str, str, float]]:
-    """Return an entry for each two curves that meet at a codimension-two point.
+    """Return an entry for each pair of curves that meet at a codimension-two point.
 
     Returns
     -------
     list[tuple[str, str, str, float]]
-        Names of the point and of both curves, and the measured p of |ε₁ − ε₂| ∝ |Δδ|^p near the point: 1 if the curves
-        cross, 2 if they touch.
+        Name of the point, names of both curves, and the measured order p of their contact: 1 if the curves cross, 2 if
+        they touch. At a small distance Δδ from the point their ε differ by an amount proportional to |Δδ|^p.
     """
     return [(point.name, *pair, order) for point in points for pair, order in point.tangency.items()]
 

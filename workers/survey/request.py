@@ -101,7 +101,7 @@ class InitialConditions(StrictRecord):
         if not self.tau_min < self.tau_max:
             raise ValueError(f"tau_min ({self.tau_min}) must be less than tau_max ({self.tau_max})")
         if self.v_min > 0 and not isinstance(self.v_max, float):
-            raise ValueError("v_min needs a v_max that is a speed: give a v_max above v_min")
+            raise ValueError("v_min above 0 needs a v_max that is a number: give a v_max above v_min")
         if isinstance(self.v_max, float) and not self.v_min < self.v_max:
             raise ValueError(f"v_min ({self.v_min}) must be less than v_max ({self.v_max})")
         return self
@@ -131,7 +131,7 @@ else:
 
 
 class _CommonFields(StrictRecord):
-    """The fields of a survey request that come first in documents."""
+    """The first fields of a survey request in documents: name, model and half-backlash."""
 
     name: Name = ""
     model: ModelName = ModelName(DEFAULT_MODEL)
@@ -366,7 +366,10 @@ class SurveyRequest(_ModelFields):
 
     @property
     def added_numbers(self) -> dict[str, float]:
-        """{name: value} of the parameters that the model adds to δ, ε and β; of a third axis the last value alone."""
+        """{name: value} of the parameters that the model adds to δ, ε and β.
+
+        If one of these parameters is the third axis, its value is the last value of the axis.
+        """
         return {
             name: value.stop if isinstance(value, Axis) else value
             for name, value in self.other_parameters.items()
@@ -402,12 +405,12 @@ class SurveyRequest(_ModelFields):
         }
 
     def slice_index(self, number: int) -> Along:
-        """Return the index of the slice `number`, counted from 0. Too large a number gives the last slice.
+        """Return the index of a slice as a tuple. number: counted from 0; a number too large gives the last slice.
 
         Returns
         -------
         Along
-            () without a third axis, whatever the number.
+            (index,), or () for a survey without a third axis, whatever the number.
         """
         return (min(number, self.n_slices - 1),) if self.third_axis_name else ()
 

@@ -16,12 +16,12 @@ if TYPE_CHECKING:
     import xarray as xr
 
 
-def require_slice(third: Mapping[str, int], number: int | None) -> None:
+def require_slice(third_axis: Mapping[str, int], number: int | None) -> None:
     """Raise SurveyError unless `number` is the number of a slice, or None for a survey without a third axis.
 
     Parameters
     ----------
-    third : Mapping[str, int]
+    third_axis : Mapping[str, int]
         The length of the third axis by its name, or an empty mapping.
     number : int | None
         The number of the slice, from 0; None for a survey without a third axis.
@@ -31,9 +31,9 @@ def require_slice(third: Mapping[str, int], number: int | None) -> None:
     SurveyError
         There is no such slice, or the survey has slices and `number` is None.
     """
-    if not third and number is not None:
+    if not third_axis and number is not None:
         raise SurveyError("this survey has no third axis: leave slice out")
-    for name, length in third.items():
+    for name, length in third_axis.items():
         if number is None or not 0 <= number < length:
             raise SurveyError(f"this survey has {length} values of {name}: choose a slice from 0 to {length - 1}")
 
@@ -44,7 +44,7 @@ def third_axis_length(dataset: xr.Dataset) -> dict[str, int]:
 
 
 def slice_of(dataset: xr.Dataset, number: int | None = None) -> xr.Dataset:
-    """Return the slice `number`, from 0, of an open survey; for None the survey, which must have no third axis."""
+    """Return a slice of an open survey. number: from 0; None returns a survey without a third axis unchanged."""
     third = third_axis_length(dataset)
     require_slice(third, number)
     return dataset.isel(dict.fromkeys(third, number))

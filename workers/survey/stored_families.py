@@ -99,9 +99,9 @@ class ListedAttractors(NamedTuple):
 class JoinedFamilies(NamedTuple):
     """The families of a survey.
 
-    table: the families. entered: the orbits that continuation from neighbouring cells found, but no sample reached,
-    sorted by cell; they have no slot. entered_family: the family of each of these orbits. columns: the number of
-    columns of the grid.
+    table: the families, a row each. entered: the orbits that no sample reached and that only continuation from
+    neighbouring cells found, sorted by cell; no slot lists them. entered_family: the family of each of these orbits.
+    columns: the number of cells of the grid along δ.
     """
 
     table: FamilyTable
@@ -160,9 +160,9 @@ def attractors_in_slots(values: Mapping[str, np.ndarray], count: int) -> ListedA
 def complete_sources(source: np.ndarray) -> np.ndarray:
     """Complete a rearrangement of the slots of each cell, so that every slot is the source of exactly one slot.
 
-    source (slots, m, n): for each slot of a cell the slot whose content moves into it, −1 for none. Each slot without a
-    source gets one of the slots that are no source yet, in ascending order. These unused slots are empty, so a slot
-    without a source becomes empty.
+    source (slots, m, n): for each slot of a cell its source, which is the slot whose content moves into it, or −1 for
+    none. The slots that are the source of no slot are empty. They become, in ascending order, the sources of the slots
+    with −1, which so become empty.
 
     Returns
     -------
@@ -170,7 +170,8 @@ def complete_sources(source: np.ndarray) -> np.ndarray:
         The source of each slot; all sources in a cell are different.
     """
     taken = np.zeros((source.shape[0] + 1, *source.shape[1:]), bool)
-    np.put_along_axis(taken, source.astype(np.int64), True, 0)  # −1 (none) marks the extra last row, left out below
+    # A −1 (none) marks the last row, which is one row more than there are slots; the next line leaves it out.
+    np.put_along_axis(taken, source.astype(np.int64), True, 0)
     to, of = (np.argsort(used, axis=0, kind="stable") for used in (source >= 0, taken[:-1]))
     free = np.arange(source.shape[0])[:, None, None] < (source < 0).sum(axis=0)
     moved = np.take_along_axis(source, to, 0)
@@ -179,21 +180,21 @@ def complete_sources(source: np.ndarray) -> np.ndarray:
     return whole
 
 
-def slots_of_families(together: np.ndarray, families: int, slots: int) -> np.ndarray:
+def slots_of_families(pairs: np.ndarray, families: int, slots: int) -> np.ndarray:
     """Assign to each family one slot for all its cells.
 
-    together (k, 2): pairs of families that occur in the same cell, the smaller number first. families, slots: how many
-    families and how many slots there are. Families are assigned in the order of their numbers; each gets the lowest
-    slot that is free in all its cells.
+    pairs (k, 2): the numbers of each two families that occur in the same cell, the smaller number first. families,
+    slots: how many families and how many slots there are. The families get their slots in the order of their numbers;
+    each family gets the lowest slot that is free in all its cells.
 
     Returns
     -------
     np.ndarray
         The slot of each family (families,), int8; −1 for a family without a slot that is free in all its cells.
     """
-    order = np.argsort(together[:, 1], kind="stable")
-    begin = np.searchsorted(together[order, 1], np.arange(families + 1)).tolist()
-    before = together[order, 0].tolist()
+    order = np.argsort(pairs[:, 1], kind="stable")
+    begin = np.searchsorted(pairs[order, 1], np.arange(families + 1)).tolist()
+    before = pairs[order, 0].tolist()
     found: list[int] = []
     for number in range(families):
         used = 0
@@ -205,13 +206,13 @@ def slots_of_families(together: np.ndarray, families: int, slots: int) -> np.nda
     return np.array(found, np.int8)
 
 
-def slots_in_cells(family: np.ndarray, cell: np.ndarray, of_family: np.ndarray) -> np.ndarray:
+def slots_in_cells(family: np.ndarray, cell: np.ndarray, slot_of_family: np.ndarray) -> np.ndarray:
     """Return the slots of attractors (k,) within their cells.
 
     family, cell (k,): the family and the cell of each attractor; the attractors of a cell are sorted by falling basin
-    fraction. of_family: the slot of each attractor's family, −1 for none. The first attractor of a family in a cell
-    gets the family's slot. Each other attractor, and each attractor whose family has no slot, gets the lowest free slot
-    of the cell.
+    fraction. slot_of_family (k,): the slot of each attractor's family, −1 for none. The first attractor of a family in
+    a cell gets the family's slot. Each other attractor, and each attractor whose family has no slot, gets the lowest
+    free slot of the cell.
 
     Returns
     -------
@@ -223,8 +224,8 @@ def slots_in_cells(family: np.ndarray, cell: np.ndarray, of_family: np.ndarray) 
     named = np.flatnonzero(family != NO_FAMILY)
     _, first = np.unique(family[named].astype(np.int64) * used.size + cell[named], return_index=True)
     first = named[first]  # the first attractor of each family in each cell
-    first = first[of_family[first] >= 0]
-    slot[first] = of_family[first]
+    first = first[slot_of_family[first] >= 0]
+    slot[first] = slot_of_family[first]
     np.bitwise_or.at(used, cell[first], np.uint64(1) << slot[first].astype(np.uint64))
     for i in np.flatnonzero(slot < 0):
         slot[i] = _lowest_free_slot(int(used[cell[i]]))
@@ -258,13 +259,17 @@ def create_family_array(root: zarr.Group, request: SurveyRequest, side: int) -> 
     )
 
 
-def files_of_families(request: SurveyRequest, side: int, found: Mapping[Along, tuple[JoinedFamilies, Any]]) -> Template:
+def files_of_families(
+    request: SurveyRequest, side: int, joined_slices: Mapping[Along, tuple[JoinedFamilies, Any]]
+) -> Template:
     """Return the files of the families in a store by key, except the chunks of the array of family numbers.
 
     Parameters
     ----------
-    found : Mapping[Along, tuple[JoinedFamilies, Any]]
-        For each slice, by its index: the families, and the `FamilyEdges` with the values of EDGE_VARIABLES.
+    side : int
+        Number of cells along a side of a chunk of the family numbers.
+    joined_slices : Mapping[Along, tuple[JoinedFamilies, Any]]
+        For each slice, by its index, the families and the `FamilyEdges` with the values of EDGE_VARIABLES.
 
     Returns
     -------
@@ -274,7 +279,7 @@ def files_of_families(request: SurveyRequest, side: int, found: Mapping[Along, t
     kept: dict[str, Buffer] = {}
     root = zarr.create_group(MemoryStore(kept), zarr_format=3)
     create_family_array(root, request, side)
-    for along, (joined, edges) in found.items():
+    for along, (joined, edges) in joined_slices.items():
         attributes = {"long_name": "families of attractors", "references": REFERENCE}
         group = create_slice_group(root, request, along).create_group(GROUP, attributes=attributes)
         write_variables(group, FAMILY_VARIABLES, joined)

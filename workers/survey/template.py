@@ -66,13 +66,13 @@ def template_of(request: SurveyRequest, created: str | None = None) -> Template:
     return completed_template(kept, request, created, _chunk_key_patterns(request, quantities))
 
 
-def completed_template(kept: dict[str, Buffer], request: Any, created: str, chunks: dict[str, str]) -> Template:
+def completed_template(files: dict[str, Buffer], request: Any, created: str, chunks: dict[str, str]) -> Template:
     """Consolidate the metadata of a store in memory, add a manifest, and return all files as a template.
 
     Parameters
     ----------
-    kept : dict[str, Buffer]
-        The files of the store by key, which are changed.
+    files : dict[str, Buffer]
+        The files of the store by key; this function changes them.
     chunks : dict[str, str]
         The pattern of each variable's chunk keys, with placeholders such as {row} and {column}.
 
@@ -81,8 +81,8 @@ def completed_template(kept: dict[str, Buffer], request: Any, created: str, chun
     Template
         Contents by key.
     """
-    consolidate_metadata(MemoryStore(kept))
-    template = file_contents(kept)
+    consolidate_metadata(MemoryStore(files))
+    template = file_contents(files)
     files = file_digests(template)
     root = (files.pop(ROOT),)
     manifest = Manifest(
@@ -118,9 +118,9 @@ def _chunk_key_patterns(request: SurveyRequest, quantities: Iterable[Quantity]) 
     }
 
 
-def file_contents(kept: Mapping[str, Buffer]) -> Template:
+def file_contents(files: Mapping[str, Buffer]) -> Template:
     """Return {key: bytes} of all files of a store in memory."""
-    return {key: value.to_bytes() for key, value in kept.items()}
+    return {key: value.to_bytes() for key, value in files.items()}
 
 
 def consolidate_metadata(store: StoreLike) -> None:
@@ -143,7 +143,7 @@ def _attributes(request: SurveyRequest, created: str) -> dict[str, Any]:
         "creator_name": "gear-rattle, at the request of its user",
         "license": "CC0-1.0: these numbers may be used without restriction; gear-rattle itself is BSD-3-Clause",
         "citation": f"gear-rattle {rattle.__version__}; J. F. Mason and P. T. Piiroinen, doi:{DOI}",
-        "title": request.name or _title(request),
+        "title": request.name or _survey_title(request),
         "source": f"gear-rattle {code_version()}",
         "references": f"https://doi.org/{DOI}",
         "doi": DOI,
@@ -158,7 +158,7 @@ def _attributes(request: SurveyRequest, created: str) -> dict[str, Any]:
     }
 
 
-def _title(request: SurveyRequest) -> str:
+def _survey_title(request: SurveyRequest) -> str:
     planes = f"planes at {request.n_slices} values of {request.third_axis_name}" if request.third_axis_name else "plane"
     return f"Survey of the (delta, epsilon) {planes} of the {request.model} gear model"
 

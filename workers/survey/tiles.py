@@ -188,8 +188,8 @@ def cell_outcomes(
     Parameters
     ----------
     failing : tuple[type[Exception], ...]
-        Types in MACHINE_FAILURES, such as MemoryError, after which only the cell counts as failed. Errors of the other
-        types in MACHINE_FAILURES are raised, and no further cell is evaluated.
+        Some of the types in MACHINE_FAILURES, such as MemoryError. After an error of such a type only the cell counts
+        as failed. Errors of the other types in MACHINE_FAILURES are raised, and no further cell is evaluated.
 
     Yields
     ------

@@ -64,7 +64,7 @@ def test_the_sample_is_of_a_box() -> None:
     [
         ({"tau_min": 0.5, "tau_max": 0.5}, "tau_min .0.5. must be less than tau_max"),
         ({"tau_max": 1.5}, "less than or equal to 1"),
-        ({"v_min": 1.0}, "v_min needs a v_max that is a speed"),
+        ({"v_min": 1.0}, "v_min above 0 needs a v_max that is a number"),
         ({"v_min": 7.0, "v_max": 7.0}, "v_min .7.0. must be less than v_max"),
     ],
 )

@@ -74,7 +74,7 @@ def test_a_long_survey_or_a_wish_takes_a_cluster(tmp_path: Path, monkeypatch: py
         asked.append(cluster)
         raise SurveyError("there is no cluster in this test")
 
-    monkeypatch.setattr(gear_rattle.workers.run, "_client", client)
+    monkeypatch.setattr(gear_rattle.workers.run, "_open_client", client)
     for fields in ({"cluster": "tcp://scheduler:8786"}, {"initial_conditions": {"count": 65_536}}, {"cluster": 3}):
         with pytest.raises(SurveyError, match="no cluster"):
             run_survey(REQUEST, out=tmp_path / f"{len(asked)}.zarr", **fields)

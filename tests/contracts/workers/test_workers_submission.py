@@ -65,7 +65,7 @@ def test_endless_tiles_are_taken_one_at_a_time(monkeypatch: pytest.MonkeyPatch) 
     submission.submit(second)
 
     def apart() -> set[int]:
-        return {each.work.tile.index for each in submission.in_flight.values() if each.work.apart}
+        return {each.work.tile.index for each in submission.in_flight.values() if each.work.isolated}
 
     for _ in range(3):
         submission.isolate_endless_tile()
@@ -91,7 +91,7 @@ def test_a_large_tile_may_take_longer(monkeypatch: pytest.MonkeyPatch) -> None:
     submission.isolate_endless_tile()
     monkeypatch.setattr(submission, "_next_end", 0.0)
     submission.isolate_endless_tile()
-    assert [each.work.tile for each in submission.in_flight.values() if each.work.apart] == [small]
+    assert [each.work.tile for each in submission.in_flight.values() if each.work.isolated] == [small]
 
 
 def test_a_late_tile_is_repeated_once_while_others_wait(monkeypatch: pytest.MonkeyPatch) -> None:

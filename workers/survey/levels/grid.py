@@ -13,7 +13,7 @@ from gear_rattle.workers.survey.values.quantities import shape_of, variables_of_
 
 GROUP = "levels"
 LARGEST_WITHOUT_LEVELS = 512  # a survey has levels if one of its axes has more cells than this number
-LARGEST_NOT_HALVED = 256  # axes of at most this many cells are not halved
+LARGEST_NOT_HALVED = 256  # an axis of at most this many cells is not halved while the other axis has more
 #: Largest number of cells along a side of a block. A block becomes one chunk of each level.
 LARGEST_SIDE = 2048
 #: Largest number of values of one variable in a block, for which a worker needs about 130 MB.
@@ -78,8 +78,8 @@ def possible_levels(shape: Pair) -> tuple[Level, ...]:
     cells, found, now = (1, 1), list[Level](), shape
     while max(now) > 1:
         least = LARGEST_NOT_HALVED if max(now) > LARGEST_NOT_HALVED else 1
-        cells = _pair(each * 2 if size > least else each for each, size in zip(cells, now, strict=True))
-        now = _pair(-(-size // each) for size, each in zip(shape, cells, strict=True))
+        cells = _as_pair(each * 2 if size > least else each for each, size in zip(cells, now, strict=True))
+        now = _as_pair(-(-size // each) for size, each in zip(shape, cells, strict=True))
         found.append(Level(len(found) + 1, cells, now))
     return tuple(found)
 
@@ -102,7 +102,7 @@ def levels_of(shape: Pair) -> tuple[Level, ...]:
 def reduction_steps(levels: tuple[Level, ...]) -> list[Pair]:
     """Return for each level how many cells of the next finer level a cell covers along each axis, 1 or 2."""
     cells = [(1, 1), *(level.cells for level in levels)]
-    return [_pair(new // old for old, new in zip(*both, strict=True)) for both in pairwise(cells)]
+    return [_as_pair(new // old for old, new in zip(*both, strict=True)) for both in pairwise(cells)]
 
 
 def block_shape(request: SurveyRequest) -> Pair:
@@ -112,7 +112,7 @@ def block_shape(request: SurveyRequest) -> Pair:
     side = LARGEST_SIDE
     while side * side * maps > BLOCK_NUMBERS:
         side //= 2
-    return _pair(max(side, cells) for cells in levels_of(request.shape)[-1].cells)
+    return _as_pair(max(side, cells) for cells in levels_of(request.shape)[-1].cells)
 
 
 def level_blocks(request: SurveyRequest) -> list[LevelBlock]:
@@ -145,6 +145,6 @@ def level_centres(axis: np.ndarray, cells: int) -> np.ndarray:
     return found
 
 
-def _pair(values: Iterable[int]) -> Pair:
+def _as_pair(values: Iterable[int]) -> Pair:
     first, second = values
     return first, second

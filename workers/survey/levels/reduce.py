@@ -66,11 +66,11 @@ def mask_type(number: int) -> np.dtype[np.unsignedinteger]:
 
 
 def reduced_numbers(values: np.ndarray, known: np.ndarray, steps: Sequence[Pair]) -> Iterator[np.ndarray]:
-    """Yield for each level the STATISTICS of the numbers in its cells, float32 of shape (4, m, n).
+    """Yield for each level the mean, least, largest and share of the numbers in its cells, float32 (4, m, n).
 
-    The mean is the mean of the finite numbers; least and largest include infinite numbers. In cells without
-    a finite number the mean is NaN; in cells without any number least and largest are NaN, too. The share is NaN where
-    no cell counts (see this module).
+    The mean is that of the finite numbers; least and largest include infinite numbers. The share is the number of
+    finite numbers, divided by the number of covered cells that count (see the top of this file). The mean is NaN in
+    cells without a finite number, least and largest in cells without any number, the share where no cell counts.
 
     Yields
     ------
@@ -92,11 +92,12 @@ def reduced_numbers(values: np.ndarray, known: np.ndarray, steps: Sequence[Pair]
 
 
 def reduced_phases(values: np.ndarray, known: np.ndarray, steps: Sequence[Pair]) -> Iterator[np.ndarray]:
-    """Yield for each level the STATISTICS of the phases in its cells, float32 of shape (4, m, n).
+    """Yield for each level the mean, least, largest and share of the phases in its cells, float32 (4, m, n).
 
-    A phase of 1 equals a phase of 0. The mean is the direction of the sum of unit vectors, in [0, 1). least and largest
+    A phase of 1 equals a phase of 0. The mean is the direction of the sum of unit vectors, in [0, 1). Least and largest
     are the ends of the interval around the mean that contains all phases, so least may be below 0, and largest 1 or
-    more. All three are NaN in cells without any phase; the share is NaN where no cell counts (see this module).
+    more. All three are NaN in cells without any phase. The share is the number of phases, divided by the number of
+    covered cells that count (see the top of this file); it is NaN where no cell counts.
 
     Yields
     ------
@@ -121,10 +122,10 @@ def reduced_phases(values: np.ndarray, known: np.ndarray, steps: Sequence[Pair])
         yield _as_float32(mean, mean + least, mean + largest, _quotients(count, of))
 
 
-def _quotients(count: np.ndarray, of: np.ndarray) -> np.ndarray:
-    """Return count / of, NaN where `of` is 0."""
+def _quotients(count: np.ndarray, total: np.ndarray) -> np.ndarray:
+    """Return count / total, NaN where `total` is 0."""
     with np.errstate(invalid="ignore", divide="ignore"):
-        found: np.ndarray = np.where(of > 0, count / of, np.nan)
+        found: np.ndarray = np.where(total > 0, count / total, np.nan)
     return found
 
 

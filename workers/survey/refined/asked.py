@@ -14,7 +14,7 @@ AUDITED_SHARE = 0.02  # default of `Refine.audit`, the share of filled cells to 
 
 
 class Refine(StrictRecord):
-    """Options of a refined survey, which computes few cells, more where motions differ, and fills the others.
+    """Options of a refined survey, which computes some cells, more cells where motions differ, and fills the others.
 
     audit: share of the filled cells that are computed as a check, to estimate how many filled cells are wrong. bound:
     the largest allowed share of wrong cells among the filled ones, with 95 % confidence, or None. With a bound, the
@@ -37,9 +37,11 @@ def require_refinable(quantities: Iterable[Group], model: str) -> None:
     """Raise ValueError unless a refined survey of this model can have these groups of variables."""
     groups = set(quantities)
     if not groups & {Group.REGION, *SAMPLED}:
-        raise ValueError("refine compares regions or attractors: name one of these quantities, or leave out refine")
+        raise ValueError(
+            "refine compares regions or attractors: add region or attractors to quantities, or leave out refine"
+        )
     for group in (Group.BASINS, Group.INTENSITY):
         if group in groups:
-            raise ValueError(f"{group} cannot be filled from other cells: leave out this quantity, or leave out refine")
+            raise ValueError(f"{group} cannot be filled from other cells: leave out {group}, or leave out refine")
     if Group.ORBITS in groups:
         require_capability(Capability.FILLED_ORBITS, MODELS[model])

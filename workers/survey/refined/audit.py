@@ -45,9 +45,9 @@ def audit_attributes(counts: Sequence[Sequence[int]]) -> dict[str, int | float]:
 
     counts: for each slice, the numbers of filled, audited and wrong cells.
 
-    All slices of such a survey audit the same positions, so several slices are no larger a random sample than one
-    slice. The upper bound for the survey is therefore the largest of the upper bounds for its slices; it is 0 if no
-    cells are filled.
+    All slices of such a survey audit the same positions of the grid, so the audits of two slices are not independent.
+    The upper bound for the survey is therefore the largest of the upper bounds for its slices; it is 0 if no cells are
+    filled.
 
     Returns
     -------

@@ -95,7 +95,7 @@ class Blocks:
         return Leaves(number, np.zeros_like(number), np.zeros_like(number), BLOCK)
 
     def quarters(self, leaves: Leaves) -> Leaves:
-        """Return the four quarters of each leaf, without quarters that lie outside the grid."""
+        """Return the quarters of each leaf, except quarters whose cells in the block all belong to another quarter."""
         half = leaves.size // 2
         block, row, column = (np.repeat(x, 4) for x in leaves[:3])
         row = row + np.tile([0, 0, half, half], leaves.block.size)
@@ -105,7 +105,7 @@ class Blocks:
         return Leaves(block, row, column, half).select(there)
 
     def cells_of(self, leaves: Leaves) -> LeafCells:
-        """Return the cells of these leaves; positions outside the grid are flagged in `inside`."""
+        """Return the cells of these leaves; `inside` is False for positions outside the grid."""
         along = np.arange(leaves.size + 1)
         row, column = leaves.row[:, None] + along, leaves.column[:, None] + along
         block = leaves.block[:, None]

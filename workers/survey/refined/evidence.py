@@ -73,12 +73,12 @@ class Evidence:
                 continue
             mine = periodic.take(here)
             mine = mine.replace(cell=(row[here] - top) * (width + 1) + column[here] - left)
-            piece = self.existing.get(block) or self._grid_piece(top, left, height, width)
+            piece = self.existing.get(block) or self._empty_grid_piece(top, left, height, width)
             piece.add_attractors(mine)
             self.existing[block] = piece
             self._code[block, : height + 1, : width + 1] = label_codes_in(piece)
 
-    def _grid_piece(self, top: int, left: int, height: int, width: int) -> GridPiece:
+    def _empty_grid_piece(self, top: int, left: int, height: int, width: int) -> GridPiece:
         delta, epsilon = self.cells.delta, self.cells.epsilon
         cells = self.cells.model.cells_of_orbits(delta[left : left + width + 1], epsilon[top : top + height + 1])
         return GridPiece((height + 1, width + 1), cells)
@@ -122,7 +122,7 @@ class Evidence:
         audited : np.ndarray
             Flags of the audited cells, in the shape of the square.
         before : np.ndarray
-            The codes that `label_codes` returned before the audit, which may have found further orbits.
+            The codes that `label_codes` returned before the audit. They change if the audit finds further orbits.
 
         Returns
         -------
@@ -144,13 +144,13 @@ class Evidence:
         return odd & audited
 
 
-def cells_differ(seen: np.ndarray, known: np.ndarray, count: int) -> np.ndarray:
+def cells_differ(samples: np.ndarray, known: np.ndarray, count: int) -> np.ndarray:
     """Return for each leaf (k,) whether some of its cells have a motion and others do not.
 
-    seen (…, k, n, n): how many samples of each cell go to the motion. known (k, n, n): flags of the sampled cells.
+    samples (…, k, n, n): how many samples of each cell go to the motion. known (k, n, n): flags of the sampled cells.
     count: the number of samples of a cell. A cell lacks the motion if none of its samples goes to it. Cells of a leaf
-    differ if one cell lacks the motion, and in another cell at least CERTAIN_SAMPLES samples go to it. They also differ
-    if more cells lack the motion than chance would explain if all cells had the same basin fraction.
+    differ if some lack the motion, although at least CERTAIN_SAMPLES samples of another cell go to it (all samples, if
+    a cell has fewer). They also differ if so many lack the motion that equal basin fractions in all cells are unlikely.
 
     Returns
     -------
@@ -158,7 +158,7 @@ def cells_differ(seen: np.ndarray, known: np.ndarray, count: int) -> np.ndarray:
         Flags, shape (…, k).
     """
     inner = (-2, -1)
-    seen, cells = seen * known, known.sum(inner)
+    seen, cells = samples * known, known.sum(inner)
     none = ((seen == 0) & known).sum(inner)
     share = seen.sum(inner) / (np.maximum(cells, 1) * count)
     expected = cells * (1.0 - share) ** count

@@ -60,13 +60,15 @@ class RefinedCells(Cells):
         return found
 
     def values_of(self, quantity: Quantity) -> np.ndarray:
-        """Return the values of a variable.
+        """Return the values of a variable in all cells.
+
+        Upper ends and errors of basin fractions include the uncertainty of filling. TRAJECTORY_VARIABLES are NaN in
+        filled cells with a chaotic attractor.
 
         Returns
         -------
         np.ndarray
-            Upper ends and errors of basin fractions include the uncertainty of filling. TRAJECTORY_VARIABLES are NaN in
-            filled cells with a chaotic attractor.
+            Shape (…, n_epsilon, n_delta).
         """
         if quantity.name == "attractor_fraction_upper":
             return in_slots(self, np.minimum(self._fraction_upper + self.added_width, 1.0), np.nan, quantity.dtype)
@@ -93,7 +95,7 @@ class RefinedCells(Cells):
 
     @cached_property
     def _lacks_own_trajectory(self) -> np.ndarray:
-        """Flags (attractors,) of the chaotic attractors in filled cells, which have no trajectory."""
+        """Flags (attractors,) of attractors without a trajectory: the chaotic attractors in filled cells."""
         found: np.ndarray = self.is_filled.ravel()[self.table.cell] & (self.table.kind == CHAOTIC)
         return found
 
@@ -105,7 +107,7 @@ class RefinedCells(Cells):
 
     @cached_property
     def _traced_cells(self) -> RefinedCells:
-        """A copy of these cells in which the chaotic attractors without a trajectory are left out."""
+        """A copy of these cells without the attractors that have no trajectory."""
         rows = ~self._lacks_own_trajectory
         return replace(self, table=self.table.take(rows), added_width=self.added_width[rows])
 

@@ -20,11 +20,12 @@ LAST_ROUND = 5  # number of the round that computes all remaining cells; the fir
 #: The kind of a leaf (a square of cells) is log2 of its size, plus CHAOTIC if its computed cells have chaotic or
 #: undecided samples. There are KINDS kinds.
 CHAOTIC, KINDS = 8, 16
-#: A round computes whole kinds of leaves, those with the largest shares of wrong cells first, until the expected share
-#: of wrong cells in all other leaves is at most this multiple of the bound.
+#: A round computes all leaves of some kinds as a whole. These are the kinds with the largest shares of wrong cells, so
+#: many that the expected share of wrong cells in all other leaves is at most this multiple of the bound.
 WRONG_TARGET = 0.5
 MOST_AUDITED = 0.5  # a round that would have to audit more than this share of the filled cells computes all of them
-#: The first audit draws this many times the number of cells that would suffice if all cells were filled and none wrong.
+#: The first audit draws this many times the number of cells that suffices in the best case, in which all cells are
+#: filled and none is wrong.
 FIRST_AUDIT_FACTOR = 3.0
 
 
@@ -68,7 +69,7 @@ def first_round(audit: float, bound: float | None, cells: int) -> AuditRound:
     Returns
     -------
     AuditRound
-        A round that audits without first computing all cells of any leaf.
+        A round that only audits; later rounds first compute all cells of some leaves.
     """
     if bound is None:
         return AuditRound(audit)
@@ -117,23 +118,23 @@ def next_round(bound: float, rounds: tuple[AuditRound, ...], counts: AuditCounts
     return AuditRound(drawn + share * (1.0 - drawn) if share < 1.0 else 1.0, *limits)
 
 
-def _share_to_audit(bound: float, filled: float, wrong: float, sure: float) -> float:
+def _share_to_audit(bound: float, filled: float, wrong: float, confidence: float) -> float:
     """Return the share of the filled cells to audit so that the bound will be met, or 1 to compute all of them.
 
-    filled: the number of filled cells. wrong: how many filled cells are expected to be wrong. sure: the confidence
-    with which the bound must hold.
+    filled: the number of filled cells. wrong: how many filled cells are expected to be wrong. confidence: the
+    probability with which the bound must hold.
 
     Returns
     -------
     float
         A share of at most MOST_AUDITED, or 1.
     """
-    share = 1.2 * -math.log(1.0 - sure) / (bound * max(filled, 1.0))
+    share = 1.2 * -math.log(1.0 - confidence) / (bound * max(filled, 1.0))
     while share <= MOST_AUDITED:
         found = share * wrong
         likely = math.ceil(found + 2.0 * math.sqrt(found))
         audited = math.floor(share * filled)
-        if audited and share_upper_bound(likely, audited, sure) - likely / filled <= bound * (1.0 - share):
+        if audited and share_upper_bound(likely, audited, confidence) - likely / filled <= bound * (1.0 - share):
             return share
         share *= 1.5
     return 1.0

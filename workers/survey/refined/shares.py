@@ -20,7 +20,8 @@ class Filling(NamedTuple):
     """The attractors of filled cells.
 
     table: the attractors. A periodic attractor is an orbit that Newton's method has found in the cell. Any other
-    attractor has the state of an attractor of the same kind in the nearest computed cell, and no exponents.
+    attractor has the state of an attractor of the same kind in the nearest computed cell that has one; its exponents
+    are NaN.
     `table.samples` is the basin fraction times the number of samples of a cell, and need not be a whole number.
     added_width: the half-width that filling adds to the 95 % interval of each basin fraction.
     """
@@ -32,9 +33,9 @@ class Filling(NamedTuple):
 class Branches(NamedTuple):
     """The n periodic orbits in the cells of a block, grouped into branches.
 
-    existing: the orbits. row, column: the cell of each orbit in the block. label: a number that stands for the orbit's
-    label. group: a number that stands for the orbit's branch. Two orbits in neighbouring cells are on the same branch
-    if continuation leads from each to the other.
+    existing: the orbits. row, column: the cell of each orbit in the block. label: a number for each orbit, equal for
+    orbits with the same label. group: a number for each orbit, equal for orbits on the same branch. Two orbits in
+    neighbouring cells are on the same branch if continuation of either orbit leads to the other orbit.
     """
 
     existing: GridPiece
@@ -96,42 +97,42 @@ class _Leaf:
 
     def filling_without_orbits(self) -> list[Filling]:
         """Return the attractors for the empty cells of a leaf whose block has no periodic orbits."""
-        shares, spread = self._fitted_fractions(np.zeros((int(self.known.sum()), 0)))
-        return self._fill_sampled_kinds(shares, spread)
+        fractions, deviations = self._fitted_fractions(np.zeros((int(self.known.sum()), 0)))
+        return self._fill_sampled_kinds(fractions, deviations)
 
-    def filling_with_orbits(self, related: Branches, top: int, left: int) -> list[Filling]:
-        """Return the attractors for the empty cells of the leaf.
+    def filling_with_orbits(self, branches: Branches, top: int, left: int) -> list[Filling]:
+        """Return the attractors for the empty cells of a leaf whose block has periodic orbits.
 
-        related: the periodic orbits of the leaf's block. top, left: the leaf's first row and column in the block.
+        branches: the periodic orbits of the leaf's block. top, left: the leaf's first row and column in the block.
 
         Returns
         -------
         list[Filling]
-            One entry for each kind of attractor.
+            The entries of `_fill_sampled_kinds`, and as the last entry the periodic attractors.
         """
-        row, column = related.row - top, related.column - left
+        row, column = branches.row - top, branches.column - left
         n = self.cell.shape[0]
         here = np.flatnonzero((row >= 0) & (row < n) & (column >= 0) & (column < n))
         at = row[here], column[here]
-        sampled = (related.existing.samples[here] >= 0) & self.known[at]
-        listed, thing = np.unique(related.label[here[sampled]], return_inverse=True)
-        won = related.existing.samples[here[sampled]]
+        sampled = (branches.existing.samples[here] >= 0) & self.known[at]
+        listed, thing = np.unique(branches.label[here[sampled]], return_inverse=True)
+        won = branches.existing.samples[here[sampled]]
         order = np.cumsum(self.known.ravel()).reshape(n, n) - 1
         by_label = np.zeros((int(self.known.sum()), listed.size))
         np.add.at(by_label, (order[at][sampled], thing), won)
-        shares, spread = self._fitted_fractions(by_label)
-        weight = np.full(int(related.group.max(initial=0)) + 1, -1.0)
-        weight[related.group[here[sampled]]] = 0.0
-        np.add.at(weight, related.group[here[sampled]], won)
-        wanted = self.empty[at] & np.isin(related.label[here], listed)
+        fractions, deviations = self._fitted_fractions(by_label)
+        weight = np.full(int(branches.group.max(initial=0)) + 1, -1.0)
+        weight[branches.group[here[sampled]]] = 0.0
+        np.add.at(weight, branches.group[here[sampled]], won)
+        wanted = self.empty[at] & np.isin(branches.label[here], listed)
         mine = here[wanted]
-        thing = np.searchsorted(listed, related.label[mine])
+        thing = np.searchsorted(listed, branches.label[mine])
         place = (np.cumsum(self.empty.ravel()).reshape(n, n) - 1)[row[mine], column[mine]]
-        part = _divided_fractions(place * max(listed.size, 1) + thing, weight[related.group[mine]])
+        part = _divided_fractions(place * max(listed.size, 1) + thing, weight[branches.group[mine]])
         there = part >= 0.0
         mine, thing, place, part = mine[there], thing[there], place[there], part[there]
-        orbits = related.existing.orbits
-        share = shares[place, len(SAMPLED_KINDS) + thing] * part
+        orbits = branches.existing.orbits
+        share = fractions[place, len(SAMPLED_KINDS) + thing] * part
         zeros, real = np.zeros(mine.size, np.int64), np.full(mine.size, np.nan)
         table = Attractors(
             cell=self.cell[self.empty][place],
@@ -148,40 +149,40 @@ class _Leaf:
             impacts=zeros,
             watched=real,
         )
-        periodic = Filling(table, HALF_WIDTH_95 * spread[len(SAMPLED_KINDS) + thing])
-        return [*self._fill_sampled_kinds(shares, spread), periodic]
+        periodic = Filling(table, HALF_WIDTH_95 * deviations[len(SAMPLED_KINDS) + thing])
+        return [*self._fill_sampled_kinds(fractions, deviations), periodic]
 
-    def _fitted_fractions(self, won: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _fitted_fractions(self, orbit_samples: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Fit linear functions of (δ, ε) to basin fractions of the computed cells; evaluate them in the empty cells.
 
-        There is a function for each kind in SAMPLED_KINDS and for each label of periodic orbits. won (known cells,
-        labels): how many samples of each computed cell go to orbits with each label. The fitted fractions of each cell
-        are scaled so that their sum is 1.
+        There is a function for each kind in SAMPLED_KINDS, then one for each label of periodic orbits. orbit_samples
+        (known cells, labels): how many samples of each computed cell go to orbits with each label. The fitted fractions
+        of each cell are scaled so that their sum is 1.
 
         Returns
         -------
         tuple[np.ndarray, np.ndarray]
-            The fractions (empty cells, kinds and labels). For each function the standard deviation of the computed
-            fractions from it, without the part that the finite number of samples explains.
+            The fractions in the empty cells (empty cells, functions), and a standard deviation for each function
+            (functions,): how far the fractions of computed cells are from the function, without sampling noise.
         """
         count = self.evidence.cells.count
         seen = self.evidence.samples[:, self.cell[self.known]].T
-        shares = np.column_stack([seen, won]) / count
+        shares = np.column_stack([seen, orbit_samples]) / count
         known, empty = (self._plane_terms(which) for which in (self.known, self.empty))
         fit = np.linalg.solve(known.T @ known, known.T @ shares)
-        fitted, filled = (_normalized(terms @ fit) for terms in (known, empty))
+        fitted, filled = (_normalize_fractions(terms @ fit) for terms in (known, empty))
         noise = (fitted * (1.0 - fitted)).mean(axis=0) / count
         return filled, np.sqrt(np.maximum(((shares - fitted) ** 2).mean(axis=0) - noise, 0.0))
 
     def _plane_terms(self, which: np.ndarray) -> np.ndarray:
-        """Return (1, row, column) for each selected cell; row and column go from −0.5 to 0.5 over the leaf."""
+        """Return (1, row, column) for each cell flagged in `which`; row and column go from −0.5 to 0.5 in the leaf."""
         at = np.argwhere(which) / (self.cell.shape[0] - 1) - 0.5
         return np.column_stack([np.ones(len(at)), at])
 
-    def _fill_sampled_kinds(self, shares: np.ndarray, spread: np.ndarray) -> list[Filling]:
+    def _fill_sampled_kinds(self, fractions: np.ndarray, deviations: np.ndarray) -> list[Filling]:
         """Return the quiet, chaotic and undecided attractors for the empty cells.
 
-        shares, spread: the fractions and standard deviations that `_fitted_fractions` returns.
+        fractions, deviations: the fitted fractions and their standard deviations, as `_fitted_fractions` returns them.
 
         Returns
         -------
@@ -193,7 +194,7 @@ class _Leaf:
             has = self.evidence.samples[which, self.cell] > 0
             if not (has & self.known).any():
                 continue
-            share = shares[:, which]
+            share = fractions[:, which]
             rows = np.flatnonzero(share > 0.0) if kind == UNDECIDED else np.arange(share.size)
             state = self._nearest_attractors(kind, has & self.known)[rows]
             zeros, unknown = np.zeros(rows.size, np.int64), np.full(rows.size, np.nan)
@@ -212,15 +213,15 @@ class _Leaf:
                 impacts=zeros,
                 watched=unknown,
             )
-            found.append(Filling(table, np.full(rows.size, HALF_WIDTH_95 * spread[which])))
+            found.append(Filling(table, np.full(rows.size, HALF_WIDTH_95 * deviations[which])))
         return found
 
-    def _nearest_attractors(self, kind: int, has: np.ndarray) -> np.ndarray:
+    def _nearest_attractors(self, kind: int, has_kind: np.ndarray) -> np.ndarray:
         """Return for each empty cell the row in `evidence.table` of the nearest attractor of this kind.
 
         Parameters
         ----------
-        has : np.ndarray
+        has_kind : np.ndarray
             Flags (n, n) of the computed cells with an attractor of this kind.
 
         Returns
@@ -228,40 +229,39 @@ class _Leaf:
         np.ndarray
             Rows (empty cells,).
         """
-        there, empty = np.argwhere(has), np.argwhere(self.empty)
+        there, empty = np.argwhere(has_kind), np.argwhere(self.empty)
         apart = ((empty[:, None] - there) ** 2).sum(axis=2)
-        cell = self.cell[has][apart.argmin(axis=1)]
+        cell = self.cell[has_kind][apart.argmin(axis=1)]
         table = self.evidence.table
         rows = np.flatnonzero(table.kind == kind)
         found: np.ndarray = rows[np.searchsorted(table.cell[rows], cell)]
         return found
 
 
-def _normalized(shares: np.ndarray) -> np.ndarray:
-    """Replace negative shares (cells, labels) by 0, and scale each cell's shares to the sum 1."""
-    found = np.maximum(shares, 0.0)
+def _normalize_fractions(fractions: np.ndarray) -> np.ndarray:
+    """Replace negative fractions by 0, and scale each cell's fractions to the sum 1, shape (cells, functions)."""
+    found = np.maximum(fractions, 0.0)
     return np.asarray(found / found.sum(axis=1, keepdims=True))
 
 
-def _divided_fractions(of: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """Divide basin fractions among orbits. All orbits with one label in one cell share one fraction by weight.
+def _divided_fractions(fraction: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    """Divide each basin fraction among the orbits that have one label in one cell, in proportion to their weights.
 
-    of (k,): for each orbit, the number of the fraction that it shares. weight (k,): how many samples of computed cells
-    go to the branch of the orbit, negative if no computed cell has this branch. An orbit with a negative weight gets a
-    part only if all orbits that share its fraction have negative weights. If none of them has a positive weight, the
-    parts are equal.
+    fraction (k,): for each orbit, the number of the fraction from which it gets a part. weight (k,): how many samples
+    of computed cells go to the orbit's branch, negative if no computed cell has the branch. Orbits with a negative
+    weight get no part, unless all weights for this fraction are negative. If no weight is positive, parts are equal.
 
     Returns
     -------
     np.ndarray
         Parts (k,) from 0 to 1; −1 for orbits that get no part.
     """
-    if not of.size:
+    if not fraction.size:
         return np.zeros(0)
-    named = np.bincount(of, weight >= 0.0)[of] > 0
+    named = np.bincount(fraction, weight >= 0.0)[fraction] > 0
     mine = np.where(named, np.maximum(weight, 0.0), 1.0)
     alone = named & (weight < 0.0)
-    sums = np.bincount(of, mine)[of]
-    many = np.bincount(of, ~alone)[of]
+    sums = np.bincount(fraction, mine)[fraction]
+    many = np.bincount(fraction, ~alone)[fraction]
     part = np.where(sums > 0.0, mine / np.where(sums > 0.0, sums, 1.0), 1.0 / np.maximum(many, 1.0))
     return np.where(alone, -1.0, part)

@@ -20,8 +20,8 @@ from gear_rattle.workers.survey.refined.rounds import CHAOTIC, KINDS, AuditRound
 class Tree:
     """The leaves (squares of cells) of a tile.
 
-    evidence: everything known about the tile's cells. crossed: two arrays (rows, columns) of flags, which say whether a
-    curve passes between a cell of the frame (see `Blocks`) and the next cell along δ (first array) or ε (second array).
+    evidence: the computed cells of the tile. crossed: two arrays (rows, columns) of flags, which say whether a curve
+    passes between a cell of the frame (see `Blocks`) and the next cell along δ (first array) or ε (second array).
     draws (cells,): a random number for each cell, which decides the round that audits it. rounds: the rounds of audits.
     audit (cells,): the finding of the audit, 0 (not audited), AUDITED or DISAGREED. leaf (cells,): KINDS times the
     number of the last round in which the cell was to be filled, plus the kind of the cell's leaf. filled: the leaves
@@ -64,10 +64,10 @@ class Tree:
             self._compute_leaves(self._divide_failing(self._pass_audit))
 
     def _compute_leaves(self, waiting: list[Leaves]) -> None:
-        """Compute the edges of leaves, and divide leaves that are not uniform, until no more leaves are divided.
+        """Compute the edges of the leaves `waiting`, and divide leaves until all leaves in `filled` are uniform.
 
-        An orbit that is found late is continued to all cells of its block. A leaf that was uniform may then be uniform
-        no longer; such a leaf is divided too.
+        A new orbit is continued to all cells of its block, so a leaf that was found uniform may later have cells that
+        differ. Such a leaf is divided too.
         """
         while True:
             self._compute_and_divide(waiting)
@@ -101,7 +101,13 @@ class Tree:
             size //= 2
 
     def _are_uniform(self, leaves: Leaves) -> np.ndarray:
-        """Return whether each leaf has cells that agree, is crossed by no curve, and need not be computed whole now."""
+        """Return for each leaf whether its computed cells agree and no curve crosses it.
+
+        Returns
+        -------
+        np.ndarray
+            Flags (k,); False also for a leaf of which this round computes all cells.
+        """
         found = self.evidence.are_uniform(leaves) & ~self._are_crossed(self.blocks.cells_of(leaves))
         if max(self._now.regular, self._now.chaotic) >= leaves.size:
             limit = np.where(self.evidence.have_chaos(leaves), self._now.chaotic, self._now.regular)
@@ -134,9 +140,10 @@ class Tree:
         return self._are_uniform(leaves)
 
     def _record_kind(self, leaves: Leaves, cell: np.ndarray, empty: np.ndarray) -> None:
-        """Record in `self.leaf` the round and the kind of the leaf for cells to fill, once in a round for each cell.
+        """Write the number of this round and the kind of the leaf into `self.leaf` for the cells of leaves to fill.
 
-        cell: numbers of the cells of the leaves. empty: flags of those to fill.
+        A cell that already has an entry of this round keeps it. cell: the numbers of the leaves' cells. empty: flags of
+        the cells that are not computed.
         """
         first = KINDS * self._number
         fresh = empty & (self.leaf[cell] < max(first, 1))

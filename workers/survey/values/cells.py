@@ -60,10 +60,10 @@ class Cells:
 
     @property
     def audit_leaf(self) -> np.ndarray:
-        """For each cell a code that combines the kind of its leaf and the last round of audits that was to fill it.
+        """For each cell KINDS times the number of the last round in which it was to be filled, plus its leaf's kind.
 
-        A leaf is a square of cells; `refined/rounds.py` defines its kind. In this class the code is 0 everywhere,
-        because no cell is filled.
+        A leaf is a square of cells; `refined/rounds.py` defines rounds, kinds and KINDS. In this class the code is 0
+        everywhere, because no cell is filled.
         """
         return np.zeros(self.shape, np.int8)
 

@@ -1,4 +1,4 @@
-"""Variables of the group `intensity`: how hard attractors rattle, each alone, over all samples, and the worst."""
+"""Variables of the group `intensity`: how hard each attractor, all samples and the worst attractor rattle."""
 
 import numpy as np
 
@@ -46,7 +46,7 @@ def _slot_evaluator(field: str) -> Evaluate:
 def _sample_mean(cells: Cells, values: np.ndarray) -> np.ndarray:
     """Return the mean of `values` over the samples of each cell; a sample has the value of the attractor it reached.
 
-    values: a number for each attractor, NaN if unknown. The mean is NaN if a sample reached such an attractor.
+    values: a number for each attractor, NaN if unknown. The mean is NaN if a sample reached an attractor with NaN.
 
     Returns
     -------

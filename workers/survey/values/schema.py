@@ -76,7 +76,7 @@ class Quantity:
     reference: str
     evaluate: Evaluate
     flags: tuple[str, ...] = ()  # meanings of the codes 0, 1, 2, …
-    needs: Capability | None = None  # a capability that a model needs besides that in GROUP_NEEDS
+    needs: Capability | None = None  # a capability that a model needs for this variable, besides GROUP_NEEDS
 
     @property
     def fill_value(self) -> int | float | complex | bool:
@@ -91,7 +91,7 @@ class Quantity:
 
     @property
     def per_cell(self) -> bool:
-        """True if the variable has a value for each cell, which tiles write; others are in the store from the start."""
+        """True if the variable has a value for each cell. Tiles write these variables, not the others."""
         return self.dims[-2:] == CELL
 
     @property
