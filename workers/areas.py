@@ -10,7 +10,7 @@ from pathlib import Path
 from gear_rattle.workers.apart import call_in_subprocess
 from gear_rattle.workers.errors import storage_error
 from rattle.proof.areas.block import ProvedBlock
-from rattle.proof.areas.columns import columns, prove_column
+from rattle.proof.areas.columns import cut_into_columns, prove_column
 from rattle.proof.certificate import Ends
 
 
@@ -46,7 +46,9 @@ def certify_areas(
     found: list[ProvedBlock] = []
     try:
         with out.open("w") as file:
-            for done, blocks in enumerate(_blocks_of_columns(columns(delta, number), epsilon, beta, processes), 1):
+            for done, blocks in enumerate(
+                _blocks_of_columns(cut_into_columns(delta, number), epsilon, beta, processes), 1
+            ):
                 file.writelines(block.json() + "\n" for block in blocks)
                 file.flush()
                 found += blocks

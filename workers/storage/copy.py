@@ -246,7 +246,7 @@ def _copy_to_icechunk(
     size, done, total = 0, 0, len(keys)
     try:
         with ThreadPoolExecutor(READERS) as threads:
-            for some in _batches(keys):
+            for some in _batches_of_files(keys):
                 parts = list(threads.map(lambda one: _read_whole(files, *one), some))
                 asyncio.run(_write_files(session.store, dict(zip((key for key, _ in some), parts, strict=True))))
                 size, done = size + sum(map(len, parts)), done + len(some)
@@ -254,7 +254,7 @@ def _copy_to_icechunk(
                     on_file(done, total)
         session.commit(f"gear-rattle: {files}")
         written = repository.readonly_session(branch).store
-        for some in _batches(keys):
+        for some in _batches_of_files(keys):
             for (key, known), part in zip(some, asyncio.run(_read_files(written, some)), strict=True):
                 if digest(part) not in known:
                     raise OSError(f"{key} does not read back as it was written")

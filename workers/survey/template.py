@@ -83,10 +83,10 @@ def completed_template(files: dict[str, Buffer], request: Any, created: str, chu
     """
     consolidate_metadata(MemoryStore(files))
     template = file_contents(files)
-    files = file_digests(template)
-    root = (files.pop(ROOT),)
+    digests = file_digests(template)
+    root = (digests.pop(ROOT),)
     manifest = Manifest(
-        request.content_hash(), created, request.tile_grid, chunks, root, files, slices=request.n_slices
+        request.content_hash(), created, request.tile_grid, chunks, root, digests, slices=request.n_slices
     )
     return template | {MANIFEST: manifest.to_bytes()}
 
