@@ -2,7 +2,7 @@
 
 from rattle.continuation.curve_continuation import QUIET_LIMIT, Curve, End
 from rattle.impacting.bifurcations.codimension_two import CodimensionTwo, codimension_two
-from rattle.impacting.bifurcations.curves import bifurcation_curve, trace
+from rattle.impacting.bifurcations.curve_tracing import bifurcation_curve, trace
 from rattle.impacting.bifurcations.registry import CURVES, NAMES, describe, name_of
 
 __all__ = [

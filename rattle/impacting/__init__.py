@@ -1,7 +1,7 @@
 """Functions of the impacting gear (paper, equations 2.3 and 2.4). `rattle.stiff` has functions of the same names."""
 
 from rattle.impacting.attractors.stretch import stretch
-from rattle.impacting.bifurcations.curves import trace
+from rattle.impacting.bifurcations.curve_tracing import trace
 from rattle.impacting.bifurcations.diagram import diagram
 from rattle.impacting.bifurcations.registry import NAMES, describe
 from rattle.impacting.map.iterate import iterate_tangent

@@ -239,7 +239,7 @@ def test_grazing_curves_graze():
 
 
 def event_itinerary(event):
-    from rattle.impacting.bifurcations.curves import _rotate_to_sigma_plus
+    from rattle.impacting.bifurcations.curve_tracing import _rotate_to_sigma_plus
 
     return _rotate_to_sigma_plus(event)[0]
 

@@ -20,7 +20,7 @@ from rattle.continuation.curve_continuation import (
 )
 from rattle.errors import RattleError, broadcast_parameters, require, require_one_of
 from rattle.flight.forcing import DRIFT, TWO_PI
-from rattle.impacting.bifurcations.curves import ALL_EPSILON, LEAST_DELTA, REACH, describe_motion
+from rattle.impacting.bifurcations.curve_tracing import ALL_EPSILON, LEAST_DELTA, REACH, describe_motion
 from rattle.impacting.orbits.periodic import why_virtual
 from rattle.inelastic.bifurcations.codimension_two import points_at
 from rattle.inelastic.bifurcations.registry import INELASTIC_CURVES, NAMES

@@ -74,7 +74,7 @@ def trace(
     At SN1, A and C are born; at SN2, B and D are born. At G1, C and B meet, and at G2, A and D meet, both next to the
     graze with Σ⁻. PD1 is the flip of D next to its birth; at PD2, D becomes stable again at higher ε. PDC is the flip
     of C. At quiet_limit permanent contact with Σ⁺ is lost. Points are solutions to rounding, as on the curves of
-    `rattle.impacting.bifurcations.curves`; tau and v are phase and speed of the departure from Σ⁺.
+    `rattle.impacting.bifurcations.curve_tracing`; tau and v are phase and speed of the departure from Σ⁺.
 
     Returns
     -------

@@ -20,7 +20,7 @@ from rattle.intensity.balance import impulse_balance_errors
 from rattle.intensity.table import intensities_of, follow_one_by_one
 from rattle.impacting.attractors.classifier import cells_of
 from rattle.impacting.attractors.stretch import stretch
-from rattle.impacting.bifurcations.curves import trace
+from rattle.impacting.bifurcations.curve_tracing import trace
 from rattle.parameters import Parameters
 from rattle.stiff import StiffGear
 from rattle.stiff.attractors import classifier
