@@ -166,6 +166,8 @@ def _correlation_matrix(names: tuple[str, ...], pairs: list[str]) -> Any:
             first, second, number = text.split(":")
             i, j = names.index(first), names.index(second)
             value = float(number)
+            if i == j:
+                raise ValueError("one name twice")
         except ValueError:
             known = ", ".join(names)
             raise typer.BadParameter(

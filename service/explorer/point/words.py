@@ -76,8 +76,8 @@ def percent_text(share: float) -> str:
     """Return a share in per cent, with three significant digits. Only exactly 0 and 1 become 0 % and 100 %."""
     if 0 < share < LEAST_WRITTEN_SHARE:
         return "less than 0.05 %"
-    if 1 - LEAST_WRITTEN_SHARE < share < 1:
-        return "more than 99.95 %"
+    if 1 - LEAST_WRITTEN_SHARE <= share < 1:
+        return "at least 99.95 %"
     return f"{100 * share:.3g} %"
 
 

@@ -88,7 +88,14 @@ def test_the_numbers_of_the_sentence_are_the_library_s() -> None:
 
 @pytest.mark.parametrize(
     ("value", "said"),
-    [(0.0, "0 %"), (1.0, "100 %"), (1e-5, "less than 0.05 %"), (1 - 1e-5, "more than 99.95 %"), (0.12345, "12.3 %")],
+    [
+        (0.0, "0 %"),
+        (1.0, "100 %"),
+        (1e-5, "less than 0.05 %"),
+        (1 - 1e-5, "at least 99.95 %"),
+        (0.9995, "at least 99.95 %"),
+        (0.12345, "12.3 %"),
+    ],
 )
 def test_shares(value: float, said: str) -> None:
     assert words.percent_text(value) == said

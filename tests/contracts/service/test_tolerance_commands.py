@@ -67,6 +67,7 @@ def test_measured_gears_are_read_from_a_table(tmp_path: Path) -> None:
             [*PLAIN, "--correlation", "beta:delta:0.4"],
             "write NAME:NAME:NUMBER, with two of the varying numbers (epsilon, beta)",
         ),
+        ([*PLAIN, "--correlation", "beta:beta:0.4"], "write NAME:NAME:NUMBER, with two of the varying numbers"),
         ([*PLAIN, "--correlation", "beta:epsilon:0.4", "--correlation", "epsilon:beta:0.1"], "twice"),
         ([*PLAIN, "--correlation", "beta:epsilon:1"], "no numbers have these correlations"),
         ([*PLAIN, "--shock-phase", "0.1"], "a shock needs a speed: give --shock-speed"),
