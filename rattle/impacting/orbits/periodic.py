@@ -197,7 +197,11 @@ def periodic_orbit(
             f"no admissible periodic motion with {n_plus} impacts on Σ⁺ was found near tau = {tau}, v = {v}: "
             "give a state closer to the motion"
         )
-    require(bool(np.isfinite(found).all()), "the periodic motion is beyond double precision")
+    require(
+        bool(np.isfinite(found).all()),
+        f"numbers of the periodic motion near tau = {tau}, v = {v} are beyond double precision: give less extreme "
+        "parameters",
+    )
     return orbit_of(*with_shortest_period(itinerary, found))
 
 

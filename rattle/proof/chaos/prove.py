@@ -65,7 +65,8 @@ def certify_chaos(delta: Exact, epsilon: Exact, beta: Exact = "0.6") -> Horsesho
                 best = proved
     if best is None:
         raise NotProvedError(
-            "no horseshoe of two or more loops is proved here: the motions may be chaotic all the same"
+            "no horseshoe of two or more loops is proved at this point: try a point nearby; motions may be chaotic all "
+            "the same"
         )
     return best
 

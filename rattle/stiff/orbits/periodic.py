@@ -233,7 +233,11 @@ def as_stiff_orbit(orbit: StiffOrbit | Orbit) -> StiffOrbit:
     if isinstance(orbit, StiffOrbit):
         return orbit
     require(isinstance(orbit, Orbit), f"orbit must be an Orbit or a StiffOrbit, got {type(orbit).__name__}")
-    require("kappa" in orbit.added, "orbit is not of a stiff gear: follow it with rattle.branch")
+    require(
+        "kappa" in orbit.added,
+        "orbit must be of the stiff gear, got one without kappa: follow orbits of the impacting gear with "
+        "rattle.branch",
+    )
     return stiff_orbit(orbit.delta, orbit.epsilon, orbit.added["kappa"], orbit.tau, orbit.v, orbit.n_plus, orbit.beta)
 
 

@@ -200,7 +200,10 @@ def test_a_forcing_without_a_first_harmonic_is_that_of_a_shorter_period() -> Non
     np.testing.assert_array_equal(one.impact_wall[:count], other.impact_wall[:count])
     np.testing.assert_allclose(3 * one.impact_time[:count], other.impact_time[:count], atol=1e-8)
     np.testing.assert_allclose(one.impact_speed[:count], 3 * other.impact_speed[:count], rtol=1e-6)
-    for wrong, said in (([(1, 0, 0)], "no harmonic is left"), ([(1, 0.5, 0)], "or 0 if there is none")):
+    for wrong, said in (
+        ([(1, 0, 0)], "no harmonic has an amplitude above 0"),
+        ([(1, 0.5, 0)], "or 0 if there is none"),
+    ):
         with pytest.raises(rattle.ParameterError, match=said):
             InelasticGear(0.6, 0.1, 0.6, 0.8, 0.0, wrong)
 
