@@ -88,7 +88,7 @@ def measured(time: ArrayLike, speed: ArrayLike | None = None, wall: ArrayLike | 
     )
     require(
         times[-1] - times[0] > SHORTEST_SPAN,
-        f"all impacts are within {times[-1] - times[0]:g} forcing periods: give the times in forcing periods",
+        f"all impacts are within {times[-1] - times[0]:g} forcing periods: give time in forcing periods",
     )
     speeds, walls = None, None
     if speed is not None:

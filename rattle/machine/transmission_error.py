@@ -155,7 +155,9 @@ def read_transmission_error(path: str | Path, orders: int = 40) -> TransmissionE
             bool(given) or bare not in found,
             f"the column {bare} of {path} does not say its unit: name it {', '.join([*units][:-1])} or {[*units][-1]}",
         )
-        require(len(given) == 1, f"{path} must have one column of {', '.join(units)}, but has {len(given)}")
+        require(
+            len(given) == 1, f"{path} must have exactly one of the columns {', '.join(units)}, but has {len(given)}"
+        )
         columns.append(found[given[0]] * units[given[0]])
     angle, error = columns
     return transmission_error(angle, error, orders)

@@ -75,7 +75,8 @@ def _gaps_to_try(delta: float, beta: float) -> Array:
         last = min(last, HIGHEST * floor)
     if last <= first:
         raise RattleError(
-            f"at delta = {delta} the saddle A is born at the quiet limit or above it, where no quiet motion exists"
+            f"at delta = {delta} the saddle A is born at the quiet limit or above it, where no quiet motion exists: "
+            "choose another delta"
         )
     gaps = first * np.exp(STEP * np.arange(int(np.log(last / first) / STEP) + 1))
     return np.asarray(gaps[period_one(delta, floor + gaps, beta).exists[0]], np.float64)
