@@ -154,7 +154,7 @@ def follow_impacts(
         if status != first_impact.OK or len(times) > MOST_IMPACTS:
             raise RattleError(
                 f"no periodic motion near tau = {tau}, v = {v}: the motion from this state comes to rest, cannot be "
-                f"followed, or makes more than {MOST_IMPACTS} impacts before {n_plus} on Σ⁺; give another"
+                f"followed, or makes more than {MOST_IMPACTS} impacts before {n_plus} on Σ⁺; give another state"
             )
         time, w = time + s, impact_law.reflected_velocity(w1)
         left -= wall == 1

@@ -205,12 +205,13 @@ def follow_contacts(
         status, s, wall, position, w, *_ = follow_piece(wall, phase, position, w, delta, epsilon, beta, kappa, np.inf)
         if status == QUIET:
             raise RattleError(
-                f"no periodic motion near tau = {tau}, v = {v}: the motion from this state becomes quiet; give another"
+                f"no periodic motion near tau = {tau}, v = {v}: the motion from this state becomes quiet; "
+                "give another state"
             )
         if status != OK:
             raise RattleError(
                 f"no periodic motion near tau = {tau}, v = {v}: the motion from this state cannot be followed to "
-                f"{n_plus} contacts with Σ⁺; give another"
+                f"{n_plus} contacts with Σ⁺; give another state"
             )
         if len(walls) > MOST_IMPACTS:
             raise RattleError(
