@@ -311,7 +311,7 @@ class Classifier(ABC):
             self.orbits, self.balls = with_twice_the_room(self.orbits), with_twice_the_room(self.balls)
 
     def run_next_stage(self, cells: NDArray[np.int64]) -> None:
-        """Follow the unresolved samples of these cells through the next stage."""
+        """Raise these cells' limit of impacts to that of the next stage; follow their unresolved samples up to it."""
         self.stage[cells] += 1
         which = self.unresolved_in(cells).which
         cell = self.samples.cell[which]

@@ -277,7 +277,8 @@ def attractors_of_samples(classifier: type[Classifier], parameters: Parameters, 
     cells = parameters.flat()
     require(
         cells.size * sample.count <= 64 * MOST_SAMPLES,
-        f"{cells.size} cells of {sample.count} samples are too many at once: give fewer, or make a survey",
+        f"{cells.size:,} cells of {sample.count:,} samples exceed the limit of {64 * MOST_SAMPLES:,} samples: give "
+        "fewer cells or samples, or make a survey",
     )
     found = classifier.classify(cells, *sample.states(cells), sample.budget)
     table, _rows = tabulate_attractors(found, missed=True)

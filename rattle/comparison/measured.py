@@ -80,24 +80,28 @@ def measured(time: ArrayLike, speed: ArrayLike | None = None, wall: ArrayLike | 
     """
     times = real_array("time", time)
     require(times.ndim == 1, f"time must be a list of times, got an array of shape {times.shape}")
-    require(times.size >= LEAST_IMPACTS, f"there are {times.size} impacts: give at least {LEAST_IMPACTS}")
+    require(times.size >= LEAST_IMPACTS, f"{times.size} impacts are too few: give at least {LEAST_IMPACTS}")
     require(
         bool(np.isfinite(times).all() and (np.diff(times) > 0).all()),
-        "times must be finite and increase: leave out impacts without a time, and sort the others by time",
+        "time must be finite and rise from each impact to the next: sort the impacts by time, or leave out impacts "
+        "without a time or at the time of another",
     )
     require(
         times[-1] - times[0] > SHORTEST_SPAN,
-        f"all impacts are within {times[-1] - times[0]:g} forcing periods: give the times in forcing periods",
+        f"all impacts are within {times[-1] - times[0]:g} forcing periods: give time in forcing periods",
     )
     speeds, walls = None, None
     if speed is not None:
         speeds = real_array("speed", speed)
         require(speeds.shape == times.shape, f"give a speed for each of the {times.size} impacts, or none")
-        require(bool((np.isfinite(speeds) & (speeds >= 0)).all()), "speeds must be finite and at least 0")
+        require(
+            bool((np.isfinite(speeds) & (speeds >= 0)).all()),
+            "speed must be finite and at least 0: give the size of each velocity",
+        )
     if wall is not None:
         given = real_array("wall", wall)
         require(given.shape == times.shape, f"give a wall for each of the {times.size} impacts, or none")
-        require(bool((np.abs(given) == 1).all()), "walls must be 1 or -1")
+        require(bool((np.abs(given) == 1).all()), "wall must be 1 (Σ⁺) or -1 (Σ⁻) for each impact")
         walls = given.astype(np.int64)
     return MeasuredImpacts(times, speeds, walls)
 

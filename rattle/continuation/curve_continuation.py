@@ -236,6 +236,11 @@ class PlaneWindow:
     epsilon: tuple[float, float]
     resolution: int = POINTS_ACROSS
 
+    def __str__(self) -> str:
+        """Return both ranges in words, for messages."""
+        ranges = (("delta", self.delta), ("epsilon", self.epsilon))
+        return " and ".join(f"{name} from {low:g} to {high:g}" for name, (low, high) in ranges)
+
     @property
     def bounds(self) -> tuple[Bound, Bound]:
         """The bounds of the last two unknowns, δ and ε."""

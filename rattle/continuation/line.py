@@ -80,7 +80,11 @@ def line_through(
         require(bool(direction.any()), "parameter, if it is a direction, must be a pair (dδ, dε) other than (0, 0)")
         ends = np.array([-1.0, 1.0] if span is None else require_pair("span", span))
     low, high = float(ends[0]), float(ends[1])
-    require(low <= 0.0 <= high and low < high, f"span must be (low, high) around the orbit, got {span!r}")
+    value = f"{parameter} = {origin @ direction:g}" if isinstance(parameter, str) else "0"
+    require(
+        low <= 0.0 <= high and low < high,
+        f"span must be (low, high) with low below high and {value}, that of the orbit, between them, got {span!r}",
+    )
     for rate, below in zip(direction, ((LEAST_DAMPING - 1.0) * delta, -epsilon), strict=True):
         if rate > 0.0:
             low = max(low, below / rate)

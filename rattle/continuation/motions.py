@@ -85,7 +85,10 @@ class Motions(ABC):
 
     @abstractmethod
     def motion_near(self, step: Mapping[str, float], tau: float, v: float, n_plus: int) -> Motion | None:
-        """Return the periodic motion with n_plus impacts on Σ⁺ near the state (τ, v), or None if there is none."""
+        """Return the periodic motion with n_plus impacts on Σ⁺ near the state (τ, v), or None if there is none.
+
+        step: the parameter point, as {name: value}.
+        """
 
     @abstractmethod
     def problem(self, itinerary: Any) -> ContinuationProblem:

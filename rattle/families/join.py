@@ -35,7 +35,10 @@ def checked_axis(name: str, values: ArrayLike) -> NDArray[np.float64]:
         f"{name} must be a list of numbers, the values of an axis, got shape {array.shape}",
     )
     steps = np.diff(array)
-    require(bool(np.all(steps > 0) or np.all(steps < 0)), f"the values of {name} must rise or fall: sort them")
+    require(
+        bool(np.all(steps > 0) or np.all(steps < 0)),
+        f"the values of {name} must rise or fall throughout: sort them, each value once",
+    )
     return array
 
 

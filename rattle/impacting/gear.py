@@ -52,7 +52,8 @@ def _raise_for_status(status: int) -> None:
         )
     if status == first_impact.NO_IMPACT:
         raise RattleError(
-            f"the flight has no impact within {first_impact.LONGEST:g} forcing periods, or is beyond double precision"
+            f"the flight has no impact within {first_impact.LONGEST:g} forcing periods, or its numbers are "
+            "beyond double precision"
         )
 
 

@@ -220,7 +220,8 @@ class InelasticGear(SampledGear, Rattling):
     def departure(self, phase: float, position: float, velocity: float) -> NoReturn:  # noqa: ARG002
         """Raise RattleError, because motions that begin inside the gap are not followed for this gear."""
         raise RattleError(
-            "motions that begin inside the gap are not followed for the inelastic gear: give τ and v on Σ⁺"
+            "motions that begin between the walls are not followed for the inelastic gear: give tau and v, a departure "
+            "from Σ⁺"
         )
 
     def region(self) -> int:
@@ -252,7 +253,7 @@ def _folded_phase(phase: float) -> float:
 def _raise_for_status(status: int) -> None:
     """Raise the RattleError of a status code of the impact map, unless the code is OK."""
     if status == IN_CONTACT:
-        raise RattleError("the motion becomes quiet: contact with Σ⁺ never ends, and there is no next impact")
+        raise RattleError("the motion has no next impact, because it becomes quiet: its contact with Σ⁺ never ends")
     if status != OK:
         raise RattleError(
             f"the motion has no impact within {LONGEST:g} forcing periods, makes more than {MOST_BOUNCES:,} impacts on "

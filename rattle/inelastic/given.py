@@ -52,7 +52,10 @@ def checked_harmonics(harmonics: Iterable[Any]) -> tuple[Harmonic, ...]:
             order != 1 or each[1] == 0,
             "the harmonic of order 1 is the eccentricity itself: give its amplitude as epsilon, or 0 if there is none",
         )
-        require(order > 0, f"the order of a harmonic must be at least 2, got {order:g}: change the sign of its phase")
+        require(
+            order > 0,
+            f"the order of a harmonic must be at least 2, got {order:g}: change the signs of order and phase",
+        )
         require(order <= HIGHEST_ORDER, f"the order of a harmonic must be at most {HIGHEST_ORDER}, got {order:g}")
         require(int(order) not in found, f"order {order:g} is given twice: combine both into one harmonic")
         amplitude = require_finite(f"the amplitude of order {order:g}", each[1])
@@ -60,7 +63,8 @@ def checked_harmonics(harmonics: Iterable[Any]) -> tuple[Harmonic, ...]:
         found[int(order)] = int(order), amplitude, require_finite(f"the phase of order {order:g}", each[2]) % 1.0
     require(
         1 not in found or any(size > 0 for _, size, _ in found.values()),
-        "no harmonic is left: give one with an amplitude above 0, or leave out the harmonic of order 1",
+        "no harmonic has an amplitude above 0: give one that has, or leave out the harmonic of order 1 to keep that of "
+        "epsilon",
     )
     return tuple(found[order] for order in sorted(found))
 

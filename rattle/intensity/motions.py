@@ -62,7 +62,10 @@ def kind_of(motion: Motion) -> str:
         f"a motion must be quiet, periodic, chaotic or undecided, got {kind!r}",
     )
     if kind != "quiet":
-        require(motion.v > 0.0, f"the motion must leave Σ⁺ with a speed above 0, got {motion.v}: it may be virtual")
+        require(
+            motion.v > 0.0,
+            f"the motion must leave Σ⁺ with a speed v above 0, got {motion.v}: give an admissible motion",
+        )
     return str(kind)
 
 

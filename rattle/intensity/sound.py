@@ -28,7 +28,8 @@ def sound(
     require(ring < 0.5 * rate, f"ring must be below half the rate of {rate} Hz, got {ring:g} Hz: choose a higher rate")
     require(
         seconds * rate <= MOST_SAMPLES,
-        f"seconds · rate exceeds the limit of {MOST_SAMPLES} samples: give fewer seconds",
+        f"{seconds:g} seconds at {rate:,} samples a second exceed the limit of {MOST_SAMPLES:,} samples: give fewer "
+        "seconds, or a lower rate",
     )
     turn = 60.0 / rpm
     impacts = impacts_of(motion, point, seconds / turn)
@@ -84,7 +85,7 @@ def wav(signal: Array, rate: int, full_scale: float | None = None) -> bytes:
 
     if full_scale is None:
         full_scale = float(np.abs(signal).max(initial=0.0)) or 1.0
-    scaled = LOUDEST / require_number("full-scale", full_scale, positive=True) * signal
+    scaled = LOUDEST / require_number("full_scale", full_scale, positive=True) * signal
     file = io.BytesIO()
     wavfile.write(file, rate, np.clip(np.rint(scaled), -LOUDEST, LOUDEST).astype(np.int16))
     return file.getvalue()

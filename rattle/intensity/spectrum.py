@@ -71,7 +71,11 @@ def spectrum(motion: Motion, point: Any, stiffness: float, highest: float, resol
         )
     spacing = 1.0 / {"quiet": 1, "periodic": motion.m, "chaotic": resolution}[kind]
     count = int(highest / spacing * (1.0 + 1e-12)) + 1
-    require(count <= MOST_ORDERS, f"the spectrum would have more than {MOST_ORDERS} orders: give a smaller highest")
+    require(
+        count <= MOST_ORDERS,
+        f"the spectrum would have {count:,} orders, more than {MOST_ORDERS:,}: make `highest` smaller"
+        + ", or `resolution`" * (kind == "chaotic"),
+    )
     order = np.asarray(spacing * np.arange(count), np.float64)
     if kind == "chaotic":
         length = float(resolution)

@@ -142,7 +142,9 @@ def require_matching_gears(given: Mapping[str, Any], radius: Any, teeth: int | N
         )
     if np.any(np.not_equal(driven, radius)):
         lacking = [f"driven_{name}" for name in DRIVEN[:2] if given.get(f"driven_{name}") is None]
-        require(not lacking, f"the second gear has another size: give its {' and '.join(lacking)} too")
+        require(
+            not lacking, f"the second gear has another base radius than the first: give {' and '.join(lacking)} too"
+        )
     return driven
 
 

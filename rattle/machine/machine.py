@@ -203,15 +203,16 @@ class Machine:
         )
         require(
             not (self.eccentricity and any(order == 1 for order, _, _ in self.errors)),
-            "eccentricity is the amplitude of order 1, which errors contains too: give eccentricity=0",
+            "eccentricity is the amplitude of order 1, which errors contains too: give eccentricity=0, or leave "
+            "order 1 out of errors",
         )
         pair = self._point.pair
         own = float(pair.radius / pair.ratio)
         require_plausible(self.driven_inertia or self.inertia, 0.0, 0.0, own, "driven_")
         require(
             self.stiffness is None or set(self.added) == {"kappa"},
-            "with a stiffness the model has elastic impacts and one harmonic: leave out stiffness, or restitution, "
-            "load_torque and all errors but one",
+            "a machine with a stiffness must have elastic impacts, no load torque and one harmonic: leave out "
+            "stiffness, or else restitution, load_torque and all errors but one",
         )
 
     def __repr__(self) -> str:
@@ -228,7 +229,7 @@ class Machine:
 
     @cached_property
     def _point(self) -> MachinePoint:
-        """The machine's parameter point, with its units."""
+        """The machine's dimensionless parameters, the SI sizes of the model's units, its reduction and its forcing."""
         numbers = {each.name: getattr(self, each.name) for each in fields(self)}
         return machine_point(numbers, self.speed, self.errors, self.driven_errors)
 

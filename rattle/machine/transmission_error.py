@@ -85,7 +85,10 @@ def transmission_error(angle: ArrayLike, error: ArrayLike, orders: int = 40) -> 
     """
     turn, e = real_array("angle", angle), real_array("error", error)
     orders = require_integer("orders", orders, 1, HIGHEST_ORDER)
-    require(turn.ndim == 1 and turn.shape == e.shape, f"give an error for each angle, got {e.size} for {turn.size}")
+    require(
+        turn.ndim == 1 and turn.shape == e.shape,
+        f"angle and error must be lists of the same length, got shapes {turn.shape} and {e.shape}",
+    )
     require(
         turn.size <= MOST_POINTS,
         f"{turn.size:,} points are too many: give at most {MOST_POINTS:,}, such as every tenth",
@@ -93,7 +96,8 @@ def transmission_error(angle: ArrayLike, error: ArrayLike, orders: int = 40) -> 
     missing = np.flatnonzero(~(np.isfinite(turn) & np.isfinite(e)))
     require(
         not missing.size,
-        f"point {missing[:1].sum() + 1} of {turn.size} is not a finite number: measure it, or leave it out",
+        f"the angle or the error of point {missing[:1].sum() + 1} of {turn.size} is not a finite number: measure the "
+        "point, or leave it out",
     )
     require(turn.size >= 4, f"{turn.size} points are too few: give at least {2 * orders + 1} for {orders} orders")
     steps = np.diff(turn)
@@ -104,8 +108,8 @@ def transmission_error(angle: ArrayLike, error: ArrayLike, orders: int = 40) -> 
     back = np.flatnonzero(steps <= 0)
     require(
         not back.size,
-        f"angles must rise, and that of point {back[:1].sum() + 2} does not: sort the table by angle, go on after a "
-        "revolution with 361° after 360°, and leave out one of two points at the same angle",
+        f"angles must rise, and that of point {back[:1].sum() + 2} does not: sort the table by angle, "
+        "leave out one of two points at the same angle, or go on with 361° after 360°",
     )
     turn, e, revolutions = _whole_revolutions(turn, e)
     needed = 2 * orders + 1
@@ -151,7 +155,9 @@ def read_transmission_error(path: str | Path, orders: int = 40) -> TransmissionE
             bool(given) or bare not in found,
             f"the column {bare} of {path} does not say its unit: name it {', '.join([*units][:-1])} or {[*units][-1]}",
         )
-        require(len(given) == 1, f"{path} must have one column of {', '.join(units)}, but has {len(given)}")
+        require(
+            len(given) == 1, f"{path} must have exactly one of the columns {', '.join(units)}, but has {len(given)}"
+        )
         columns.append(found[given[0]] * units[given[0]])
     angle, error = columns
     return transmission_error(angle, error, orders)

@@ -251,7 +251,15 @@ def for_type(function: Callable[..., Any], kind: type) -> Callable[[Callable[...
 
 
 def note_of(about: str, work: str) -> Path:
-    """Return the path of the file that marks the job `work` of `compile_apart` as done, for this `about`."""
+    """Return the path of the file that marks the job `work` of `compile_apart` as done.
+
+    about: the argument of the job, of which only the first word counts.
+
+    Returns
+    -------
+    Path
+        A file of the cache, which may not exist.
+    """
     return cache_directory() / f"{work.rpartition(':')[2]}-{about.split()[0]}.note"
 
 

@@ -71,7 +71,9 @@ def _map_by_density(
     try:
         weight = np.broadcast_to(np.asarray(density(phases[:, None], speeds), np.float64), (CELLS, CELLS))
     except (TypeError, ValueError) as error:
-        raise RattleError(f"the density function fails for arrays of τ and v that broadcast: {error}") from error
+        raise RattleError(
+            f"density must take arrays of τ and v that broadcast, and return a number for each state: {error}"
+        ) from error
     good = bool(np.isfinite(weight).all() and (weight >= 0.0).all() and weight.sum() > 0.0)
     require(good, "density must be finite, nowhere negative and somewhere above 0 in the box")
     x, column = _inverse_distribution(weight.sum(axis=1)[None], np.zeros(len(points), np.int64), points[:, 0])

@@ -153,7 +153,7 @@ def local_manifold(orbit: Periodic, stable: bool, unit: float = 1.0) -> LocalMan
         size /= 2.0
     raise RattleError(
         f"no series of the local manifold of the saddle at tau = {orbit.tau}, v = {orbit.v} converges: "
-        "the saddle may be too close to grazing"
+        "the saddle may be too close to grazing, so choose other parameters"
     )
 
 

@@ -33,7 +33,18 @@ class Birth(NamedTuple):
 
 @cache
 def birth_of_chaos() -> Birth:
-    """Follow the P(2,2,1) that attracts at ε = 0.0945 as ε grows, to its flip and the graze. Raises RattleError."""
+    """Follow the P(2,2,1) that attracts at ε = 0.0945 to its flip, and the doubled orbit to its graze on Σ⁻.
+
+    Returns
+    -------
+    Birth
+        Both ε, and the impacts of the doubled orbit.
+
+    Raises
+    ------
+    RattleError
+        If the motions or the events are others than these.
+    """
     for seen in Gear(DELTA, FROM).attractors(count=256):
         if (seen.m, seen.n_plus, seen.n_minus) == (2, 2, 1):
             break
@@ -43,7 +54,10 @@ def birth_of_chaos() -> Birth:
     events = cascade(orbit, "epsilon", (FROM, TO))
     kinds = [event.kind for event in events]
     if kinds != [Kind.FLIP, Kind.GRAZING] or events[1].wall != -1:
-        raise RattleError(f"P(2,2,1) must have a flip and then a graze on Σ⁻, but has {kinds}: report this as a bug")
+        raise RattleError(
+            f"P(2,2,1) must have a flip and then a graze on Σ⁻, but has {', '.join(kinds) or 'no event'}: report this "
+            "as a bug"
+        )
     flip, graze = events
     persists = bool(branch(orbit, "epsilon", (FROM, TO)).admissible.all())
     walls = graze.itinerary.walls  # includes the impact of speed 0, so 1 is subtracted on Σ⁻

@@ -128,7 +128,10 @@ def branch_figure(branch: Any) -> Figure:
     found: Any = branch
     at = found.parameters
     way = at[np.argmax(np.abs(at - at[0]).sum(axis=1))] - at[0]
-    require(bool(way.any()), "the branch must have two points or more with different parameters to be drawn")
+    require(
+        bool(way.any()),
+        "all points of the branch have the same parameters, so it cannot be drawn: follow it over a larger span",
+    )
     way = way * np.sign(way[np.argmax(np.abs(way))])
     first, last = np.argmin(at @ way), np.argmax(at @ way)
     ends = [first, last]

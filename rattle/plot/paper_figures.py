@@ -163,13 +163,16 @@ def request(
     given = {name: value for name, value in added.items() if value is not None}
     for name in given:
         require_one_of("a parameter", name, ADDED)
-        words = f"a {ADDED[name].label} {name}"
         owner = owner_of(name).name
         require(
             owner == Stiff.name,
-            f"the paper's figures have no {name}, which the {owner} model adds: leave it out, and draw a survey",
+            f"the paper's figures have no {name}, which the {owner} model adds: leave it out, or draw a "
+            "survey of that model",
         )
-        require(figure.stiff is not None, f"only Figures {have} take {words}, not {number}")
+        require(
+            figure.stiff is not None,
+            f"Figure {number} takes no {name} ({ADDED[name].label}): leave it out, or choose one of Figures {have}",
+        )
     return Request(
         number,
         figure.delta if delta is None else _check_form(number, "delta", figure.delta_form, delta, positive=True),

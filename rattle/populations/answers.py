@@ -140,7 +140,7 @@ class Population:
         RattleError
             If all samples are undecided.
         """
-        require(all(0.0 < q < 1.0 for q in quantiles), "quantiles must be between 0 and 1")
+        require(all(0.0 < q < 1.0 for q in quantiles), f"quantiles must be between 0 and 1, got {quantiles}")
         power = np.asarray(self.watts_per_unit)
         energy = self.gears.energy * (power[:, None] if power.ndim else power)
         if np.isnan(energy).all():
@@ -264,7 +264,10 @@ def covariance_ratio(base: Array, other: Array, again: Array) -> Estimate:
     """
     known = ~np.isnan(base + other + again)
     if known.sum() < FEWEST:
-        raise RattleError(f"Sobol indices need {FEWEST} gears with decided samples: make `pairs` or `budget` larger")
+        raise RattleError(
+            f"Sobol indices need {FEWEST} gears with decided samples, but only {known.sum()} have them: make `pairs` "
+            "or `budget` larger"
+        )
     x, y, z = (each[known] - each[known].mean() for each in (base, other, again))
     same, shared = x * z, 0.5 * (x + z) * y  # the mean of `base` and `again` has less noise than `base` alone
     whole, error = float(same.mean()), 1.0 / np.sqrt(same.size)

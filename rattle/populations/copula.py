@@ -119,7 +119,8 @@ def checked_correlation(given: ArrayLike | None, names: tuple[str, ...]) -> Arra
     order = f"rows and columns in this order: {', '.join(names)}"
     require(
         matrix.shape == (len(names), len(names)),
-        f"the correlation must have a row and a column for each number that varies, {order}; got {matrix.shape}",
+        f"the correlation matrix must have a row and a column for each number that varies, {order}; got shape "
+        f"{matrix.shape}",
     )
     require(
         bool(np.isfinite(matrix).all() and (abs(matrix - matrix.T) <= SYMMETRY_ERROR).all()),
@@ -136,7 +137,7 @@ def checked_correlation(given: ArrayLike | None, names: tuple[str, ...]) -> Arra
     if least < LEAST_EIGENVALUE:
         fit = (1.0 - LEAST_EIGENVALUE) / (1.0 - least)
         raise ParameterError(
-            f"no numbers have these correlations (least eigenvalue {least:.3g}): multiply the entries off the "
-            f"diagonal by {0.99 * fit:.2g}, and leave out numbers that are functions of others",
+            f"these correlations are impossible, or make some numbers functions of others (least eigenvalue "
+            f"{least:.3g}): leave out such numbers, or multiply the entries off the diagonal by {0.99 * fit:.2g}",
         )
     return matrix

@@ -207,7 +207,7 @@ def distribution_of(text: str) -> Distribution:
     needed = [each.name for each in fields(kind) if each.name not in ("low", "high") or kind is not Normal]
     require(
         len(needed) <= len(numbers) <= len(names),
-        f"{text!r} has the wrong number of numbers: after {word} give {', '.join(needed)}"
+        f"{text!r} has {len(numbers)} numbers after {word}: give {', '.join(needed)}"
         + (", and low and high if the distribution is cut off" * (kind is Normal)),
     )
     found: Distribution = kind(*numbers)

@@ -135,7 +135,7 @@ def design_limits(
     ParameterError
         If an argument is outside its domain.
     """
-    require(over != of, f"`over` must be another number than `of`, got {of} for both")
+    require(over != of, f"`over` must name another number of the gear than `of`, got {of} for both")
     return [design_limit({**given, over: value}, of, share, **more) for value in values]
 
 

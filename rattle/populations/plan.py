@@ -57,7 +57,12 @@ class Shock:
             read = distribution_of(value) if isinstance(value, str) else value
             object.__setattr__(self, name, read)
             if isinstance(read, Distribution):
-                require(name == "phase" or read.range[0] > 0.0, f"the {name} of a shock must be above 0")
+                least = read.range[0]
+                require(
+                    name == "phase" or least > 0.0,
+                    f"the {name} of a shock must be above 0, but its distribution reaches down to {least:g}: cut it "
+                    "off above 0",
+                )
             else:
                 object.__setattr__(self, name, require_number(name, read, positive=name == "speed"))
 

@@ -226,7 +226,7 @@ def is_machine(given: Mapping[str, Any]) -> bool:
 
 def require_known_names(given: Mapping[str, Any]) -> None:
     """Raise ParameterError unless the names describe one gear, and the numbers that cannot vary have valid values."""
-    require("speed" not in given, "a gear has no number speed: give the mean speed as rpm, in revolutions per minute")
+    require("speed" not in given, "speed is not taken here: give the mean speed as rpm, in revolutions per minute")
     own = [name for name in given if name in DIMENSIONLESS or HARMONIC.fullmatch(name)]
     of_machine = [name for name in given if name in (*OF_MACHINE, "drive") or ERROR.fullmatch(name)]
     for name in given:

@@ -76,7 +76,8 @@ class CertifiedMotion:
         self.itinerary, (self.m, *counts) = document["walls"], document["label"]
         whole = all(type(x) is int for x in [self.m, *self.itinerary]) and self.m > 0 and {*self.itinerary} <= {1, -1}
         require(
-            whole, "`walls` must be 1 and -1, and the first number of `label`, the forcing periods, a positive integer"
+            whole,
+            "each of `walls` must be 1 or -1, and the first number of `label`, the forcing periods, a positive integer",
         )
         require(counts == [self.itinerary.count(1), self.itinerary.count(-1)], "`label` must count the walls 1 and -1")
         self.k, self.turns = ([2 * kappa[0], ZERO], 1) if kappa else ([ZERO], -1)
@@ -290,7 +291,9 @@ def check(text: str) -> str:
         where = ", ".join(f"{name} = {value}" for name, value in document["parameters"].items())
         return f"P({', '.join(map(str, document['label']))}), {verdict}, at {where}"
     except (LookupError, TypeError, ValueError, ArithmeticError, AttributeError, RecursionError) as error:
-        raise Refused(f"the certificate is incomplete or malformed: {error}") from error
+        raise Refused(
+            f"the certificate cannot be checked, perhaps because it is incomplete or malformed: {error}"
+        ) from error
 
 
 def main(path: str) -> int:

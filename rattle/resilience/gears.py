@@ -89,8 +89,8 @@ def path_points(path: ArrayLike, beta: float, added: Mapping[str, float | None],
     right = given.ndim == 2 and 2 <= given.shape[1] <= len(names) and len(given) >= 2
     require(
         right,
-        "path must be points (k, 2) of δ and ε, (k, 3) with β, or more with the model's other parameters, got shape "
-        f"{given.shape}",
+        f"path must have a row for each of two points or more, and 2 to {len(names)} columns, {', '.join(names)} in "
+        f"this order; got shape {given.shape}",
     )
     named = {name: np.full(len(given), x) for name, x in {"beta": beta, **others}.items()}
     at = Parameters.from_values(model.name, **named | dict(zip(names, given.T, strict=False)))

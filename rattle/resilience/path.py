@@ -198,7 +198,8 @@ def global_continuation(
     count = sample.count
     require(
         points.size * count <= 64 * MOST_SAMPLES,
-        f"{points.size:,} steps of {count:,} samples exceed the limit of {64 * MOST_SAMPLES:,}: use fewer",
+        f"{points.size:,} steps of {count:,} samples exceed the limit of {64 * MOST_SAMPLES:,} samples: use fewer "
+        "steps or samples",
     )
     tau, v = sample.states(points) if given is None else (np.tile(x, (points.size, 1)) for x in given[:2])
     model = MODELS[points.model]

@@ -92,7 +92,8 @@ def tipping(
     ParameterError
         If the gears are of different models, or an argument is outside its domain.
     """
-    require(before.parameters.model == after.parameters.model, "both gears must be of the same model")
+    models = before.parameters.model, after.parameters.model
+    require(models[0] == models[1], f"both gears must be of the same model, got {' and '.join(models)}")
     tau, v = sample_of(before, count, v_max, seed, states)
     first = before.reached(tau, v)
     on = [departure_from_rest(after) if each.kind == "quiet" else (each.tau, each.v) for each in first.attractors]

@@ -28,7 +28,7 @@ LONGEST_RUN = 1e5  # longest time that one call follows, in forcing periods
 
 
 class MotionState(NamedTuple):
-    """The state in which `StiffGear.flight` ends.
+    """The state that `StiffGear.flight` reaches after a given time, through flights and contacts.
 
     position, velocity: Φ and Φ' at the end. n_plus, n_minus: the numbers of contacts with Σ⁺ and Σ⁻ since the start.
     tangent (2, 2): the tangent map ∂(Φ, Φ')/∂(Φ₀, Φ'₀) at fixed times, whose determinant is e^(−δ time).

@@ -168,7 +168,7 @@ def _point_on_grazing_curve(name: str, residual: Residual, beta: float) -> tuple
     values = np.array([residual(x, beta) for x in scan])
     falls = np.flatnonzero((values[:-1] > 0) & (values[1:] <= 0))
     if not falls.size:
-        raise RattleError(f"{name} does not exist at beta = {beta}")
+        raise RattleError(f"{name} was not found at beta = {beta}: choose another beta")
     lo, hi = scan[falls[0]], scan[falls[0] + 1]
     delta = float(brentq(residual, lo, hi, args=(beta,), xtol=1e-15 * beta, rtol=4 * np.finfo(float).eps))
     return delta, float(closed_form.grazing_cosine(delta, beta)[1])

@@ -78,7 +78,9 @@ def trace(
             else _trace_registered(name, beta, window, dampings)
         )
     except np.linalg.LinAlgError as error:
-        raise RattleError(f"{name} cannot be followed for beta = {beta} in {window}: {error}") from error
+        raise RattleError(
+            f"{name} cannot be followed at beta = {beta:g} with {window} ({error}): choose another window"
+        ) from error
 
 
 def _trace_registered(name: str, beta: float, window: PlaneWindow, dampings: Array) -> Curve:

@@ -96,7 +96,7 @@ def _window_around(known: list[Crisis], s: float) -> tuple[float, float]:
 
 
 def _steps_of_next_crisis(last: Crisis) -> int:
-    """Return `Crisis.steps` for the crisis after `last` on the curve."""
+    """Return the number of impacts on Σ⁺ in which the contact's orbit comes back to A, for the crisis after `last`."""
     return last.steps + (1 if contact_position(last) > INSIDE else 0)
 
 
@@ -249,7 +249,7 @@ def crisis_curve(
     end = end_of_curve(beta)
     bottom = 0.0 if low is None else require_number("low", low, positive=True)
     top = np.inf if high is None else require_number("high", high, positive=True)
-    require(bottom < top, f"low must be below high, got {bottom} and {top}")
+    require(bottom < top, f"low must be below high, got low = {bottom:g} and high = {top:g}")
     start = boundary_crisis(min(max(START * end, bottom), top), beta)
     falling, low_end = _follow_down(start, bottom, resolution, end)
     rising, high_end = [start], "the requested end"

@@ -179,7 +179,7 @@ def saddle_at(delta: float, epsilon: float, beta: float) -> Saddles:
     if not a.is_decidable[0]:
         raise RattleError(
             f"W^u(A) cannot be followed at delta = {delta}, epsilon = {epsilon}, beta = {beta}: the saddle A or quiet "
-            "motion does not exist there, or becoming quiet takes too many impacts"
+            "motion does not exist there, or becoming quiet takes too many impacts; choose another point"
         )
     return a
 

@@ -75,7 +75,8 @@ def _gaps_to_try(delta: float, beta: float) -> Array:
         last = min(last, HIGHEST * floor)
     if last <= first:
         raise RattleError(
-            f"at delta = {delta} the saddle A is born at the quiet limit or above it, where no quiet motion exists"
+            f"at delta = {delta} the saddle A is born at the quiet limit or above it, where no quiet motion exists: "
+            "choose another delta"
         )
     gaps = first * np.exp(STEP * np.arange(int(np.log(last / first) / STEP) + 1))
     return np.asarray(gaps[period_one(delta, floor + gaps, beta).exists[0]], np.float64)
@@ -148,7 +149,7 @@ def _escaping_runs(delta: float, beta: float, gap: float) -> list[Array]:
     edges = np.flatnonzero(np.diff(np.concatenate([[False], gone, [False]]).astype(int))).reshape(-1, 2)
     if not edges.size:
         raise RattleError(
-            f"no sample of W^u(A) becomes quiet at epsilon = {sn1_formula(delta) + gap}: no contact is searched there"
+            f"no sample of W^u(A) becomes quiet at epsilon = {sn1_formula(delta) + gap}, so no contact is found there"
         )
     runs = sorted(edges, key=lambda ends: ends[0] - ends[1])
     return [np.asarray(s[max(first - 1, 0) : last + 1], np.float64) for first, last in runs]
@@ -293,13 +294,15 @@ def boundary_crisis(delta: float, beta: float = 0.6) -> Crisis:
     beta = require_number("beta", beta, positive=True)
     if delta < WEAKEST:
         raise RattleError(
-            f"damping is too weak at delta = {delta:g} for boundary crises: below {WEAKEST:g} motions take thousands "
-            "of impacts to become quiet, and W^u(A) hardly ever leads to a chaotic attractor; rattle.crisis_side tells "
-            "whether a part of W^u(A) becomes quiet"
+            f"delta must be at least {WEAKEST:g} for a boundary crisis, got {delta:g}: damping is too weak below, "
+            "where becoming quiet takes thousands of impacts and few attractors are chaotic; use rattle.crisis_side"
         )
     gaps = _gaps_to_try(delta, beta)
     if gaps.size < 2:
-        raise RattleError(f"the saddle A does not exist below the quiet limit at delta = {delta}, beta = {beta}")
+        raise RattleError(
+            f"too little of the range of epsilon below the quiet limit has the saddle A at delta = {delta}, "
+            f"beta = {beta}: choose another delta"
+        )
     gone = np.asarray(has_escaping_part(delta, float(sn1_formula(delta)) + gaps, beta), np.bool_)
     reasons = []
     for i in np.flatnonzero(gone[1:] & ~gone[:-1])[::-1]:

@@ -352,7 +352,7 @@ def grazing_point(sigma, delta, beta):
 
 @kernel
 def fill_grazing(curve, delta, beta, epsilon, phase, trace):
-    """Write ε, τ and the trace of `grazing_cells` to epsilon, phase and trace (n,), which hold NaN before.
+    """Write ε, τ and the trace of `grazing_curve` to epsilon, phase and trace (n,), which hold NaN before.
 
     The entries of points at which the curve does not exist remain NaN.
     """
@@ -366,7 +366,7 @@ def fill_grazing(curve, delta, beta, epsilon, phase, trace):
             sigma = next_grazing(sigma * (1.0 + 1e-11), delta[i], beta[i])
 
 
-def grazing_cells(curve: int, delta: Array, beta: Array) -> tuple[Array, Array, Array]:
+def grazing_curve(curve: int, delta: Array, beta: Array) -> tuple[Array, Array, Array]:
     """Return the curve G1 (curve = 0, where C grazes) or G2 (curve = 1, where A grazes) at flat arrays of δ and β.
 
     Returns

@@ -58,7 +58,7 @@ def grazing(curve: str, delta: ArrayLike, beta: ArrayLike = 0.6) -> Grazing:
     """
     require_one_of("curve", curve, CURVES)
     d, _, b = broadcast_parameters(delta, 0.0, beta)
-    flat = closed_form.grazing_cells(CURVES.index(curve), *(np.array(x, order="C").ravel() for x in (d, b)))
+    flat = closed_form.grazing_curve(CURVES.index(curve), *(np.array(x, order="C").ravel() for x in (d, b)))
     epsilon, tau, trace = (x.reshape(d.shape) for x in flat)
     multipliers = multipliers_of(trace, ELASTIC.determinant(d, 1, 1))
     multipliers[:, np.isnan(epsilon)] = complex(np.nan, np.nan)

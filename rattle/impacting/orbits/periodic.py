@@ -154,7 +154,7 @@ def follow_impacts(
         if status != first_impact.OK or len(times) > MOST_IMPACTS:
             raise RattleError(
                 f"no periodic motion near tau = {tau}, v = {v}: the motion from this state comes to rest, cannot be "
-                f"followed, or makes more than {MOST_IMPACTS} impacts before {n_plus} on Σ⁺"
+                f"followed, or makes more than {MOST_IMPACTS} impacts before {n_plus} on Σ⁺; give another state"
             )
         time, w = time + s, impact_law.reflected_velocity(w1)
         left -= wall == 1
@@ -197,7 +197,11 @@ def periodic_orbit(
             f"no admissible periodic motion with {n_plus} impacts on Σ⁺ was found near tau = {tau}, v = {v}: "
             "give a state closer to the motion"
         )
-    require(bool(np.isfinite(found).all()), "the periodic motion is beyond double precision")
+    require(
+        bool(np.isfinite(found).all()),
+        f"numbers of the periodic motion near tau = {tau}, v = {v} are beyond double precision: give less extreme "
+        "parameters",
+    )
     return orbit_of(*with_shortest_period(itinerary, found))
 
 

@@ -141,14 +141,14 @@ class CodimensionTwoCurve(TabularResult):
         passed = np.flatnonzero(apart[:-1] * apart[1:] <= 0.0)
         if not passed.size:
             raise RattleError(
-                f"{self.name} was followed from r = 1 to {self.restitution.min():.6g} only, not to r = {r:g}"
+                f"{self.name} is known for a restitution from {self.restitution.min():.6g} to 1, got {r:g}"
             )
         i = int(passed[0])
         share = apart[i] / (apart[i] - apart[i + 1]) if apart[i] != apart[i + 1] else 0.0
         guess = self._points[i] + share * (self._points[i + 1] - self._points[i])
         found = solution_with_value(_problem_of_point(self.name, self.beta), guess, R, r)
         if found is None:
-            raise RattleError(f"Newton's method finds no {self.name} at r = {r:g}")
+            raise RattleError(f"Newton's method finds no {self.name} at restitution = {r:g}: give a value close to it")
         return float(found[DELTA]), float(found[EPSILON])
 
 
@@ -199,7 +199,7 @@ def follow_codimension_two(name: str, beta: float = 0.6, lowest: float = LEAST_R
     beta = require_number("beta", beta, positive=True)
     known = {point.name: point for point in codimension_two(beta)}
     if name not in known:
-        raise RattleError(f"the elastic gear has no {name} at beta = {beta:g}")
+        raise RattleError(f"no {name} of the elastic gear was found at beta = {beta:g}: give another beta")
     at = known[name]
     near = graze_starts(at.delta, beta, 1.0)
     if not near:
@@ -208,7 +208,7 @@ def follow_codimension_two(name: str, beta: float = 0.6, lowest: float = LEAST_R
     closest = min(near, key=lambda x: abs(float(x[-1]) - at.epsilon))
     start = solution_with_value(problem, np.append(closest, 1.0), R, 1.0)
     if start is None:
-        raise RattleError(f"Newton's method finds no {name} at r = 1 and beta = {beta:g}")
+        raise RattleError(f"Newton's method finds no {name} at restitution = 1, beta = {beta:g}: give another beta")
 
     def reason_to_end(x: Array) -> str | None:
         if not lowest <= x[R] <= 1.0:

@@ -83,7 +83,10 @@ def trace(
             )
         return _trace_motion_curve(name, beta, restitution, load, window, dampings)
     except np.linalg.LinAlgError as error:
-        raise RattleError(f"{name} cannot be followed for beta = {beta} in {window}: {error}") from error
+        raise RattleError(
+            f"{name} cannot be followed at beta = {beta:g}, restitution = {restitution:g} and load = {load:g} with "
+            f"{window} ({error}): choose another window"
+        ) from error
 
 
 def _dampings_to_search(window: PlaneWindow, beta: float) -> Array:

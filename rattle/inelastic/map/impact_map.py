@@ -70,6 +70,7 @@ def flight_after_impact(wall, tau, w, piece, point, departure):
 
     wall, tau, w: the wall and the phase of the impact, and the velocity after it; w = 0 at a zero of the contact force
     means that a contact phase ends there. piece: the number of zeros of the contact force at or before tau.
+    departure (2, K): filled with the terms of the forcing at the departure, as `forced_flight` does.
 
     Returns
     -------

@@ -69,7 +69,10 @@ def inelastic_orbit(point: InelasticPoint, tau: float, v: float, n_plus: int = 1
     tau1, v1 = fastest_point(tau1, v1, k, point)
     status, _t, _v, time, n_minus, a00, _a, _b, a11, log_det = power_map(tau1, v1, k, point)
     if status != OK:
-        raise RattleError("the motion that was found cannot be followed: a flight is too long, or a number too large")
+        raise RattleError(
+            f"the periodic motion near tau = {tau:g}, v = {v:g} cannot be followed: a flight is too long, or a number "
+            "is beyond double precision"
+        )
     contacts, merged = contacts_and_merged_impacts(tau1, v1, k, point)
     if log_det == -math.inf:
         multipliers = (0j, 0j)

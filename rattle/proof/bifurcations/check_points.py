@@ -119,7 +119,7 @@ class Bifurcation:
         whole = [self.m, *self.walls] + ([] if self.impact is None else [self.impact])
         require(
             all(type(x) is int for x in whole) and self.m > 0 and {*self.walls} <= {1, -1},
-            "`walls` must be 1 and -1, and `m` and `impact` whole numbers, with `m` positive",
+            "each of `walls` must be 1 or -1, `m` a positive whole number, and `impact` a whole number or null",
         )
         require(
             self.kind in ("SN", "PD", "GR") and (self.impact is None) == (self.kind != "GR"),
@@ -127,7 +127,7 @@ class Bifurcation:
         )
         require(
             self.impact is None or 0 <= self.impact < self.n > 1,
-            "`impact`, the index of the grazing impact, must be from 0 to the number of walls, 2 at least, minus 1",
+            "`impact` must be the index, from 0, of the grazing impact in `walls`, which must have 2 elements or more",
         )
         if self.name != self.kind:
             meant = NAMES.get((self.kind, self.name))
@@ -139,7 +139,7 @@ class Bifurcation:
         known, solved = document["known"], document["solved"]
         require(
             {*known, *solved} == {"beta", *FREE} and "beta" in known,
-            "`known` and `solved` must be beta, delta and epsilon",
+            "`known` and `solved` together must have beta, delta and epsilon, with beta in `known`",
         )
         require(
             len(known) + len(solved) == 3 and len(solved) == (2 if self.point else 1),
@@ -233,7 +233,9 @@ class Bifurcation:
         radii = [RADIUS * (VELOCITY_FACTOR if i < 2 * self.n and i % 2 else 1) for i in range(size)]
         spread = [radius * UNIT for radius in radii]
         values, rows = self.equations(x)
-        require(len(values) == size, "`kind` and `name` have not as many equations as there are unknowns")
+        require(
+            len(values) == size, f"`kind` and `name` have {len(values)} equations, but the motion has {size} unknowns"
+        )
         about = (fp.matrix([[each.mid for each in row] for row in rows]) ** -1).tolist()
         for _ in range(6):  # the first step proves existence, further steps make the intervals narrower
             _, rows = self.equations([a + b for a, b in zip(x, spread, strict=True)])
@@ -369,7 +371,9 @@ def check(text: str) -> str:
         where = ", ".join(f"{name} = {value}" for name, value in document["known"].items())
         return f"{claim.name} of {document['walls']}, at {where}: {', '.join(claim.free)} to {max_width(claim):.0e}"
     except (LookupError, TypeError, ValueError, ArithmeticError, AttributeError, RecursionError) as error:
-        raise Refused(f"the certificate is incomplete or malformed: {error}") from error
+        raise Refused(
+            f"the certificate cannot be checked, perhaps because it is incomplete or malformed: {error}"
+        ) from error
 
 
 def max_width(claim: Bifurcation) -> float:

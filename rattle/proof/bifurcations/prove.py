@@ -71,7 +71,8 @@ def certify_curve_point(
         "epsilon": exact_number("epsilon", epsilon),
         "beta": exact_number("beta", beta),
     }
-    require(min(numbers.values()) > 0, "delta, epsilon and beta must be positive")
+    wrong = [key for key, number in numbers.items() if number <= 0]
+    require(not wrong, f"{' and '.join(wrong)} must be positive")
     d, e, half = (float(number) for number in numbers.values())
     definition = CURVES[name]
     problem = condition(definition.itinerary(half), definition.kind, definition.impact)

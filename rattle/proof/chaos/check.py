@@ -222,7 +222,8 @@ class HorseshoeClaim:
             fits = len(words) == len(periods) == len(sets) + 1 <= MOST_LENGTH and all(x < len(self.sets) for x in sets)
             require(
                 whole and fits and max(words) <= MOST_LENGTH and sum(periods) > 0,
-                "a loop must have numbers of sets, of impacts on Σ⁻ and of forcing periods, one set fewer than steps",
+                "a loop must list whole numbers in `sets`, `sigma_minus` and `periods`, where `sets` has one element "
+                "less than either of the others, and `periods` has a sum above 0",
             )
 
     def force(self, t: Interval) -> Interval:
@@ -387,4 +388,6 @@ def check(text: str) -> str:
         least = document["entropy_per_impact"], document["entropy_per_period"]
         return f"a horseshoe of entropy {least[0]} an impact on Σ⁺, {least[1]} a forcing period, at least, at {where}"
     except (LookupError, TypeError, ValueError, ArithmeticError, AttributeError, RecursionError) as error:
-        raise Refused(f"the certificate is incomplete or malformed: {error}") from error
+        raise Refused(
+            f"the certificate cannot be checked, perhaps because it is incomplete or malformed: {error}"
+        ) from error

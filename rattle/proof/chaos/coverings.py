@@ -141,7 +141,9 @@ class MappedSet:
         while parts:
             here, number = parts.pop(), number + 1
             if number > MOST_PIECES:
-                raise NotProvedError(f"a covering stays undecided with {MOST_PIECES:,} parts of a set")
+                raise NotProvedError(
+                    f"a covering stays undecided with {MOST_PIECES:,} parts of a set: use a smaller set"
+                )
             found = self.image(here)
             extents = [1.0, 1.0]
             if found is not None:

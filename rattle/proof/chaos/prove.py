@@ -54,7 +54,8 @@ def certify_chaos(delta: Exact, epsilon: Exact, beta: Exact = "0.6") -> Horsesho
         "epsilon": exact_number("epsilon", epsilon),
         "beta": exact_number("beta", beta),
     }
-    require(min(parameters.values()) > 0, "delta, epsilon and beta must be positive")
+    wrong = [name for name, number in parameters.items() if number <= 0]
+    require(not wrong, f"{' and '.join(wrong)} must be positive")
     gear = Gear(*(float(number) for number in parameters.values()))
     best: HorseshoeCertificate | None = None
     with precision():
@@ -65,7 +66,8 @@ def certify_chaos(delta: Exact, epsilon: Exact, beta: Exact = "0.6") -> Horsesho
                 best = proved
     if best is None:
         raise NotProvedError(
-            "no horseshoe of two or more loops is proved here: the motions may be chaotic all the same"
+            "no horseshoe of two or more loops is proved at this point: try a point nearby; motions may be chaotic all "
+            "the same"
         )
     return best
 

@@ -79,12 +79,16 @@ def stiff_branch(
     here = unknowns_of(orbit)
     if parameter == "kappa":
         ends = np.array((orbit.kappa / 10, orbit.kappa * 10) if span is None else require_pair("span", span))
-        require(0.0 < ends[0] <= orbit.kappa <= ends[1], f"span must be (low, high) around the orbit, got {span!r}")
+        require(
+            0.0 < ends[0] <= orbit.kappa <= ends[1],
+            f"span must be (low, high) with low above 0 and kappa = {orbit.kappa:g} of the orbit between them, "
+            f"got {span!r}",
+        )
         direction, ends = np.eye(3)[-1], np.array([softness(x) for x in ends[::-1]]) - here[-1]
     else:
         plane = line_through(orbit.delta, orbit.epsilon, parameter, span, resolution)
         direction, ends = np.append(plane.direction, 0.0), np.array(plane.span)
-    require(ends[0] < ends[1], f"span must be (low, high) around the orbit, got {span!r}")
+    require(ends[0] < ends[1], f"span must be (low, high) with low below high, around the orbit, got {span!r}")
     line = MotionsOnLine(orbit.walls, orbit.m, orbit.beta, here[-3:], direction)
     return stiff_branch_on_line(line, np.append(here[:-3], 0.0), (float(ends[0]), float(ends[1])), resolution)
 
@@ -271,5 +275,8 @@ def stiff_curve(
         condition(itinerary, event.kind), [event.orbit.unknowns], window, reason_to_leave, itinerary.contacts
     )
     if not found:
-        raise RattleError("the event is not a solution inside the window: choose delta and epsilon around the event")
+        raise RattleError(
+            "no curve of the event was found in the window: give a saddle-node or a flip, with ranges of delta and "
+            "epsilon that contain it"
+        )
     return found[0].points

@@ -98,7 +98,8 @@ def trace(
         return _trace_family_curve(name, beta, kappa, window, dampings)
     except np.linalg.LinAlgError as error:
         raise RattleError(
-            f"{name} cannot be followed for beta = {beta}, kappa = {kappa} in {window}: {error}"
+            f"{name} cannot be followed at beta = {beta:g} and kappa = {kappa:g} with {window} ({error}): choose "
+            "another window"
         ) from error
 
 

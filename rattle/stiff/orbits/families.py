@@ -51,7 +51,8 @@ from rattle.stiff.orbits.family_continuation import (
 NO_LETTER = "P"  # name of a P(1,1,0) other than A and C, without a counterpart in the impacting model
 PLUS, PLUS_MINUS = np.array([1]), np.array([1, -1])  # walls of P(1,1,0) and of P(1,1,1)
 DURATIONS = 600  # number of durations of the contact at which P(1,1,0) is sought
-TIMES = 40  # number of times from Σ⁺ to Σ⁻ at which P(1,1,1) is sought, on either side of the pole at half a period
+# P(1,1,1) is sought at this many values of the time from Σ⁺ to Σ⁻ below half a period, and at as many above
+TIMES = 40
 LEAST_SPAN = 1.0  # least range of ε in which families are followed, in units of `plane_scale`
 # duration, in units of 1/√(2κ), of the contact with Σ⁻ with which families of P(1,1,1) start at a graze
 SHORT_CONTACT = 10.0 * LEAST_CONTACT

@@ -139,4 +139,6 @@ def saddle_node_1(delta: float, kappa: float, beta: float = 0.6) -> StiffOrbit:
             y = family.points[fold]
             if set(letters) == set("AC") and is_admissible(y, cycle):
                 return _orbit_of_member(Member("SN1", cycle, y))
-    raise RattleError(f"A and C are not born in a saddle-node at delta = {delta:g}, beta = {beta:g}, kappa = {kappa:g}")
+    raise RattleError(
+        f"no saddle-node SN1, the birth of A and C, was found at delta = {delta:g}, beta = {beta:g}, kappa = {kappa:g}"
+    )

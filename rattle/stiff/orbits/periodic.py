@@ -1,6 +1,5 @@
 """Periodic motions P(m, n₊, n₋) of the stiff gear: solve for one, check it, or follow it from the impacting limit."""
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -152,16 +151,18 @@ def from_limit(orbit: PeriodicOrbit, kappa: float) -> StiffOrbit:
     last = path.points[-1]
     if path.outside is None or abs(last[-1] - end) > 1e-12 * end:
         largest = float(max(path.points[:, -1]))
-        fold = 0.5 / largest**2 if largest else math.inf  # κ = ∞ if the first step from κ = ∞ failed
+        # `largest` is 0 if the first step from κ = ∞ failed
+        where = f"at kappa = {0.5 / largest**2:g}: give a larger kappa" if largest else "at once: give another motion"
         raise RattleError(
-            f"the motion is not followed to kappa = {kappa:g}: its branch, which begins at kappa = infinity, folds "
-            f"back or becomes singular at kappa = {fold:g}"
+            f"the motion cannot be followed to kappa = {kappa:g}, because its branch, which begins at kappa = "
+            f"infinity, folds back or becomes singular {where}"
         )
     itinerary = StiffItinerary(orbit.walls, orbit.m, orbit.beta, end)
     found = solve_at_parameters(itinerary, np.concatenate([last[:n], plane]))
     if found is None or not is_admissible_solution(itinerary, found):
         raise RattleError(
-            f"the motion is virtual at kappa = {kappa:g}: a contact is gained or lost on the way from kappa = infinity"
+            f"the motion is virtual at kappa = {kappa:g}, because a contact is gained or lost on the way from kappa = "
+            "infinity: give a larger kappa"
         )
     return orbit_of(itinerary, found)
 
@@ -203,11 +204,14 @@ def follow_contacts(
             break
         status, s, wall, position, w, *_ = follow_piece(wall, phase, position, w, delta, epsilon, beta, kappa, np.inf)
         if status == QUIET:
-            raise RattleError(f"no periodic motion near tau = {tau}, v = {v}: the motion from this state becomes quiet")
+            raise RattleError(
+                f"no periodic motion near tau = {tau}, v = {v}: the motion from this state becomes quiet; "
+                "give another state"
+            )
         if status != OK:
             raise RattleError(
                 f"no periodic motion near tau = {tau}, v = {v}: the motion from this state cannot be followed to "
-                f"{n_plus} contacts with Σ⁺"
+                f"{n_plus} contacts with Σ⁺; give another state"
             )
         if len(walls) > MOST_IMPACTS:
             raise RattleError(
@@ -233,7 +237,11 @@ def as_stiff_orbit(orbit: StiffOrbit | Orbit) -> StiffOrbit:
     if isinstance(orbit, StiffOrbit):
         return orbit
     require(isinstance(orbit, Orbit), f"orbit must be an Orbit or a StiffOrbit, got {type(orbit).__name__}")
-    require("kappa" in orbit.added, "orbit is not of a stiff gear: follow it with rattle.branch")
+    require(
+        "kappa" in orbit.added,
+        "orbit must be of the stiff gear, got one without kappa: follow orbits of the impacting gear with "
+        "rattle.branch",
+    )
     return stiff_orbit(orbit.delta, orbit.epsilon, orbit.added["kappa"], orbit.tau, orbit.v, orbit.n_plus, orbit.beta)
 
 

@@ -69,7 +69,7 @@ def test_measured_gears_are_read_from_a_table(tmp_path: Path) -> None:
         ),
         ([*PLAIN, "--correlation", "beta:beta:0.4"], "write NAME:NAME:NUMBER, with two of the varying numbers"),
         ([*PLAIN, "--correlation", "beta:epsilon:0.4", "--correlation", "epsilon:beta:0.1"], "twice"),
-        ([*PLAIN, "--correlation", "beta:epsilon:1"], "no numbers have these correlations"),
+        ([*PLAIN, "--correlation", "beta:epsilon:1"], "these correlations are impossible"),
         ([*PLAIN, "--shock-phase", "0.1"], "a shock needs a speed: give --shock-speed"),
         ([*PLAIN, "--gears", "1"], "gears: must be at least 2"),
         ([*PLAIN, "--measured", "nothing.csv"], "cannot be read"),

@@ -116,7 +116,7 @@ def test_a_measured_curve_gives_the_same_numbers_everywhere(client: TestClient, 
     [
         ("", {}, "body"),
         ("angle,error\n0,1\n", {}, "the column angle of the body does not say its unit"),
-        ("speed,error_um\n0,1\n", {}, "the body must have one column of angle_deg"),
+        ("speed,error_um\n0,1\n", {}, "the body must have exactly one of the columns angle_deg"),
         ("angle_deg,error_um\n0,one\n", {}, "line 2 of the body"),
         ("angle_deg,error_um\n0,1\n180,2\n", {}, "points are too few"),
         ("angle_deg,error_um\n0,1\n", {"backlash": 50}, "metres"),

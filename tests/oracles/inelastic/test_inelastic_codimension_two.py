@@ -108,7 +108,7 @@ def test_points_of_a_plane() -> None:
 def test_what_is_refused() -> None:
     with pytest.raises(rattle.ParameterError, match="name must be"):
         follow_codimension_two("COD7")
-    with pytest.raises(rattle.RattleError, match=r"COD20 was followed from r = 1 to 0.001 only, not to r = 0.0001"):
+    with pytest.raises(rattle.RattleError, match=r"COD20 is known for a restitution from 0.001 to 1, got 0.0001"):
         follow_codimension_two("COD20").at(0.0001)
     with pytest.raises(rattle.RattleError, match="has no COD"):
         follow_codimension_two("COD22", 1e-8)

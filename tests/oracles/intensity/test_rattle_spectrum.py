@@ -106,7 +106,7 @@ def test_what_has_no_spectrum_is_refused() -> None:
     for motion, options, said in (
         (undecided, {}, "undecided"),
         (c, {"highest": 0.0}, "highest"),
-        (c, {"highest": 1e9}, "give a smaller highest"),
+        (c, {"highest": 1e9}, "make `highest` smaller"),
         (c, {"resolution": 2}, "resolution"),
     ):
         with pytest.raises(rattle.RattleError, match=said):

@@ -75,7 +75,7 @@ GAP = np.delete(np.arange(720), slice(100, 140))
         (EVEN[0][:500], EVEN[1][:500], "angle_deg,error_um", {}, "whole revolutions, but span 0.693"),
         (EVEN[0][:3], EVEN[1][:3], "angle_deg,error_um", {}, "3 points are too few"),
         (*EVEN, "angle_deg,error_um", {"orders": 0}, "orders must be an integer from 1"),
-        (*EVEN, "angle_deg,other", {}, "must have one column of error_um"),
+        (*EVEN, "angle_deg,other", {}, "must have exactly one of the columns error_um"),
     ],
 )
 def test_what_is_no_transmission_error_is_refused(

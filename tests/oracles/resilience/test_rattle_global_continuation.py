@@ -204,8 +204,8 @@ def test_own_quantities_are_gathered() -> None:
 @pytest.mark.parametrize(
     ("path", "options", "message"),
     [
-        ([(0.6, 0.1)], {}, "path must be points"),
-        ([(0.6,), (0.7,)], {}, "path must be points"),
+        ([(0.6, 0.1)], {}, "path must have a row for each"),
+        ([(0.6,), (0.7,)], {}, "path must have a row for each"),
         ([(0.6, 0.1), (0.6, 0.1)], {}, "neighbouring points of the path must differ"),
         ([(0.6, 0.1), (0.0, 0.1)], {}, "delta must be greater than 0"),
         ([(0.6, 0.1), (0.6, 0.2)], {"steps": 0}, "steps must be an integer"),

@@ -162,7 +162,9 @@ def check(text: str) -> str:
             require(claim in CLAIMS or claim in QUIET, f"the claim {claim!r} is not one that this program can check")
             prove_claim(claim, beta, delta, epsilon)
     except (LookupError, TypeError, ValueError, ArithmeticError, AttributeError, RecursionError) as error:
-        raise BlockRefused(f"the document is incomplete or malformed: {error}") from error
+        raise BlockRefused(
+            f"the document cannot be checked, perhaps because it is incomplete or malformed: {error}"
+        ) from error
     return f"{claim}, δ {' to '.join(document['delta'])}, ε {' to '.join(document['epsilon'])}"
 
 

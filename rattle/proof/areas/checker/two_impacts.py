@@ -140,7 +140,7 @@ class Cell(ParameterBox):
         return True
 
     def force_at(self, t: Interval) -> Interval:
-        """Return the contact force g, a time t after the impact on Σ⁺."""
+        """Return the contact force g at the time t after the impact on Σ⁺."""
         sine, cosine = sine_and_cosine_of(2 * PI * t - PI * self.s)
         z1, z2 = (z.x for z in self.z)
         return force_of_phase(self.d, z2 * cosine - z1 * sine, z1 * cosine + z2 * sine)
