@@ -101,7 +101,7 @@ class InitialConditions(StrictRecord):
         if not self.tau_min < self.tau_max:
             raise ValueError(f"tau_min ({self.tau_min}) must be less than tau_max ({self.tau_max})")
         if self.v_min > 0 and not isinstance(self.v_max, float):
-            raise ValueError("v_min above 0 needs a v_max that is a number: give a v_max above v_min")
+            raise ValueError(f"v_min above 0 needs a v_max that is a number: give a v_max above v_min ({self.v_min})")
         if isinstance(self.v_max, float) and not self.v_min < self.v_max:
             raise ValueError(f"v_min ({self.v_min}) must be less than v_max ({self.v_max})")
         return self
