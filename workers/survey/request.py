@@ -325,7 +325,10 @@ class SurveyRequest(_ModelFields):
                     f"tile.{axis} ({size}) would divide the blocks of a refined survey: use a multiple of {BLOCK}"
                 )
         if self.tile_shape[0] * self.tile_shape[1] > self._largest_tile:
-            raise ValueError(f"a tile may hold at most {self._largest_tile:,} cells: use a smaller tile")
+            raise ValueError(
+                f"a tile of {math.prod(self.tile_shape):,} cells exceeds the limit of "
+                f"{self._largest_tile:,}: use a smaller tile"
+            )
         if self.tile_shape[0] * self.tile_shape[1] * self.samples_per_cell > MAX_TILE_SAMPLES:
             raise ValueError(f"a tile may hold at most {MAX_TILE_SAMPLES:,} initial conditions: use a smaller tile")
         if self.n_tiles > MAX_TILES:
