@@ -170,7 +170,10 @@ class Client:
         try:
             answer = self._http.request(method, path, headers=headers, **kwargs)
         except httpx.HTTPError as error:
-            raise ServiceError(f"The service at {self._http.base_url} cannot be reached: {error}") from error
+            raise ServiceError(
+                f"The service at {self._http.base_url} cannot be reached ({error}). "
+                "Check the address, and whether it runs."
+            ) from error
         except (TypeError, ValueError) as error:  # NaN and Python objects are no JSON, headers have ASCII only
             raise ServiceError(
                 f"The request cannot be sent ({error}): give finite numbers, texts, lists and mappings; an API key and "

@@ -36,7 +36,7 @@ def key_headers(key: str | None = None) -> dict[str, str]:
     if not key:
         return {}
     if not (key.isascii() and key.isprintable()):
-        raise ServiceError(f"The API key has characters that no key can have. Check the given key, or {KEY_VARIABLE}.")
+        raise ServiceError(f"The API key has invisible or non-ASCII characters. Check the key, or {KEY_VARIABLE}.")
     return {"Authorization": f"Bearer {key}"}
 
 

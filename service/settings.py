@@ -104,5 +104,5 @@ class Settings(BaseSettings):
     @model_validator(mode="after")
     def _check_contradiction(self) -> Self:
         if self.insecure and self.require_keys:
-            raise ValueError("insecure and require_keys contradict each other: set one of them")
+            raise ValueError("insecure and require_keys contradict each other: leave one of them out")
         return self

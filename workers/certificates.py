@@ -82,7 +82,7 @@ def claims_of(survey: xr.Dataset) -> list[AttractorClaim]:
         The survey has no attractors or has a third axis, or its model has no proofs.
     """
     if "attractor_kind" not in survey:
-        raise SurveyError("the survey has no attractors: compute a survey with the group attractors")
+        raise SurveyError("the survey has no attractors: compute a survey with --quantity attractors")
     model = surveyed_model(survey)
     if Capability.PROOFS not in model.has:
         raise SurveyError(str(lacking(Capability.PROOFS, model)))
@@ -101,7 +101,7 @@ def claims_of(survey: xr.Dataset) -> list[AttractorClaim]:
 
 
 def certify_claims(claims: Iterable[AttractorClaim]) -> ProofResults:
-    """Try to prove attractors. Return each attractor's place with its certificate or the cause of failure."""
+    """Try to prove attractors. Return, for each, its slot and cell with its certificate or the cause of failure."""
     found: ProofResults = []
     for claim in claims:
         try:

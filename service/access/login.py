@@ -63,7 +63,7 @@ async def login(request: Request) -> Response:
     try:
         fields = parse_qs((await request.body()).decode("utf-8", "replace"), max_num_fields=MOST_FIELDS)
     except ValueError:
-        raise HTTPException(422, "This form has one field: send the field key alone.") from None
+        raise HTTPException(422, "This form has too many fields: send only the field named key.") from None
     token = fields.get("key", [""])[0].strip()
     front = request.app.state.front
     if (key := await run_in_threadpool(find_key, front.database, token)) is None:

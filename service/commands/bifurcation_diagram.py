@@ -49,8 +49,7 @@ def diagram(
     lows, highs = zip(_range_or_number("--delta", delta), _range_or_number("--epsilon", epsilon), strict=True)
     if lows == highs:
         raise typer.BadParameter(
-            "one of --delta and --epsilon must be a range, such as 0.4:1.0: give a range, or use `rattle orbits` for a "
-            "point"
+            "--delta or --epsilon must be a range, such as 0.4:1.0: give a range, or use `rattle orbits` for a point"
         )
     if picture is not None:
         require_writable(picture)

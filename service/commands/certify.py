@@ -80,8 +80,8 @@ def certify(
         raise typer.BadParameter("--curves needs a STORE: name a survey")
     if chaos and (point is None or numbers):
         raise typer.BadParameter(
-            "--chaos proves chaos of the impacting gear at one point: give --point DELTA EPSILON, and no number of "
-            "another model"
+            "--chaos proves chaos of the impacting gear at one point: give --point DELTA EPSILON, and leave "
+            "out parameters of another model, such as --kappa"
         )
     if areas is not None:
         prove_areas(areas, delta, epsilon, beta, columns, processes, figure)

@@ -29,7 +29,9 @@ def prove_areas(
         _exact_range("delta", delta),
         _exact_range("epsilon", epsilon),
     )
-    require(half_backlash > 0 and across[0] > 0, "beta and delta must be greater than 0")
+    require(
+        half_backlash > 0 and across[0] > 0, f"--beta ({beta}) and the lower end of --delta {delta} must be above 0"
+    )
     with stop_requested() as stop, reporter(columns, what="columns") as progress:
         found = certify_areas(out, across, along, half_backlash, columns, processes, progress.show, stop.is_set)
     for share in shares_of_claims(found, (across[1] - across[0]) * (along[1] - along[0])):

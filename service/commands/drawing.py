@@ -47,6 +47,8 @@ def require_writable(out: Path) -> None:
 
     known = FigureCanvasBase.get_supported_filetypes().keys() - {"pgf"}  # pgf needs TeX
     if out.suffix.removeprefix(".").lower() not in known:
-        raise ServiceError(f"The picture {out} has no format: end its name in one of .{', .'.join(sorted(known))}")
+        raise ServiceError(
+            f"The format of the picture {out} is not known: end its name in one of .{', .'.join(sorted(known))}"
+        )
     if not out.parent.is_dir():
         raise ServiceError(f"The picture {out} cannot be written: {out.parent} is not a directory. Create it first.")

@@ -100,7 +100,7 @@ def _read_number(name: str, text: str) -> float:
     try:
         return float(text)
     except ValueError:
-        raise typer.BadParameter(f"--{name} must be one number for a limit, not a distribution, got {text!r}") from None
+        raise typer.BadParameter(f"--{name} must be one number, got {text!r}: give no distribution") from None
 
 
 def _read_range(text: str) -> tuple[float, float]:

@@ -32,7 +32,7 @@ def paper(
     from rattle import paper as checks
 
     if markdown and only is not None:
-        raise typer.BadParameter("docs/paper.md has all findings: leave --only out", param_hint="--markdown")
+        raise typer.BadParameter("--markdown writes all findings: leave --only out", param_hint="--markdown")
     report = checks.report() if only is None else checks.one_finding(only)
     if markdown:
         typer.echo(checks.markdown(report), nl=False)

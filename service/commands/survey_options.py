@@ -160,7 +160,7 @@ def survey_request(given: dict[str, Any]) -> SurveyRequest:
     )
     refine = fields.pop("refine", False)
     if refined and not refine:
-        raise typer.BadParameter(f"--{next(iter(refined))} is a share of filled cells: give --refine too")
+        raise typer.BadParameter(f"--{next(iter(refined))} is for refined surveys only: give --refine too")
     for axis, other in (("delta", "rpm"), ("epsilon", "eccentricity")):
         if (axis in fields) == (other in machine):
             raise typer.BadParameter(f"give either --{axis}, or a machine with --{other}")

@@ -139,7 +139,7 @@ def _population_request(
             varying = [name for name, value in gear.items() if isinstance(value, dict)]
             if varying or pairs:
                 raise typer.BadParameter(
-                    f"only the numbers in {measured} may vary: give one value for each other number, no --correlation"
+                    f"only the numbers in {measured} may vary: give others one value each, and leave --correlation out"
                 )
             gear |= {name: request_field_of(each) for name, each in found.items()}
         elif pairs:

@@ -222,7 +222,7 @@ class JobManager:
             if self._stopping.is_set():  # `ask_to_stop` may have set `_wake` just before `clear`
                 return
             if client.status != "running":
-                raise ClusterLostError("the connection to the dask scheduler is lost")
+                raise ClusterLostError("the connection to the dask scheduler is lost: the service opens it again")
             try:
                 found = self._run_next(client)
                 self.storage_state = OK

@@ -132,8 +132,10 @@ async def limits(
     damping, drag or load. For a machine a length is in metres, drag in N m s/rad, a load in N m.
     """
     require_few_samples(front, count)
-    if (over is None) != (values is None) or (low is None) != (high is None):
-        raise ParameterError("over and values belong together: give both or neither; the same holds for low and high")
+    if (over is None) != (values is None):
+        raise ParameterError("over and values belong together: give both or neither")
+    if (low is None) != (high is None):
+        raise ParameterError("low and high belong together: give both or neither")
     between = None if low is None or high is None else (low, high)
     found = await compute_in_process(
         front,

@@ -105,7 +105,8 @@ def _range_of_query(
     low, high = both
     if not high - low > max(LEAST_WIDTH_SHARE * max(abs(low), abs(high)), 1 / LARGEST_END):
         raise LimitError(
-            f"query.{first}", f"{first} must be less than {last}, by more than 1e-10 of the larger of their magnitudes."
+            f"query.{first}",
+            f"{first} ({low:g}) must be less than {last} ({high:g}), by more than 1e-10 of the larger magnitude.",
         )
     return both
 

@@ -197,7 +197,7 @@ async def answers(request: Request, front: FrontState, population_id: Population
     """Return the probability of quiet running, yield, quantiles of the intensity, Sobol indices and the worst gears."""
     job, store = await run_in_threadpool(front.job_and_store, population_id, KIND)
     if job.state != State.SUCCESSFUL:
-        raise MissingError(f"Population {population_id} is {job.state}: its answers can be read once it has completed.")
+        raise MissingError(f"Population {population_id} is {job.state}: only a successful population has answers.")
     headers = {"ETag": weak_etag(job.id, job.last_event, "answers"), "Cache-Control": REVALIDATE}
     if is_not_modified(request, headers):
         return Response(status_code=304, headers=headers)

@@ -95,7 +95,7 @@ def test_a_copy_as_an_icechunk_repository_is_one_commit_with_every_array(survey:
         xr.open_zarr(session.store, consolidated=False) as found,
     ):
         xr.testing.assert_identical(found.load(), stored.load())
-    with pytest.raises(SurveyError, match="is a repository with a commit"):
+    with pytest.raises(SurveyError, match="has a commit already"):
         copy_store(survey, target)
     (tmp_path / "other.icechunk").mkdir()
     with pytest.raises(SurveyError, match="choose another directory"):

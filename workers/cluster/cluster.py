@@ -336,7 +336,7 @@ def connect(url: str) -> Iterator[Client]:
     ClusterLostError
         Nothing answers at the address, or it has no workers, or the scheduler file cannot be read.
     SurveyError
-        The workers cannot run the kernels, or have other versions.
+        The workers cannot be prepared, or have other versions.
     """
     url = _address_of(url)
     with ExitStack() as stack:
@@ -359,7 +359,7 @@ def connect(url: str) -> Iterator[Client]:
         except SurveyError:
             raise
         except Exception as error:
-            raise SurveyError(f"the workers at {url} cannot run the kernels: {error}") from error
+            raise SurveyError(f"the workers at {url} cannot be prepared ({error}): see their logs") from error
         yield client
 
 

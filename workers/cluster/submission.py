@@ -168,8 +168,8 @@ class Submission(SubmittedTasks[Attempt, Found]):
         if task.work.isolated:
             what, attempts = tile_name(self._request, tile), error.allowed_failures + 1
             raise SurveyError(
-                f"the worker of {what} died (attempts: {attempts}), although a separate process computed the cells"
-                ": see the logs of the workers"
+                f"the worker of {what} died in each of {attempts} attempts, although a separate process computed the "
+                "cells: see the logs of the workers"
             ) from error
         self._submit_isolated(tile)
 

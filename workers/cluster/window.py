@@ -107,7 +107,9 @@ def window_survey(request: SurveyRequest, window: Window, pixels: tuple[int, int
 def _window_axis(name: str, low: float, high: float, number: int) -> Axis:
     """Return an axis of about `number` values: k·2ᵖ + 1 with p ≤ HALVINGS, so that its ends are on every level."""
     if not low < high:
-        raise SurveyError(f"the window has no width along {name} ({low} to {high}): choose another window")
+        raise SurveyError(
+            f"the window has no width along {name} ({low} to {high}): give a lower end below its upper end"
+        )
     least = (high - low) / number if name == "delta" else 0.0
     if high <= least:
         raise SurveyError(f"the window lies outside the plane ({name} up to {high}): move it to positive {name}")

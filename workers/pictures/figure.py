@@ -38,7 +38,7 @@ def survey_figure(dataset: xr.Dataset) -> Figure:
     model = surveyed_model(dataset)
     panels = [name for name in PANELS if name in dataset]
     if not panels:
-        raise SurveyError(f"there is nothing to draw: compute a survey with one of {', '.join(PANELS)}")
+        raise SurveyError(f"the survey has no map to draw: compute a survey with one of {', '.join(PANELS)}")
     figure = new_figure(6.0 * len(panels), 5.0)
     curves: dict[str, tuple[Axes, list[np.ndarray]]] = {}
     for axes, name in zip(np.atleast_1d(figure.subplots(1, len(panels))), panels, strict=True):

@@ -66,7 +66,7 @@ class PopulationRequest(StrictRecord):
             value = self.plan.tolerances.given.get(name)
             if isinstance(value, Distribution) and value.range[1] > each.greatest:
                 raise ValueError(
-                    f"{name} must be at most {each.greatest:g}, and its distribution goes up to {value.range[1]:.3g}: "
+                    f"{name} must be at most {each.greatest:g}, but its distribution goes up to {value.range[1]:.3g}: "
                     f"cut the distribution off (high={each.greatest:g})"
                 )
         with np.errstate(all="ignore"):  # allowed but extreme numbers may overflow in intermediate results

@@ -136,12 +136,14 @@ class Bucket:
         try:
             yield
         except (exceptions.PermissionDeniedError, exceptions.UnauthenticatedError) as error:
-            raise SurveyError(f"access to {self} is denied ({_first_line(error)}): check the credentials") from error
+            raise SurveyError(
+                f"access to {self} is denied ({_first_line(error)}): check the environment variables AWS_…"
+            ) from error
         except exceptions.BaseError as error:
             if "NoSuchBucket" in str(error):
                 raise SurveyError(f"{self}: there is no such bucket: create it, or correct the URL") from error
             raise StorageError(
-                f"{self} cannot be reached ({_first_line(error)}): try again when the bucket answers"
+                f"{self} cannot be used now ({_first_line(error)}): try again when the object store answers"
             ) from error
 
     def build(self, template: Mapping[str, bytes]) -> None:

@@ -132,7 +132,7 @@ def _read_manifest(files: FileSource) -> tuple[Manifest, bytes]:
     manifest = Manifest.from_bytes(content)
     if manifest is None:
         raise SurveyError(
-            f"{files} holds no store with a manifest that this version can read: run rattle verify to find the damage"
+            f"{files} has no {MANIFEST} that this version can read: give a store; rattle verify finds any damage"
         )
     return manifest, content
 
@@ -279,8 +279,10 @@ def _repository_at(path: Path) -> icechunk.Repository:
         if len(list(repository.ancestry(branch="main"))) == 1:  # the empty snapshot with which a repository begins
             return repository
     except icechunk.IcechunkError as error:
-        raise SurveyError(f"{path} cannot become a repository ({error}): choose another directory") from error
-    raise SurveyError(f"{path} is a repository with a commit: choose another directory, or remove it")
+        raise SurveyError(
+            f"{path} cannot be used as an Icechunk repository ({error}): choose another directory"
+        ) from error
+    raise SurveyError(f"the Icechunk repository {path} has a commit already: choose another directory, or remove it")
 
 
 async def _write_files(store: Store, contents: dict[str, bytes]) -> None:

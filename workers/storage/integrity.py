@@ -132,9 +132,9 @@ def _check_by_decoding(place: Place, attributes: Mapping[str, Any]) -> tuple[int
             group = zarr.open_group(place.zarr(), mode="r")
             arrays = [(name, each) for name, each in group.members(max_depth=None) if isinstance(each, zarr.Array)]
     except Exception as error:  # a foreign format raises errors of several types
+        advice = "compute the same request again to repair it" if is_ours else "verify the store with that version"
         raise SurveyError(
-            f"{place} was computed by version {version} and cannot be read ({error}): verify the store with that "
-            "version"
+            f"{place} was computed by version {version} and cannot be read ({error}): {advice}"
         ) from error
     number = 0
     for name, array in arrays:

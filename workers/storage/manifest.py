@@ -54,7 +54,9 @@ def read_file(place: Place, key: str) -> bytes | None:
         return None
     except OSError as error:
         if error.errno != errno.EIO:
-            raise SurveyError(f"{place} cannot be read ({error}): give this user permission to read it") from error
+            raise SurveyError(
+                f"{place} cannot be read ({error}): check its disk and your permission to read it"
+            ) from error
         return None
 
 
@@ -102,14 +104,16 @@ def require_manifest(place: Place) -> Manifest:
         require_store(place)
         if "content_hash" not in unchecked_attributes(place):
             raise SurveyError(f"{place} holds something that is not a survey or population: choose another path")
-        raise SurveyError(f"{MANIFEST} of {place} is damaged: compute the same request again to repair it")
+        raise SurveyError(f"{MANIFEST} of {place} is lost or damaged: compute the same request again to repair it")
     return manifest
 
 
 def require_store(place: Place) -> None:
     """Raise StorageError if nothing is at a store's place. Its disk may come back, so it does not count as damaged."""
     if not place.is_occupied():
-        raise StorageError(f"{place} is gone: it was moved or deleted. Bring the store back, or compute it again")
+        raise StorageError(
+            f"{place} is gone: it was moved or deleted, or its disk is away. Bring it back, or compute it again"
+        )
 
 
 def unchecked_attributes(place: Place) -> dict[str, Any]:
@@ -272,5 +276,5 @@ def _read_root(place: Place, manifest: Manifest) -> bytes:
     """Return the content of a store's root. Raises SurveyError if it is damaged, StorageError if the store is gone."""
     if (root := whole_root(place, manifest)) is None:
         require_store(place)
-        raise SurveyError(f"{ROOT} of {place} is damaged: compute the same request again to repair it")
+        raise SurveyError(f"{ROOT} of {place} is lost or damaged: compute the same request again to repair it")
     return root

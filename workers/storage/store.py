@@ -407,7 +407,9 @@ def read_bands(place: Place, name: str) -> Iterator[np.ndarray]:
         raise
     except Exception as error:  # codecs raise errors of several types for damaged chunks
         require_store(place)
-        raise SurveyError(f"{place} is damaged ({error}): run the survey again to repair it") from error
+        raise SurveyError(
+            f"{name} of {place} cannot be read ({error}): if it is damaged, run the survey again to repair it"
+        ) from error
 
 
 def open_survey(path_or_url: str | Path | Place, group: str | None = None, as_stored: bool = False) -> xr.Dataset:

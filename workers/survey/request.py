@@ -101,7 +101,7 @@ class InitialConditions(StrictRecord):
         if not self.tau_min < self.tau_max:
             raise ValueError(f"tau_min ({self.tau_min}) must be less than tau_max ({self.tau_max})")
         if self.v_min > 0 and not isinstance(self.v_max, float):
-            raise ValueError("v_min above 0 needs a v_max that is a number: give a v_max above v_min")
+            raise ValueError(f"v_min above 0 needs a v_max that is a number: give a v_max above v_min ({self.v_min})")
         if isinstance(self.v_max, float) and not self.v_min < self.v_max:
             raise ValueError(f"v_min ({self.v_min}) must be less than v_max ({self.v_max})")
         return self
@@ -325,7 +325,10 @@ class SurveyRequest(_ModelFields):
                     f"tile.{axis} ({size}) would divide the blocks of a refined survey: use a multiple of {BLOCK}"
                 )
         if self.tile_shape[0] * self.tile_shape[1] > self._largest_tile:
-            raise ValueError(f"a tile may hold at most {self._largest_tile:,} cells: use a smaller tile")
+            raise ValueError(
+                f"a tile of {math.prod(self.tile_shape):,} cells exceeds the limit of "
+                f"{self._largest_tile:,}: use a smaller tile"
+            )
         if self.tile_shape[0] * self.tile_shape[1] * self.samples_per_cell > MAX_TILE_SAMPLES:
             raise ValueError(f"a tile may hold at most {MAX_TILE_SAMPLES:,} initial conditions: use a smaller tile")
         if self.n_tiles > MAX_TILES:

@@ -1,4 +1,4 @@
-"""Draw one part of a page, one drawing at a time."""
+"""Run the drawings of one picture of a page one by one; of those requested meanwhile, only the newest."""
 
 from __future__ import annotations
 

@@ -90,7 +90,8 @@ def _amplitudes_by_order(name: str, harmonics: Sequence[Harmonic]) -> dict[str, 
     """Return amplitudes by order as `rattle.population` takes them. Raises ParameterError if a phase is not 0."""
     for order, _, phase in harmonics:
         require(
-            phase == 0.0, f"tolerances need harmonics of phase 0, but the harmonic of order {order} has phase {phase:g}"
+            phase == 0.0,
+            f"tolerances need harmonics of phase 0, but the harmonic of order {order} has phase {phase:g}: set it to 0",
         )
     return {f"{name}_{order}": size for order, size, _ in harmonics}
 

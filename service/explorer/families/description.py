@@ -99,8 +99,10 @@ def stored_families(place: Path | Bucket, request: SurveyRequest, number: int) -
 def require_family(found: StoredFamilies, which: int) -> None:
     """Raise SurveyError if there is no family of this number."""
     if which >= (size := found.table.sizes["family"]):
+        if not size:
+            raise SurveyError(f"This survey has no families, so none of number {which}: choose another survey.")
         raise SurveyError(
-            f"There are families 0 to {size - 1} in this survey, and no family {which}: choose another family."
+            f"There are families 0 to {size - 1} in this survey, but no family {which}: choose another family."
         )
 
 

@@ -19,9 +19,9 @@ from rattle.flight import wrapped
 from rattle.models import AnyGear, Capability, model_at, require_capability
 
 ARCLENGTH, SPACING = 60.0, 0.02  # arclength of a drawn manifold; spacing of points on manifolds and Γ
-# if the sweeps of a diagram find more states, every k-th is drawn; so at least MOST_POINTS are drawn, and fewer than
-# twice as many
-MOST_POINTS = 8000
+# if the sweeps of a diagram find at least twice as many states, every k-th is drawn, so that DRAWN_POINTS or more
+# remain, but fewer than twice as many
+DRAWN_POINTS = 8000
 SAME_ORBIT = 1e-6  # an attractor and an orbit are the same motion if their τ and v differ by less than this
 CELL_NAMES = {f"attractor_{name}" for name in ("kind", "m", "n_plus", "n_minus", "fraction")}
 Array = NDArray[np.float64]
@@ -300,7 +300,7 @@ def diagram(
         for event in found.events
     )  # fmt: skip
     seen = found.points
-    chosen = np.arange(0, seen.v.size, max(1, seen.v.size // MOST_POINTS))
+    chosen = np.arange(0, seen.v.size, max(1, seen.v.size // DRAWN_POINTS))
     return DiagramLines(
         direction,
         to,

@@ -28,7 +28,7 @@ from gear_rattle.workers import SurveyRequest
 from rattle import RattleError
 from rattle.models import Model
 
-OTHER_GEAR = "The survey is of another gear than this point, so it has no profile along this diagram."
+OTHER_GEAR = "The survey is of another gear than this point, so it has no profile here. Choose a point of its gear."
 NO_END_POINT = "The end point needs a δ above 0 and an ε of at least 0."
 
 

@@ -51,7 +51,7 @@ async def basins(
     speeds = v_min, highest_speed(point.gear) if v_max is None else v_max
     for name, low, high in (("tau", tau_min, tau_max), ("v", *speeds)):
         if not low < high:
-            raise LimitError(f"query.{name}_min", f"{name}_min must be less than {name}_max, which is {high:g}.")
+            raise LimitError(f"query.{name}_min", f"{name}_min ({low:g}) must be less than {name}_max ({high:g}).")
     limit = front.settings.max_basin_resolution
     if resolution > limit:
         raise LimitError(

@@ -344,7 +344,7 @@ def test_impacts_of_a_periodic_motion_are_those_of_its_period() -> None:
 def test_a_diagram_through_the_point(direction: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(diagrams, "STEPS", either(20, diagrams.STEPS))
     found = parts.diagram(rattle.Gear(0.6, 0.1), direction)
-    assert 0 < found.x.size <= 2 * parts.MOST_POINTS
+    assert 0 < found.x.size <= 2 * parts.DRAWN_POINTS
     assert {each.stable for each in found.strokes} == {True, False}
     along_a = [each for each in found.strokes if each.motion == "P(1,1,0), A"]
     assert along_a

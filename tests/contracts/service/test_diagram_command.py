@@ -47,7 +47,7 @@ def test_a_line_along_delta_and_of_the_stiff_gear() -> None:
         (("--delta", "0.6", "--epsilon", "0.1"), "must be a range"),
         (("--delta", "0.6", "--epsilon", "a:b"), "neither a number nor"),
         (("--delta", "0.6:0.7:0.8", "--epsilon", "0.1"), "neither a number nor"),
-        (("--delta", "0.6", "--epsilon", "0.1:0.11", "--figure", "x.txtt"), "no format"),
+        (("--delta", "0.6", "--epsilon", "0.1:0.11", "--figure", "x.txtt"), "The format of the picture"),
         (("--delta", "-0.6:0.5", "--epsilon", "0.1"), "must be"),
     ],
 )

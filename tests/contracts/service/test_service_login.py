@@ -84,7 +84,7 @@ def test_a_wrong_key_is_said_to_be_wrong_and_is_not_shown(client: TestClient, wr
 def test_a_form_of_many_fields_is_refused_in_words(client: TestClient) -> None:
     fields = "&".join(f"key={number}" for number in range(9))
     form = {"Content-Type": "application/x-www-form-urlencoded"}
-    assert_problem(client.post("/login", content=fields, headers=OWN | form), 422, "one field")
+    assert_problem(client.post("/login", content=fields, headers=OWN | form), 422, "only the field named key")
 
 
 def test_who_may_read_looks_and_who_may_submit_submits(client: TestClient) -> None:

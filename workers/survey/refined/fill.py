@@ -81,7 +81,7 @@ class RefinedCells(Cells):
 
     @cached_property
     def _fraction_upper(self) -> np.ndarray:
-        """The upper end of the 95 % Wilson interval of each basin fraction, without the effect of filling."""
+        """Upper end of the 95 % Wilson interval of each basin fraction, without the uncertainty that filling adds."""
         return wilson_interval(self.table.samples, self.count)[1]
 
     @cached_property
