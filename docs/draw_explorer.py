@@ -161,7 +161,7 @@ VIEWS: dict[str, View] = {
         tolerances,
         ("of the gears pass",),
     ),
-    "keys": View("The map by the keyboard", {"survey": FIGURE_7}, by_keyboard, ("Cell at δ",)),
+    "keys": View("The map by the keyboard", {"survey": FIGURE_7}, by_keyboard, ("Survey's grid cell at δ",)),
     "families": View(
         "The largest families, and one of them",
         {"survey": FIGURE_7, "variable": "largest_family", "family": "2"},

@@ -96,7 +96,7 @@ class Classifier(ABC):
     #: Convert parameters (n,) to the record of cells that kernels take.
     cells_of: ClassVar[Callable[..., Any]]
     #: Return, at the first parameter point, the largest v³/g (speed v, contact force g) at which a bounce is certain to
-    #: become quiet; 0 if the speed alone does not decide.
+    #: become quiet; 0 for a gear of which v³/g alone does not decide.
     quiet_invariant: ClassVar[Callable[..., float]]
 
     def __init__(self, cells: Any, tau: NDArray[np.float64], v: NDArray[np.float64], budget: int = BUDGET) -> None:

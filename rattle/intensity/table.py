@@ -50,8 +50,8 @@ class Intensities(NamedTuple):
     impulse_error: Array
 
 
-VALUE_COUNT = 7  # number of the first fields of `Intensities`; the other fields are half-widths
-QUIET_VALUES = (0.0, 0.0, 0.0, 0.0, 0.0, 1.0)  # first fields of a quiet motion, all but the impulse
+VALUE_COUNT = 7  # the first 7 fields of `Intensities` are values, the others are half-widths of values
+QUIET_VALUES = (0.0, 0.0, 0.0, 0.0, 0.0, 1.0)  # values of a quiet motion, without the last of the 7, the impulse
 
 
 @kernel

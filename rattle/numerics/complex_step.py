@@ -1,4 +1,4 @@
-"""Exact derivatives by a complex step, and the singularity of a matrix as a smooth function."""
+"""Exact derivatives by a complex step, and a smooth function that is 0 where a matrix is singular."""
 
 from collections.abc import Callable
 from functools import lru_cache

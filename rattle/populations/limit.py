@@ -386,7 +386,7 @@ class _Solver:
         """
 
         def is_nonnegative(i: int) -> bool:
-            """Return whether the field is at least 0 at value number i of the scan; i = −1 stands for the value 0."""
+            """Return whether `which` of the excess is at least 0 at value number i of the scan; i = −1: the value 0."""
             if i < 0:  # eccentricity is the only forcing of a gear that is not inelastic: at 0 all motions become quiet
                 return self.of in ("epsilon", "eccentricity") and not self._is_inelastic()
             return bool(getattr(self.excess(float(self.scanned[i])), which) >= 0.0)

@@ -138,7 +138,7 @@ def read_components(place: Place, block: Block) -> np.ndarray:
     Returns
     -------
     np.ndarray
-        Shape (attractors,), int64; −1 for undecided samples.
+        Shape (attractors,), int64; −1 for the row that stands for the undecided samples of a cell.
     """
     with report_damage(f"a temporary file of {place}"):
         return np.frombuffer(place.read(block.temporary_key(COMPONENTS)), np.int32).astype(np.int64)

@@ -135,7 +135,7 @@ def locate_impacts(b, n):
 def prove_scanned(b, n):
     """Withdraw the flag `z_proved` of scanned flights that may have met Σ⁻ before their impact.
 
-    This completes the proof if the contact force changes sign on no lane of the block.
+    Called for a block if the contact force changes sign on none of its lanes, else `prove_scanned_turns` is called.
     """
     for k in range(n):
         rising, minimum = b.z_falls[k] == ZERO, Minimum(b.z_f[k], b.z_g[k], b.z_turn[k])
@@ -147,7 +147,7 @@ def prove_scanned(b, n):
 def prove_scanned_turns(b, n):
     """Withdraw the flag `z_proved` of scanned flights that may have met Σ⁻ before their impact.
 
-    This completes the proof if the contact force changes sign on some lane of the block.
+    Called for a block if the contact force changes sign on one of its lanes or several.
     """
     for k in range(n):
         wall, gap, rising, tau, s = b.z_wall[k], b.z_gap[k], b.z_falls[k] == ZERO, b.z_tau[k], b.z_s[k]

@@ -57,7 +57,7 @@ def _make_driver(tangent: bool) -> Any:
         -------
         tuple of ndarray
             (status, τ, v, impacts on Σ⁺, impacts on Σ⁻, growth). growth (3, size) holds the time and, if the kernel was
-            made with `tangent`, ln stretch and ln|det| of a tangent vector, otherwise 0.
+            made with `tangent`, ln stretch of a tangent vector and ln|det| of the tangent matrices, otherwise 0.
         """
         b, size = memory[0], tau.size
         out_tau, out_v = tau.copy(), v.copy()

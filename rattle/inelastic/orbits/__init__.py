@@ -1,1 +1,1 @@
-"""Periodic motions of the inelastic gear: A and C in closed form, others from the return map."""
+"""Periodic motions of the inelastic gear: P(1,1,0) in closed form, P(1,1,1) as an explicit family, others by Newton."""

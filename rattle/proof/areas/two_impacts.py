@@ -280,8 +280,9 @@ class SolutionCell:
             return None
         low, high = square_range(epsilon)
         reaches_sigma_minus = self.solution.over[3] > 0
-        # a motion needs u > 0. Solutions with u ≤ 0 have ±ε² ≥ ±ε² + λu. If a lower bound of this sum proves that their
-        # ε is outside the ball `epsilon`, all solutions with an ε in the ball have u > 0
+        # A motion needs a speed u > 0 after Σ⁻. Solutions with u ≤ 0 have ±ε² ≥ ±ε² + λu, with the λ ≥ 0 of
+        # `square_plus_speed`. If a lower bound of this sum proves that their ε is outside the ball `epsilon`, all
+        # solutions with an ε in the ball have u > 0.
         reaches_sigma_minus = (
             reaches_sigma_minus or self.square_plus_speed(1) > high or self.square_plus_speed(-1) > -low
         )

@@ -42,7 +42,7 @@ class StiffClassifier(Classifier):
 
     @staticmethod
     def quiet_invariant(parameters: Parameters) -> float:  # noqa: ARG004
-        """Return 0: the speed alone does not decide whether a motion becomes quiet (`Classifier.quiet_invariant`)."""
+        """Return 0: v³/g alone does not decide whether a motion becomes quiet (`Classifier.quiet_invariant`)."""
         return 0.0
 
     @property

@@ -71,7 +71,7 @@ def eliminate(matrix, right):
 
 @inline
 def epsilon_unit(cycle):
-    """Return the unit in which ε counts in lengths and angles: δ/SMALL_DAMPING, at most 1."""
+    """Return the unit of ε where lengths and angles of vectors of unknowns are measured: δ/SMALL_DAMPING, at most 1."""
     return min(1.0, cycle.delta / SMALL_DAMPING)
 
 

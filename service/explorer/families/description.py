@@ -113,7 +113,7 @@ def first_family_names(found: StoredFamilies) -> list[str]:
 
 
 def family_description(found: StoredFamilies, plane: MapPlane, which: int) -> FamilyDescription:
-    """Return the description of an existing family. plane: the map of its basin fraction. It blocks: use a thread."""
+    """Return the description of an existing family; it blocks: use a thread. plane: the map of its basin fraction."""
     with report_damage("the families"):
         names = family_names(*found, which + 1)
         here = found.table.isel(family=which)
