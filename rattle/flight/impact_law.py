@@ -18,7 +18,7 @@ from rattle.numerics.compile import inline
 
 @inline
 def reflected_velocity(w):
-    """Return the velocity after an elastic impact, given the velocity before it. Callers multiply it by the restitution."""
+    """Return the velocity after an elastic impact from that before it. Callers multiply it by the restitution."""
     return -w
 
 

@@ -211,7 +211,7 @@ class MotionPiece:
         return TWO_PI * (2 * self.delta - self.epsilon * (TWO_PI * cosine + self.delta * sine))
 
     def forced_solution(self, u: Interval) -> tuple[Interval, Interval]:
-        """Return the particular (forced) solution for y = Φ − Φ(start), and its derivative, a time u after the start."""
+        """Return the forced solution for y = Φ − Φ(start), and its derivative, a time u after the start."""
         sine, cosine = sine_and_cosine(self.t + u)
         y, v = self.cosine * cosine + self.sine * sine, TWO_PI * (self.sine * cosine - self.cosine * sine)
         flies = self.k == 0

@@ -137,7 +137,7 @@ class ExactMaps:
 
     @property
     def maps(self) -> dict[str, Any]:
-        """Maps that the explorer can draw of its own example survey: {variable: names of its maps, () if it has one map}."""
+        """Maps that the explorer draws of its own example survey: {variable: names of its maps, () if it has one}."""
         exact = maps_of(_closed_form_request(REQUEST))
         return {name: names for name, names in maps_of(REQUEST).items() if name in {*MAPS, *exact}}
 

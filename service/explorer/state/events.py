@@ -68,8 +68,8 @@ class MapDrawn:
     """A map was drawn, or the drawn map was removed.
 
     seen: settings of the drawn map, None if the map was removed. limits: `View.limits` when the map was drawn. A
-    drawing with logarithmic colours replaces a lower limit of 0 or less. The view then gets the limits of `seen`, unless
-    a viewer has changed its own limits in the meantime.
+    drawing with logarithmic colours replaces a lower limit of 0 or less. The view then gets the limits of `seen`,
+    unless a viewer has changed the view's limits in the meantime.
     """
 
     seen: DrawnSettings | None
