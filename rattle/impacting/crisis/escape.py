@@ -71,12 +71,12 @@ class Saddles(NamedTuple):
 
     @property
     def impacts_until_quiet_at_first_return(self) -> Array:
-        """Impacts, a number for each parameter (n,), within which a sample that crosses W^s(A) at first return is quiet."""
+        """Number of impacts (n,) within which a sample becomes quiet if it crosses W^s(A) at its first return to A."""
         return self._impacts_to_leave + self._impacts_until_quiet(FIRST_RETURNS)
 
     @property
     def impacts_until_quiet_at_later_return(self) -> Array:
-        """Impacts, a number for each parameter (n,), within which a sample that crosses W^s(A) at a later return is quiet."""
+        """Number of impacts (n,) within which a sample becomes quiet if it crosses W^s(A) at a later return to A."""
         return self._impacts_until_quiet(RETURNS)
 
     @property
