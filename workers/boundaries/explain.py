@@ -157,7 +157,7 @@ class _CurveSearch:
         return (float(delta[0]), float(delta[-1])), (float(epsilon[0]), float(epsilon[-1]))
 
     def run(self) -> Iterator[tuple[int, str]]:
-        """Compute curves for all pairs. For each difference that none explains, yield its pair's number and the reason."""
+        """Compute curves for all pairs. Yield the pair's number and the reason for each unexplained difference."""
         for n in range(len(self.pairs)):
             if self.pairs.region[n] and not self.is_region_explained()[n]:
                 for orbit, target in self._period_one_changes(n):
