@@ -16,7 +16,7 @@ from rattle.attractors.speeds import MOST_SAMPLES, SampleSpec, SpeedLimit
 from rattle.attractors.table import Attractor, attractors_of_cell, attractors_of_samples
 from rattle.errors import ParameterError, real_array, require, require_number
 from rattle.orbits.iterates import fold
-from rattle.orbits.period_one_orbits import HasOrbits, html_of_point
+from rattle.orbits.orbits_a_to_d import HasOrbits, html_of_point
 from rattle.parameters import Parameters
 
 

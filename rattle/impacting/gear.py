@@ -27,7 +27,7 @@ from rattle.impacting.orbits.period_one import flip, orbits_at, regions, sn1
 from rattle.impacting.orbits.periodic import PeriodicOrbit, period_one_saddle, periodic_orbit
 from rattle.intensity.rattling import Rattling
 from rattle.orbits.iterates import Impact, Iterates, Trajectory
-from rattle.orbits.period_one_orbits import Orbit
+from rattle.orbits.orbits_a_to_d import Orbit
 from rattle.orbits.periodic_motions import Periodic
 
 

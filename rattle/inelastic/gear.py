@@ -29,7 +29,7 @@ from rattle.inelastic.orbits.period_one import period_one
 from rattle.inelastic.orbits.periodic import InelasticOrbit, inelastic_orbit
 from rattle.intensity.rattling import Rattling
 from rattle.orbits.iterates import Impact, Iterates, Trajectory
-from rattle.orbits.period_one_orbits import Orbit, PeriodOne, classify, existing_orbits
+from rattle.orbits.orbits_a_to_d import Orbit, PeriodOne, classify, existing_orbits
 from rattle.parameters import Parameters
 
 

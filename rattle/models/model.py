@@ -29,7 +29,7 @@ from rattle.intensity.spectrum import Density, Lines
 from rattle.intensity.table import Intensities, intensities_of
 from rattle.intensity.visit import Impacts
 from rattle.orbits.iterates import Impact, Iterates, StatesAfterReturn, Stretched, Trajectory
-from rattle.orbits.period_one_orbits import MissingLimit, Orbit, PeriodOne
+from rattle.orbits.orbits_a_to_d import MissingLimit, Orbit, PeriodOne
 from rattle.orbits.periodic_motions import Periodic
 from rattle.parameters import BETA, Parameter, Parameters
 

@@ -12,7 +12,7 @@ from rattle.flight import law
 from rattle.flight.impact_law import ELASTIC, ImpactLaw
 from rattle.notebook import Columns, DataFrame, dataframe_of, html_of, line_of, motion_label
 from rattle.numerics.complex_step import Array, derivatives
-from rattle.orbits.period_one_orbits import multipliers_of
+from rattle.orbits.orbits_a_to_d import multipliers_of
 
 
 @dataclass(frozen=True)

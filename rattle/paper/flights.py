@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from rattle.flight.forcing import DRIFT, TWO_PI
 from rattle.impacting.gear import Gear
-from rattle.orbits.period_one_orbits import NAMES, PeriodOne
+from rattle.orbits.orbits_a_to_d import NAMES, PeriodOne
 
 Array = NDArray[np.float64]
 #: Number of instants during a flight at which Φ'' is computed.

@@ -13,7 +13,7 @@ from rattle.impacting.bifurcations.branches import branch
 from rattle.impacting.gear import Gear
 from rattle.impacting.orbits.period_one import orbits_at
 from rattle.impacting.orbits.periodic import periodic_orbit
-from rattle.orbits.period_one_orbits import PeriodOne
+from rattle.orbits.orbits_a_to_d import PeriodOne
 from rattle.paper.birth import birth_of_chaos
 from rattle.paper.chaos import has_settled
 from rattle.paper.numbers import epsilon_at

@@ -5,7 +5,7 @@ import numpy as np
 import rattle
 from rattle.attractors.table import Attractor
 from rattle.impacting.gear import Gear
-from rattle.orbits.period_one_orbits import NAMES, PeriodOne
+from rattle.orbits.orbits_a_to_d import NAMES, PeriodOne
 from rattle.paper.records import Statement
 
 DELTA = 0.6

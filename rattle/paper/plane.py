@@ -9,7 +9,7 @@ import rattle
 from rattle.attractors.samples import Outcome
 from rattle.curves import codimension_two
 from rattle.impacting.attractors.classifier import attractors_of
-from rattle.orbits.period_one_orbits import PeriodOne
+from rattle.orbits.orbits_a_to_d import PeriodOne
 from rattle.paper.chaos import has_settled, states_on_chaos
 from rattle.paper.records import Statement
 

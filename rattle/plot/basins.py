@@ -22,7 +22,7 @@ from rattle.flight.law import wrapped
 from rattle.impacting.gear import Gear
 from rattle.models import AnyGear, Capability, model_of, with_harmonics
 from rattle.orbits.manifolds import manifold
-from rattle.orbits.period_one_orbits import NAMES, Orbit
+from rattle.orbits.orbits_a_to_d import NAMES, Orbit
 from rattle.parameters import Harmonic
 from rattle.plot.colours import Palette, legend_name, legend_order
 from rattle.plot.drawing import Drawing, add_outline, new_figure

@@ -12,7 +12,7 @@ from matplotlib.text import Text
 from rattle.curves import NAMES, CodimensionTwo, Curve, codimension_two, trace
 from rattle.errors import ParameterError, RattleError
 from rattle.impacting.orbits.period_one import regions
-from rattle.orbits.period_one_orbits import REGIONS
+from rattle.orbits.orbits_a_to_d import REGIONS
 from rattle.plot.drawing import HALO, Drawing, new_figure
 from rattle.plot.labels import Array, Labels
 from rattle.plot.paper_ranges import BETA, FIGURE_5, FIGURE_8, FIGURE_9

@@ -15,7 +15,7 @@ from rattle.flight import law
 from rattle.flight.first_impact import OK, SIGMA_MINUS, SIGMA_PLUS
 from rattle.intensity.rattling import Rattling
 from rattle.orbits.iterates import Impact, Iterates, Trajectory
-from rattle.orbits.period_one_orbits import Orbit
+from rattle.orbits.orbits_a_to_d import Orbit
 from rattle.stiff.attractors.classifier import StiffClassifier
 from rattle.stiff.map import quiet, return_map
 from rattle.stiff.map.departure import CANNOT_FOLLOW, departure

@@ -28,7 +28,7 @@ from waiting import HANG, wait_until
 import rattle
 from gear_rattle.service.explorer.map.planes import ENLARGED_POINTS
 from rattle.curves import codimension_two
-from rattle.orbits.period_one_orbits import REGIONS
+from rattle.orbits.orbits_a_to_d import REGIONS
 
 DEFAULT_LINES = {"SN1", "G1", "quiet_limit"}
 

@@ -7,7 +7,7 @@ from explorer_support import of_map, open_view, visiting, wait_for, wait_for_map
 from playwright.sync_api import Browser, Page, Route, expect
 
 import rattle
-from rattle.orbits.period_one_orbits import REGIONS
+from rattle.orbits.orbits_a_to_d import REGIONS
 
 COLUMN = "renderers.find((each) => each.glyph.marker?.value === 'circle' && each.glyph.size?.value === 17).data_source"
 

@@ -11,7 +11,7 @@ from service_processes import get
 from waiting import wait_until
 
 import rattle
-from rattle.orbits.period_one_orbits import REGIONS
+from rattle.orbits.orbits_a_to_d import REGIONS
 
 DELTA, EPSILON, KAPPA = 0.6, 0.1, 2e4
 

@@ -290,9 +290,9 @@ def test_so_many_windows_are_kept_and_so_many_cells() -> None:
         frame = Frame(np.zeros(1), np.zeros(1), np.zeros((1, cells)), 1.0, 0)
         windows._keep_frame(("", "region", number, WINDOW, PIXELS), frame)
 
-    for number in range(2 * service_windows.KEPT):
+    for number in range(2 * service_windows.KEPT_WINDOWS):
         keep(number, 1)
-    assert [key[2] for key in windows._kept] == [*range(service_windows.KEPT, 2 * service_windows.KEPT)]
+    assert [key[2] for key in windows._kept] == [*range(service_windows.KEPT_WINDOWS, 2 * service_windows.KEPT_WINDOWS)]
     keep(99, service_windows.KEPT_CELLS)
     assert [key[2] for key in windows._kept] == [99]
 

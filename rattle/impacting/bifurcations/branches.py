@@ -34,7 +34,7 @@ from rattle.impacting.bifurcations.registry import name_of
 from rattle.impacting.orbits.equations import Itinerary, equations_on_line
 from rattle.impacting.orbits.periodic import PeriodicOrbit, as_periodic, orbit_of
 from rattle.numerics.complex_step import Array
-from rattle.orbits.period_one_orbits import Orbit
+from rattle.orbits.orbits_a_to_d import Orbit
 from rattle.orbits.periodic_motions import solve_at_parameters, twins
 
 LONGEST = 0.05  # longest continuation step, in the Euclidean norm of times and parameter

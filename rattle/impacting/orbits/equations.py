@@ -32,7 +32,7 @@ from rattle.flight.forcing import analytic_phase
 from rattle.flight.impact_law import arrival_term, impact_mismatch
 from rattle.numerics.compile import kernel
 from rattle.numerics.complex_step import Array, batch_of, reshape_like
-from rattle.orbits.period_one_orbits import multipliers_of
+from rattle.orbits.orbits_a_to_d import multipliers_of
 from rattle.orbits.periodic_motions import Equations
 
 

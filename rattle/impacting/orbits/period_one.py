@@ -19,7 +19,7 @@ from rattle.errors import broadcast_parameters, require_one_of
 from rattle.flight.impact_law import ELASTIC
 from rattle.impacting.orbits import closed_form
 from rattle.impacting.orbits.limits import flip_formula, sine_offset, sn1_formula
-from rattle.orbits.period_one_orbits import (
+from rattle.orbits.orbits_a_to_d import (
     NAMES,
     MissingLimit,
     Orbit,

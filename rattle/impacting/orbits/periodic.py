@@ -14,7 +14,7 @@ from rattle.impacting.map.impact_map import Point
 from rattle.impacting.orbits.equations import Itinerary
 from rattle.impacting.orbits.period_one import orbits_at
 from rattle.numerics.complex_step import Array
-from rattle.orbits.period_one_orbits import Orbit
+from rattle.orbits.orbits_a_to_d import Orbit
 from rattle.orbits.periodic_motions import MOST_IMPACTS, Periodic, solve_at_parameters, with_shortest_period
 
 SAME_TIME = 1e-6  # largest difference of two times of flight, in forcing periods, that counts as the same flight

@@ -25,7 +25,7 @@ from rattle.flight.law import folded, wrapped
 from rattle.inelastic.map.harmonics import AMPLITUDE, ORDER, PHASE
 from rattle.inelastic.map.impact_map import InelasticPoint, step
 from rattle.inelastic.orbits.family import excess_drift
-from rattle.orbits.period_one_orbits import multipliers_of
+from rattle.orbits.orbits_a_to_d import multipliers_of
 
 Array = NDArray[np.float64]
 PHASES = 64  # grid points per period of the fastest harmonic at which e' is evaluated

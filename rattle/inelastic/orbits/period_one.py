@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rattle.errors import broadcast_parameters
 from rattle.inelastic.orbits.family import fill_family_orbits
-from rattle.orbits.period_one_orbits import N_MINUS, NAMES, PeriodOne, classify, multipliers_of
+from rattle.orbits.orbits_a_to_d import N_MINUS, NAMES, PeriodOne, classify, multipliers_of
 
 
 def period_one(

@@ -9,7 +9,7 @@ from rattle.errors import RattleError, require_integer, require_number
 from rattle.flight.first_impact import OK
 from rattle.inelastic.map.impact_map import InelasticPoint
 from rattle.inelastic.map.runs import contacts_and_merged_impacts, returns_of_contact_motion
-from rattle.orbits.period_one_orbits import multipliers_of
+from rattle.orbits.orbits_a_to_d import multipliers_of
 from rattle.orbits.return_map import fastest_point, newton, power_map, shortest_return
 
 MOST_RETURNS = 4096  # largest number of impacts on Σ⁺ per period of a sought motion

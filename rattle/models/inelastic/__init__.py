@@ -17,7 +17,7 @@ from rattle.impacting.bifurcations.codimension_two import CodimensionTwo
 from rattle.inelastic.attractors.classifier import InelasticClassifier
 from rattle.models.model import Array, Capability, Functions, Model, Range
 from rattle.orbits.iterates import StatesAfterReturn
-from rattle.orbits.period_one_orbits import PeriodOne
+from rattle.orbits.orbits_a_to_d import PeriodOne
 from rattle.parameters import Harmonic, Parameters, parameters_in
 
 RESTITUTION, LOAD = parameters_in(__file__)

@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 from rattle import stiff
 from rattle.flight.forcing import TWO_PI
 from rattle.models.model import Capability, Functions, Limits, Model
-from rattle.orbits.period_one_orbits import MissingLimit
+from rattle.orbits.orbits_a_to_d import MissingLimit
 from rattle.parameters import parameters_in
 from rattle.stiff.attractors.classifier import StiffClassifier
 

@@ -24,7 +24,7 @@ from rattle.continuation.followed import start_of_doubled_branch
 from rattle.continuation.line import FIRST_OF_DOUBLED, HALF_PERIOD, Parameter, line_through
 from rattle.errors import RattleError, require, require_integer, require_pair
 from rattle.numerics.complex_step import Array
-from rattle.orbits.period_one_orbits import Orbit
+from rattle.orbits.orbits_a_to_d import Orbit
 from rattle.stiff.bifurcations.grazes import VANISHING, Graze, graze_at_end
 from rattle.stiff.bifurcations.line import TWICE, MotionsOnLine
 from rattle.stiff.bifurcations.records import StiffBranch, StiffEvent, unknowns_of

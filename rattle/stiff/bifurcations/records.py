@@ -12,7 +12,7 @@ from rattle.continuation.conditions import Kind
 from rattle.continuation.followed import FollowedBranch
 from rattle.flight.law import wrapped
 from rattle.numerics.complex_step import Array
-from rattle.orbits.period_one_orbits import NAMES
+from rattle.orbits.orbits_a_to_d import NAMES
 from rattle.stiff.bifurcations.curves import FOLDS
 from rattle.stiff.bifurcations.line import MotionsOnLine
 from rattle.stiff.orbits.equations import StiffItinerary

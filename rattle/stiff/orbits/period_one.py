@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from rattle.continuation.arclength import plane_scale
 from rattle.errors import RattleError, broadcast_parameters, require_number
 from rattle.flight.impact_law import ELASTIC
-from rattle.orbits.period_one_orbits import NAMES, PeriodOne, classify, multipliers_of
+from rattle.orbits.orbits_a_to_d import NAMES, PeriodOne, classify, multipliers_of
 from rattle.stiff.orbits.closure import Cycle, departure_of, is_admissible, softness, trace_of_solution
 from rattle.stiff.orbits.equations import StiffItinerary
 from rattle.stiff.orbits.families import (

@@ -12,7 +12,7 @@ from rattle.errors import RattleError, require, require_finite, require_integer,
 from rattle.flight import law
 from rattle.impacting.orbits.periodic import PeriodicOrbit
 from rattle.numerics.complex_step import Array
-from rattle.orbits.period_one_orbits import Orbit
+from rattle.orbits.orbits_a_to_d import Orbit
 from rattle.orbits.periodic_motions import MOST_IMPACTS, Periodic, solve_at_parameters, with_shortest_period
 from rattle.stiff.map.flow import OK, QUIET, follow_piece, is_contact_over
 from rattle.stiff.map.return_map import StiffPoint

@@ -158,7 +158,7 @@ def test_a_machine_s_point_is_told_in_si_and_heard(tmp_path: Path, monkeypatch: 
 
         monkeypatch.setattr(view.work, "compute", compute)
         monkeypatch.setattr(Impacting, "design_gears", 16)
-        assert "A machine at 3000 rpm with an eccentricity of 15 µm" in panel.where.html
+        assert "A machine at 3000 rpm with an eccentricity of 15 µm" in panel.limits.html
         await eventually(lambda: "J per revolution" in panel.loud.html)
         assert "dB re 1 pW" in panel.loudest.html
         dispatch(TabChosen("motion"))

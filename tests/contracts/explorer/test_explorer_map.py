@@ -37,7 +37,7 @@ from gear_rattle.workers.survey.values.schema import Group
 from rattle import KINDS
 from rattle.curves import codimension_two
 from rattle.models import Impacting
-from rattle.orbits.period_one_orbits import REGIONS
+from rattle.orbits.orbits_a_to_d import REGIONS
 from rattle.plot import FIGURE_7, FIGURE_8
 from rattle.plot.colours import REGION_COLOURS
 

@@ -40,8 +40,8 @@ def computed(report: paper.Report, monkeypatch: pytest.MonkeyPatch) -> paper.Rep
     intervals = {x.what: x.computed for x in report.numbers if isinstance(x.computed, tuple)}
     monkeypatch.setattr(numbers, "end_of_chaos", lambda delta, *_: intervals[f"chaotic attractor ends at δ = {delta}"])
     module = __import__("rattle.paper.report", fromlist=["report"])
-    monkeypatch.setattr(module, "statements", lambda *_: report.statements)
-    monkeypatch.setattr(module, "findings", lambda *_: report.findings)
+    monkeypatch.setattr(module, "compute_statements", lambda *_: report.statements)
+    monkeypatch.setattr(module, "compute_findings", lambda *_: report.findings)
     return report
 
 

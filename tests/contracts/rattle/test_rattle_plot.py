@@ -24,7 +24,7 @@ from rattle import Attractor, Gear, ParameterError, attractors_of
 from rattle.attractors.basins import Basins, boundary_cells
 from rattle.curves import codimension_two, trace
 from rattle.impacting.orbits.period_one import regions as region_of
-from rattle.orbits.period_one_orbits import PAPER_REGIONS, REGIONS
+from rattle.orbits.orbits_a_to_d import PAPER_REGIONS, REGIONS
 from rattle.plot import FIGURES, basins, colour, draw, legend_name, plane, save
 from rattle.plot.colours import Palette
 from rattle.plot.drawing import new_figure

@@ -211,7 +211,7 @@ def test_the_explorer_lists_a_damaged_one_and_shows_another(tmp_path: Path) -> N
         database = front_of(client).database
         damage(database, ids[1], "'{'")
         standings = [JobStatus(job, None, None) for job in database.jobs(2)[0]]
-        rows = [survey_row(each, View(survey=ids[1]), owned=True) for each in standings]
+        rows = [survey_row(each, View(survey=ids[1]), is_owned=True) for each in standings]
         assert [(row["id"], row["state"], row["variable"]) for row in rows] == [
             (ids[1], "failed", ""),
             (ids[0], "accepted", ""),

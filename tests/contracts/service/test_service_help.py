@@ -13,7 +13,7 @@ from gear_rattle.service.explorer.files import tour_html
 from gear_rattle.service.explorer.map.controls import FEATURED
 from gear_rattle.service.explorer.map.overlays import LABELS
 from gear_rattle.workers.pictures.look import LINES, POINTS
-from rattle.orbits.period_one_orbits import PAPER_REGIONS
+from rattle.orbits.orbits_a_to_d import PAPER_REGIONS
 from rattle.plot import MARKERS
 
 

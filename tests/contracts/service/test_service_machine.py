@@ -165,7 +165,7 @@ def test_a_limit_is_that_of_the_library_and_in_metres(client: TestClient) -> Non
         ({"of": "epsilon", "delta": 0.6, "rpm": 3000}, "both define the gear"),
         ({"of": "epsilon", "delta": 0.6, "count": 16}, "16 samples are too few for a share of 0.99"),
         ({"of": "epsilon", "delta": 0.6, "over": "beta"}, "over and values belong together"),
-        ({"of": "epsilon", "delta": 0.6, "low": 0.1}, "so do low and high"),
+        ({"of": "epsilon", "delta": 0.6, "low": 0.1}, "low and high belong together"),
         ({"of": "epsilon", "delta": 0.6, "count": 10**6}, "count may be at most"),
         ({"of": "radius", "delta": 0.6}, "query.of"),
     ],

@@ -97,5 +97,5 @@ def test_the_client_and_the_command_describe_a_survey(tmp_path: Path, monkeypatc
         ]
         assert said == [f"Figure 7\n{NOTES}\n"] * 2
         stored = front_of(http).database.job(job.id)
-        row = survey_row(JobStatus(stored, None, None), View(), owned=True)
+        row = survey_row(JobStatus(stored, None, None), View(), is_owned=True)
         assert (row["name"], row["title"], row["notes"]) == ("Figure 7", "Figure 7", NOTES)

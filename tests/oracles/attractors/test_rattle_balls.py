@@ -116,4 +116,4 @@ def test_rows_are_what_sorting_all_samples_gives(missed):
         assert rows.number[i] == mine.size
         assert rows.impacts[i] == impacts[mine].sum()
         assert rows.watched[i] == (time[mine].min() if mine.size else np.inf)
-        assert rows.one[i] == (mine[0] if mine.size else kind.size - 1)
+        assert rows.first_sample[i] == (mine[0] if mine.size else kind.size - 1)

@@ -110,7 +110,7 @@ def test_what_is_refused() -> None:
         follow_codimension_two("COD7")
     with pytest.raises(rattle.RattleError, match=r"COD20 is known for a restitution from 0.001 to 1, got 0.0001"):
         follow_codimension_two("COD20").at(0.0001)
-    with pytest.raises(rattle.RattleError, match="has no COD"):
+    with pytest.raises(rattle.RattleError, match="no COD22 of the elastic gear was found"):
         follow_codimension_two("COD22", 1e-8)
     table = follow_codimension_two("COD22").to_dataframe()
     assert list(table) == ["delta", "epsilon", "restitution", "tau", "speed"]

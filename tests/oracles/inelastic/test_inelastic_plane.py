@@ -10,7 +10,7 @@ from scipy.optimize import brentq, minimize_scalar
 import rattle
 from rattle import inelastic
 from rattle.models import Inelastic
-from rattle.orbits.period_one_orbits import N_MINUS, NAMES, PAPER_REGIONS, REGIONS
+from rattle.orbits.orbits_a_to_d import N_MINUS, NAMES, PAPER_REGIONS, REGIONS
 
 Q = 4 * math.pi
 WINDOW = {"delta": (0.3, 1.2), "epsilon": (0.0, 0.6)}

@@ -141,7 +141,10 @@ NORMAL = rattle.Normal(15e-6, 5e-6)
         ),
         (DRAWING | {"excentricity": NORMAL}, "a gear has no excentricity: it has"),
         ({"delta": 0.1, "beta": "uniform:0.1:0.2"}, "epsilon must be given too"),
-        (DRAWING | {"eccentricity": "normal:1e-6"}, "after normal give mean, deviation, and low and high if"),
+        (
+            DRAWING | {"eccentricity": "normal:1e-6"},
+            "1 numbers after normal: give mean, deviation, and low and high if",
+        ),
         (DRAWING | {"eccentricity": "gamma:1:2"}, "is no distribution: write a number, or normal:MEAN"),
         (DRAWING | {"eccentricity": "uniform:a:b"}, "write numbers, separated by colons"),
     ],

@@ -22,7 +22,7 @@ from rattle.proof.areas.block import ABSENT, ATTRACTING, CAPTURED, LOUD, QUIET, 
 from rattle.proof.areas.capture import _growth_coefficient, require_captures
 from rattle.proof.areas.checker.check import check
 from rattle.proof.areas.checker.intervals import BlockRefused
-from rattle.proof.areas.columns import columns, prove_column
+from rattle.proof.areas.columns import cut_into_columns, prove_column
 from rattle.proof.areas.finder import Prover
 from rattle.proof.areas.piece import PlanePiece, hull
 from rattle.proof.areas.shares import shares_of_claims
@@ -119,7 +119,7 @@ def test_the_kept_columns_hold_what_the_whole_plane_does():
 
 
 def test_a_column_is_proved_and_proved_again():
-    delta = columns(DELTA, 2560)[2000]  # A and D begin in a graze
+    delta = cut_into_columns(DELTA, 2560)[2000]  # A and D begin in a graze
     blocks = prove_column(BETA, delta, EPSILON)
     assert {block.claim for block in blocks} == {"I", "V", ABSENT["C"], SADDLE["D"], ABSENT["D"], QUIET, LOUD, CAPTURED}
     told = sum(block.area for block in blocks if block.claim in REGIONS)
