@@ -136,7 +136,7 @@ def test_a_table_in_seconds_and_metres(tmp_path: Path) -> None:
         ("time\n" + "\n".join("12345678") + "\n7\n", "time must be finite and rise"),
         (
             "time\n" + "\n".join(f"{i}e-20" for i in range(9)),
-            "within 8e-20 forcing periods: give time in forcing periods",
+            "within 8e-20 forcing periods: give time in forcing",
         ),
         ("time,speed,Time\n" + "\n".join(f"{i},1,{i}" for i in range(9)), "2 columns named 'time': keep one"),
         ("time\n" + "\n".join("1234567") + "\nlate\n", "line 9 of .*'late' in column 1 is not a number"),

@@ -143,7 +143,7 @@ NORMAL = rattle.Normal(15e-6, 5e-6)
         ({"delta": 0.1, "beta": "uniform:0.1:0.2"}, "epsilon must be given too"),
         (
             DRAWING | {"eccentricity": "normal:1e-6"},
-            "1 numbers after normal: give mean, deviation, and low and high if",
+            "numbers after normal: give mean, deviation, and low and high if",
         ),
         (DRAWING | {"eccentricity": "gamma:1:2"}, "is no distribution: write a number, or normal:MEAN"),
         (DRAWING | {"eccentricity": "uniform:a:b"}, "write numbers, separated by colons"),
