@@ -92,22 +92,6 @@ def test_a_telephone_needs_no_mouse(browser: Browser, service: str) -> None:
         assert max(page.evaluate(ACROSS)) <= 390
 
 
-def test_one_finger_on_the_map_scrolls_the_page_of_a_telephone(browser: Browser, service: str) -> None:
-    with visiting(browser, service, has_touch=True, is_mobile=True) as context:
-        page = context.new_page()
-        page.set_viewport_size({"width": 390, "height": 500})  # lower than the page
-        open_view(page, service)
-        page.wait_for_url("**survey=**")
-        x, y = place_of(page, 0.6, 0.2)
-        before = page.evaluate("() => scrollY")
-        gesture = {"x": x, "y": y, "yDistance": -200, "gestureSourceType": "touch"}
-        context.new_cdp_session(page).send("Input.synthesizeScrollGesture", gesture)
-        wait_until(lambda: page.evaluate("() => scrollY") > before + 50)
-        assert "delta=" not in page.url  # the map shows the same window
-        page.evaluate(f"() => scrollTo(0, {before})")
-        assert place_of(page, 0.6, 0.2) == (x, y)
-
-
 @pytest.mark.parametrize("width", [pytest.param(1280, marks=deep), 1920])
 def test_a_view_is_printed_whole_with_its_key(page: Page, service: str, width: int) -> None:
     page.set_viewport_size({"width": width, "height": 1000})

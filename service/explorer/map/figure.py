@@ -12,7 +12,6 @@ from bokeh.events import MouseMove, RangesUpdate, Reset, Tap
 from bokeh.models import (
     ColumnDataSource,
     CustomJS,
-    PanTool,
     Range1d,
     WheelZoomTool,
 )
@@ -179,8 +178,6 @@ class MapFigure:
         if (width < NARROW) != self._is_narrow:
             self._is_narrow = width < NARROW
             self._place_bars()
-            # On a telephone one finger scrolls the page, and two fingers zoom; the toolbar switches panning on.
-            self.figure.toolbar.active_drag = None if self._is_narrow else self.figure.select_one(PanTool)
 
     def _place_bars(self) -> None:
         glyphs.place_bars(self.figure, [scale.bar for scale in self._scales.values()], self._is_narrow)
