@@ -182,7 +182,7 @@ def watch(url: str, survey: str, seconds: float, watched: dict[str, psutil.Proce
     """
     began, before = time.monotonic(), tiles_done(url, survey)
     last, spent = began, [processor_seconds(each) for each in watched.values()]
-    while before < until if until else last - began < seconds:
+    while (before < until) if until else (last - began < seconds):
         time.sleep(seconds / 10)
         now, done = time.monotonic(), tiles_done(url, survey)
         memory = " | ".join(str(mebibytes(each)) for each in watched.values())

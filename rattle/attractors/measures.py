@@ -58,7 +58,7 @@ class Uncertainty(NamedTuple):
 
 
 def differing(a: Basins, b: Basins) -> NDArray[np.bool_]:
-    """Return the cells (n, n) that two results on the same grid give to different attractors.
+    """Return flags (n, n) of the cells of (τ, v) that two results on the same grid give to different attractors.
 
     Attractors of both results are paired if they have the same kind and label P(m, n₊, n₋). Where several attractors
     have the same kind and label, the pairs are those with which the fewest cells differ.

@@ -96,7 +96,7 @@ def _expansion_residuals(h: float) -> tuple[float, float]:
 
 
 def _bounce_residuals(v: float) -> tuple[float, float, float]:
-    """Return the largest errors of a bounce that starts at speed v, by the paper's formulas.
+    """Return the largest errors, over the phases PHASES, of the paper's formulas for a bounce that starts at speed v.
 
     Returns
     -------

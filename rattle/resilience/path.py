@@ -325,7 +325,7 @@ class _ChangeFinder:
         if self.rows.kind[row] == Outcome.CHAOTIC and model_at(gear_there).rests_late(
             gear_there.delta, gear_there.epsilon
         ):
-            return -1  # at `step` becoming quiet takes so many impacts that such motions would look chaotic
+            return -1  # at `step`, motions that become quiet make too many impacts to be told from chaotic ones
         many = CHAOTIC_STATES if self.rows.kind[row] == Outcome.CHAOTIC else 1
         on = gear.iterate(tau, v, 7 * np.arange(many))
         attractor = gear_there.reached(on.tau, on.v).attractors[0]

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from zarr.abc.store import Store
 
 ZIP, ICECHUNK = ".zip", ".icechunk"
+BRANCH = "main"  # the branch of an Icechunk repository that gets the commit
 READERS = 8  # files read at a time, because a bucket answers slowly
 BATCH = 256  # at most this many files are in memory at a time
 
@@ -100,23 +101,32 @@ def copy_store(
     files = _files_of(source)
     manifest, content = _read_manifest(files)
     if str(target).endswith(ZIP):
-        return _copy_to_zip(files, manifest, content, Path(target), on_file)
+        with _refuse_unwritable(Path(target)):
+            return _copy_to_zip(files, manifest, content, Path(target), on_file)
     if str(target).endswith(ICECHUNK):
-        return _copy_to_icechunk(files, manifest, Path(target), on_file)
+        with _refuse_unwritable(Path(target)):
+            return _copy_to_icechunk(files, manifest, Path(target), on_file)
     place = place_of(target)
     before = _earlier_manifest(place)
     if before is not None and before.content_hash != manifest.content_hash:
         raise SurveyError(f"{place} holds another survey or population: choose another location, or remove that store")
     if before is None and place.is_occupied():
         raise SurveyError(f"{place} holds something that is not a copy of {source}: choose another location")
-    try:
+    with _refuse_unwritable(place):
         if isinstance(place, Directory):
             place.path.mkdir(parents=True, exist_ok=True)
             (place.path / LOCK).touch()
         with place.lock_for_writing():
             return _copy_to_place(files, manifest, content, place, on_file)
+
+
+@contextmanager
+def _refuse_unwritable(target: Path | Place) -> Iterator[None]:
+    """Convert an OSError into the SurveyError or StorageError that says that the target cannot be written."""
+    try:
+        yield
     except OSError as error:
-        refusal = storage_error(f"{place} cannot be written", error)
+        refusal = storage_error(f"{target} cannot be written", error)
         raise refusal from error
 
 
@@ -216,22 +226,16 @@ def _copy_to_zip(
     if path.exists():
         raise SurveyError(f"{path} exists: choose another file, or remove it")
     total, size, done = _count_files(manifest), len(content), 1
-    try:
-        with _rename_at_end(path) as part:
-            with ZipFile(part, "w", ZIP_STORED) as archive, ThreadPoolExecutor(READERS) as threads:
-                archive.writestr(MANIFEST, content)
-                for some in _batches_of_files(_keys_with_digests(manifest)):
-                    for (key, _), whole in zip(
-                        some, threads.map(lambda file: _read_whole(files, *file), some), strict=True
-                    ):
-                        archive.writestr(key, whole)
-                        size, done = size + len(whole), done + 1
-                    if on_file:
-                        on_file(done, total)
-            _require_whole(ZipStore(part), _keys_with_digests(manifest))
-    except OSError as error:
-        refusal = storage_error(f"{path} cannot be written", error)
-        raise refusal from error
+    with _rename_at_end(path) as part:
+        with ZipFile(part, "w", ZIP_STORED) as archive:
+            archive.writestr(MANIFEST, content)
+            for some in _read_in_batches(files, _keys_with_digests(manifest)):
+                for key, whole in some.items():
+                    archive.writestr(key, whole)
+                    size, done = size + len(whole), done + 1
+                if on_file:
+                    on_file(done, total)
+        _require_whole(ZipStore(part), _keys_with_digests(manifest))
     return CopyResult(total, size, 0)
 
 
@@ -239,28 +243,18 @@ def _copy_to_icechunk(
     files: FileSource, manifest: Manifest, path: Path, on_file: Callable[[int, int], None] | None
 ) -> CopyResult:
     repository = _repository_at(path)
-    branch = "main"
-    session = repository.writable_session(branch)
+    session = repository.writable_session(BRANCH)
     # The repository takes a chunk only after its array, and an array only after its group.
-    keys = sorted(_keys_with_digests(manifest), key=lambda one: (not one[0].endswith(ROOT), one[0].count("/")))
+    keys = sorted(_keys_with_digests(manifest), key=lambda file: (not file[0].endswith(ROOT), file[0].count("/")))
     size, done, total = 0, 0, len(keys)
-    try:
-        with ThreadPoolExecutor(READERS) as threads:
-            for some in _batches_of_files(keys):
-                parts = list(threads.map(lambda one: _read_whole(files, *one), some))
-                asyncio.run(_write_files(session.store, dict(zip((key for key, _ in some), parts, strict=True))))
-                size, done = size + sum(map(len, parts)), done + len(some)
-                if on_file:
-                    on_file(done, total)
+    with asyncio.Runner() as runner:
+        for some in _read_in_batches(files, keys):
+            runner.run(_write_files(session.store, some))
+            size, done = size + sum(map(len, some.values())), done + len(some)
+            if on_file:
+                on_file(done, total)
         session.commit(f"gear-rattle: {files}")
-        written = repository.readonly_session(branch).store
-        for some in _batches_of_files(keys):
-            for (key, known), part in zip(some, asyncio.run(_read_files(written, some)), strict=True):
-                if digest(part) not in known:
-                    raise OSError(f"{key} does not read back as it was written")
-    except OSError as error:
-        refusal = storage_error(f"{path} cannot be written", error)
-        raise refusal from error
+        _require_whole(_CommittedFiles(repository.readonly_session(BRANCH).store, runner), keys)
     return CopyResult(total, size, 0)
 
 
@@ -276,7 +270,7 @@ def _repository_at(path: Path) -> icechunk.Repository:
         if not path.exists():
             return icechunk.Repository.create(storage)
         repository = icechunk.Repository.open(storage)
-        if len(list(repository.ancestry(branch="main"))) == 1:  # the empty snapshot with which a repository begins
+        if len(list(repository.ancestry(branch=BRANCH))) == 1:  # the empty snapshot with which a repository begins
             return repository
     except icechunk.IcechunkError as error:
         raise SurveyError(
@@ -292,12 +286,20 @@ async def _write_files(store: Store, contents: dict[str, bytes]) -> None:
         await store.set(key, cpu.Buffer.from_bytes(content))
 
 
-async def _read_files(store: Store, keys: Iterable[tuple[str, tuple[str, ...]]]) -> list[bytes]:
-    """Return the content of each file, b"" for a file that is not there."""
-    from zarr.buffer import default_buffer_prototype
+class _CommittedFiles:
+    """The files of a commit, read by key in the event loop of `runner`."""
 
-    found = [await store.get(key, default_buffer_prototype()) for key, _ in keys]
-    return [b"" if each is None else each.to_bytes() for each in found]
+    def __init__(self, store: Store, runner: asyncio.Runner) -> None:
+        self._store, self._runner = store, runner
+
+    def read(self, key: str) -> bytes:
+        """Return the content of a file. Raises FileNotFoundError."""
+        from zarr.buffer import default_buffer_prototype
+
+        found = self._runner.run(self._store.get(key, default_buffer_prototype()))
+        if found is None:
+            raise FileNotFoundError(f"the commit has no {key}")
+        return found.to_bytes()
 
 
 def _require_whole(written: FileSource, files: Iterable[tuple[str, tuple[str, ...]]]) -> None:
@@ -305,6 +307,20 @@ def _require_whole(written: FileSource, files: Iterable[tuple[str, tuple[str, ..
     for key, known in files:
         if not _is_whole(written, key, known):
             raise OSError(f"{key} does not read back as it was written")
+
+
+def _read_in_batches(files: FileSource, keys: Iterable[tuple[str, tuple[str, ...]]]) -> Iterator[dict[str, bytes]]:
+    """Read the files of a source. keys: key and allowed digests of each file. Raises SurveyError.
+
+    Yields
+    ------
+    dict[str, bytes]
+        The contents of at most BATCH files, by key.
+    """
+    with ThreadPoolExecutor(READERS) as threads:
+        for some in _batches_of_files(keys):
+            contents = threads.map(lambda file: _read_whole(files, *file), some)
+            yield {key: content for (key, _), content in zip(some, contents, strict=True)}
 
 
 def _batches_of_files(files: Iterable[tuple[str, tuple[str, ...]]]) -> Iterator[list[tuple[str, tuple[str, ...]]]]:

@@ -75,7 +75,7 @@ class BoundaryDistance(NamedTuple):
         The speed. It is inf if no state up to v_max reaches another attractor, and 0 if there is no quiet motion. It is
         NaN if all states that do not become quiet are undecided. It is also NaN, with undecided = 0, if becoming quiet
         takes more impacts than the limit, as happens within a few per cent of the quiet limit (in a wider range at weak
-        damping): so many impacts do not distinguish quiet motion from chaos.
+        damping): then a high number of impacts does not distinguish quiet motion from chaos.
     tau
         The phase of the impact; NaN if v is 0, inf or NaN.
     undecided

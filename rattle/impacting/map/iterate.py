@@ -41,7 +41,7 @@ _memory = _Memory()
 
 
 def working_block() -> Any:
-    """Return this thread's block of lanes (1,) for kernels."""
+    """Return this thread's block of lanes, an array (1,) of one record, as kernels take it."""
     return _memory.block
 
 

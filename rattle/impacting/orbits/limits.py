@@ -63,7 +63,7 @@ def flip_formula(delta: ArrayLike) -> FloatArray:
         ε, also where C is virtual because it would have to pass Σ⁻.
     """
     d = _checked_damping(delta)
-    with np.errstate(over="ignore"):  # the square overflows from δ = 3e154 on
+    with np.errstate(over="ignore"):  # δ² coth(δ/2) overflows from δ = 1.3e154 on
         return np.hypot(sn1_formula(d), d * (2.0 - sine_offset(d)) / (2 * np.pi))
 
 

@@ -195,7 +195,7 @@ def two_impact_orbit(sigma, delta, epsilon, beta, r):
     if status != 0 or wall != 1 or abs(t2 - rest) > SAME_TIME:
         return False, tau, v, 0.0
     omc, siny, _defect = versines(sigma)
-    y1, x1 = y * omc - y - x * siny, x * omc - x + y * siny  # sine and cosine of 2πs, half a turn from those of 2πσ
+    y1, x1 = y * omc - y - x * siny, x * omc - x + y * siny  # ε sin and ε cos of 2π(τ + s), where s = 1/2 + σ
     down, up = flight_at_phase(-v, x, y, delta), flight_at_phase(r * u, x1, y1, delta)
     # Φ'' at both arrivals, from the contact force of a flight with the phase and velocity of the arrival
     ends = flight_at_phase(-u, x1, y1, delta), flight_at_phase(v / r, x, y, delta)

@@ -31,7 +31,7 @@ NOT_ALONE = "Some cells have two of its attractors: continuation through other c
 
 @dataclass(frozen=True)
 class Extent:
-    """The longest row or column of adjoining cells that all have a family.
+    """The longest row or column of adjoining cells that all have the described family.
 
     direction: "delta" for a row, "epsilon" for a column. middle: the point (δ, ε) in its middle. either_way: half its
     length and one cell more, in δ or ε, so that a diagram along it shows both ends.

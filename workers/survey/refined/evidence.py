@@ -150,7 +150,8 @@ def cells_differ(samples: np.ndarray, known: np.ndarray, count: int) -> np.ndarr
     samples (…, k, n, n): how many samples of each cell go to the motion. known (k, n, n): flags of the sampled cells.
     count: the number of samples of a cell. A cell lacks the motion if none of its samples goes to it. Cells of a leaf
     differ if some lack the motion, although at least CERTAIN_SAMPLES samples of another cell go to it (all samples, if
-    a cell has fewer). They also differ if so many lack the motion that equal basin fractions in all cells are unlikely.
+    a cell has fewer). They also differ if, with equal basin fractions in all cells, it is unlikely that this number of
+    cells lacks the motion.
 
     Returns
     -------
