@@ -164,5 +164,5 @@ def test_sn1_of_the_stiff_gear(delta: float, kappa: float) -> None:
 
 def test_where_the_stiff_gear_has_no_sn1() -> None:
     sn1, flip = model_of(0.6, kappa=1e4).limits(1.0).missing
-    assert sn1.reason.startswith("none: A and C are not born in a saddle-node at delta = 1")
+    assert sn1.reason.startswith("none: no saddle-node SN1, the birth of A and C, was found at delta = 1, beta = 0.6")
     assert "PDC" in flip.reason
