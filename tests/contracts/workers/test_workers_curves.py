@@ -1,10 +1,12 @@
 """The groups of a store beside its cells: every curve as the library traces it, and the points where curves meet."""
 
+import json
 from pathlib import Path
 
 import numpy as np
 import pytest
 import xarray as xr
+import zarr
 from depth import deep
 
 from gear_rattle.workers import Axis, SurveyRequest, create_store
@@ -41,6 +43,15 @@ def test_every_curve_of_the_library_is_a_group(tree: xr.DataTree) -> None:
     assert tree["curves"].attrs["beta"] == 0.6
     assert tree["curves"].attrs["window_delta"] == pytest.approx([0.425, 0.875])  # half a cell around the axes
     assert tree["curves"].attrs["window_epsilon"] == pytest.approx([0.03, 0.27])
+
+
+def test_readers_without_text_find_every_text_in_an_attribute(tmp_path: Path) -> None:
+    create_store(REQUEST, tmp_path / "survey.zarr")
+    members = dict(zarr.open_group(tmp_path / "survey.zarr", mode="r").members(max_depth=None))
+    texts = {path: each for path, each in members.items() if isinstance(each, zarr.Array) and each.dtype.kind == "T"}
+    assert {path.rpartition("/")[2] for path in texts} >= {"point", "meaning", "end_reason", "pair_first", "orbit"}
+    for path, each in texts.items():
+        assert json.loads(str(each.attrs["texts"])) == np.asarray(each[...]).tolist(), path
 
 
 @pytest.mark.parametrize("name", curves.NAMES)
