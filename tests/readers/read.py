@@ -64,6 +64,27 @@ def by_tensorstore(store):
         say(path, json.loads(found.item()) if text else found, text)
 
 
+def by_gdal(store):
+    """Array by array, numbers only."""
+    import rasterio
+
+    for path, text in arrays_of(store):
+        if not text:
+            with rasterio.open(f'ZARR:"{store}":/{path}') as found:
+                say(path, found.read(), text)
+
+
+def by_gdal_netcdf(store):
+    """The maps of the survey as NetCDF: GDAL reads rasters only."""
+    import rasterio
+
+    for path, text in arrays_of(store):
+        about = json.loads(Path(store, path, "zarr.json").read_text())
+        if not text and "/" not in path and about.get("dimension_names", [])[-2:] == ["epsilon", "delta"]:
+            with rasterio.open(f'netcdf:"{Path(store).with_suffix(".nc")}":{path}') as found:
+                say(path, found.read(), text)
+
+
 def by_icechunk(store):
     """Written to a repository by xarray, and read from it."""
     import tempfile

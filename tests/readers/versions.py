@@ -1,6 +1,6 @@
 """Find the versions of libraries that read a survey, each in its own environment: the table in other-languages.md.
 
-``make readers-table`` writes it. It needs a network once, and uv.
+``make readers-table`` writes it. It needs a network once, uv, and a Python 3.12 for GDAL.
 """
 
 from __future__ import annotations
@@ -37,10 +37,16 @@ class Reader(NamedTuple):
         The function of read.py.
     packages
         What is installed; the first has the version that the table names.
+    arrays
+        The arrays that it reads, where these are not all.
+    python
+        The version of Python that the packages need, if this one is too old for them.
     """
 
     by: str
     packages: tuple[str, ...]
+    arrays: str = ""
+    python: str = ""
 
 
 READERS = (
@@ -50,8 +56,10 @@ READERS = (
     Reader("zarr", ("zarr==3.0.0", "numpy<2.3")),
     Reader("zarr", ("zarr==2.18.7", "numcodecs<0.16", "numpy<2.3")),
     Reader("tensorstore", ("tensorstore",)),
-    Reader("icechunk", ("icechunk", "xarray", "zarr>=3")),
-    Reader("virtualizarr", ("virtualizarr[hdf]", "obstore", "xarray")),
+    Reader("gdal", ("rasterio>=1.5",), python="3.12"),
+    Reader("gdal_netcdf", ("rasterio>=1.5",), "of the survey as NetCDF, its maps", python="3.12"),
+    Reader("icechunk", ("icechunk", "xarray", "zarr>=3"), "those of the survey's root"),
+    Reader("virtualizarr", ("virtualizarr[hdf]", "obstore", "xarray"), "those of the survey's root that are no texts"),
 )
 
 
@@ -86,7 +94,8 @@ def checked(reader: Reader, store: Path, ours: dict[str, np.ndarray], directory:
     """
     python = directory / f"{reader.by}-{abs(hash(reader.packages))}" / "bin" / "python"
     uv = shutil.which("uv") or str(Path(sys.executable).with_name("uv"))
-    subprocess.run([uv, "venv", "--quiet", "--no-project", str(python.parents[1])], check=True)
+    version = ["--python", reader.python] if reader.python else []
+    subprocess.run([uv, "venv", "--quiet", "--no-project", *version, str(python.parents[1])], check=True)
     subprocess.run([uv, "pip", "install", "--quiet", "--python", str(python), *reader.packages], check=True)
     frozen = subprocess.run([uv, "pip", "freeze", "--python", str(python)], capture_output=True, text=True, check=True)
     versions = dict(re.findall(r"^([\w.-]+)==(\S+)$", frozen.stdout, re.M))
@@ -94,6 +103,9 @@ def checked(reader: Reader, store: Path, ours: dict[str, np.ndarray], directory:
     shown = " with ".join(
         f"{name} {versions[name]}" for name in names if name in ("xarray", "zarr") or name == names[0]
     )
+    if names[0] == "rasterio":
+        ask = [python, "-c", "import rasterio; print(rasterio.__gdal_version__)"]
+        shown = f"GDAL {subprocess.run(ask, capture_output=True, text=True, check=True).stdout.strip()} by {shown}"
     run = subprocess.run([python, HERE / "read.py", reader.by, store], capture_output=True, text=True, check=False)
     if run.returncode:
         last = run.stderr.strip().splitlines()[-1].replace("|", "/")
@@ -110,7 +122,7 @@ def checked(reader: Reader, store: Path, ours: dict[str, np.ndarray], directory:
             total = numbers[np.isfinite(numbers)].sum()
             assert abs(each["sum"] - total) <= OTHER_BITS * max(1.0, abs(total)), name
     missing = set(ours) - set(read)
-    said = "every array" if not missing else f"{len(read)} arrays, those of the survey's root"
+    said = "every array" if not missing else f"{len(read)} arrays, {reader.arrays}"
     if not missing:
         said += f", {len(texts)} of texts among them"
     if not missing and reader.by == "tensorstore":
