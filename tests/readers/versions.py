@@ -104,7 +104,7 @@ def checked(reader: Reader, store: Path, ours: dict[str, np.ndarray], directory:
         f"{name} {versions[name]}" for name in names if name in ("xarray", "zarr") or name == names[0]
     )
     if names[0] == "rasterio":
-        ask = [python, "-c", "import rasterio; print(rasterio.__gdal_version__)"]
+        ask = [str(python), "-c", "import rasterio; print(rasterio.__gdal_version__)"]
         shown = f"GDAL {subprocess.run(ask, capture_output=True, text=True, check=True).stdout.strip()} by {shown}"
     run = subprocess.run([python, HERE / "read.py", reader.by, store], capture_output=True, text=True, check=False)
     if run.returncode:
