@@ -23,21 +23,23 @@ SMALLEST_CORRECTION = 1e-13
 QUADRATIC_CORRECTION = 1e-8
 #: Correction above which a step is given up.
 LARGEST_CORRECTION = 0.3
-#: Correction above which the equations are prepared again, which takes as long as to evaluate them once.
+#: After a correction above this, `ContinuationProblem.prepare` is called again. It is not called after smaller
+#: corrections, because a call takes as long as one evaluation of the equations.
 LARGE_CORRECTION = 1e-3
 #: Correction below which Newton's method may stop if corrections no longer become smaller, as near singular equations.
 ACCEPTED_CORRECTION = 1e-11
 #: Step length below which a curve is not followed further.
 SHORTEST_STEP = 1e-10
-#: Least divisor |dp/ds|, the rate of the parameter p along a branch, when a longest step in p is converted to one in s.
+#: A longest step in the last unknown p, divided by the rate |dp/ds|, is the longest step in arclength s. Where the rate
+#: is below LEAST_RATE, the step in p is divided by LEAST_RATE.
 LEAST_RATE = 1e-12
 #: Largest angle between the tangents of neighbouring points, in radians.
 LARGEST_TURN = 0.2
 #: Largest number of points of a path; largest number of bisections to find the edge at which a path ends.
 MOST_POINTS = 4000
 MOST_BISECTIONS = 200
-#: The edge at which a path ends becomes its last point only if an unknown differs by more than this from the previous
-#: point.
+#: The edge at which a path ends is added as its last point only if some unknown of the edge differs by more than this
+#: from the same unknown of the point before.
 SAME_POINT = 1e-12
 #: A curve is closed if it comes back to its start, so that every unknown differs by less than this.
 SAME_SOLUTION = 1e-8
@@ -317,9 +319,10 @@ def last_inside(
 
 
 def longest_step(span: tuple[float, float], resolution: int, longest: float) -> Callable[[Array], float]:
-    """Return a function that maps a unit tangent to the longest allowed step along it.
+    """Return a function that maps a unit tangent of a curve to the longest allowed step along this tangent.
 
-    The step is at most `longest`, and gives at least `resolution` points over the span (low, high) of the last unknown.
+    The step is at most `longest`, and so short that a curve across the span (low, high) of the last unknown has at
+    least `resolution` points.
 
     Returns
     -------
@@ -411,7 +414,13 @@ class Follower:
         return FollowedCurve(points, tangents, len(back.points) - 1, (back, on))
 
     def _closing_twin(self, start: Array, a: Array, b: Array) -> Array | None:
-        """Return the solution equivalent to `start` between the points a and b of the curve; None if there is none."""
+        """Return the solution between the points a and b of the curve that describes the same motion as `start`.
+
+        Returns
+        -------
+        Array | None
+            The solution (N + 1,), with which the curve closes; None if there is none between a and b.
+        """
         chord = b - a
         for twin in self.twins(start, b):
             share = float((twin - a) @ chord / (chord @ chord))
@@ -446,10 +455,10 @@ def root_between(
     """
 
     def value(share: float) -> float:
-        """Return the test function at a share of the way. Raises ArithmeticError if Newton's method fails there."""
+        """Return `test` at the solution above a share of the chord from a to b. Raises ArithmeticError if none."""
         x = solution_above_chord(problem, a, b, share)
         if x is None:
-            raise ArithmeticError("Newton's method failed")
+            raise ArithmeticError(f"Newton's method found no solution above the share {share} of a chord")
         return test(x)
 
     from scipy.optimize import brentq  # imported here because it takes a quarter of a second to load

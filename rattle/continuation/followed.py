@@ -110,7 +110,7 @@ class FollowedBranch(ABC):
         return self.speeds[:, 0]
 
     def motion(self, index: int) -> tuple[Any, Array]:
-        """Return the itinerary of the branch, and the unknowns (N,) of the motion at point number `index`."""
+        """Return the itinerary, and the row (N,) of `unknowns` for point number `index`, which ends with parameters."""
         return self.itinerary, self.unknowns[index]
 
     def _caption(self) -> str:
