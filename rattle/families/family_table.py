@@ -61,7 +61,7 @@ class Families:
     table: FamilyTable
 
     def fractions(self, number: int) -> NDArray[np.float64]:
-        """Return the basin fraction of a family in each cell (m, n), NaN where it does not exist."""
+        """Return the basin fraction of a family in each cell (m, n), NaN in cells where the family has no attractor."""
         rows, shape = self.family == number, (self.epsilon.size, self.delta.size)
         cell, samples = self.attractors.cell, self.attractors.samples
         n_cells = shape[0] * shape[1]
@@ -84,10 +84,10 @@ def tabulate_families(delta: NDArray[np.float64], epsilon: NDArray[np.float64], 
     n = int(family.max(initial=QUIET_FAMILY)) + 1
 
     def by_family(values: NDArray[Any], default: float = 0) -> NDArray[Any]:
-        """Return values in the order of families, from `values`, which has one for each entry of `sums`.
+        """Return values in the order of families.
 
-        default: the value of a family without an entry in `sums`. Only quiet motion can be without an entry: it has
-        its family number even if no cell has quiet motion.
+        values: one value for each entry of `sums`. default: the value of a family without an entry in `sums`. Only
+        quiet motion can be without one: it has its family number even if no cell has quiet motion.
 
         Returns
         -------
