@@ -343,7 +343,7 @@ def _connected_ranges(pieces: NDArray[np.int64], gap: Array) -> list[tuple[int, 
 
 
 def _stable_manifold_label(name: str) -> str:
-    """Return the label of the stable manifold of an orbit."""
+    """Return the label of the stable manifold of an orbit in matplotlib's mathematical text: "$W^s(A)$" for A."""
     return f"$W^s({name})$"
 
 

@@ -92,7 +92,8 @@ def legend_name(motion: Motion, contacts: int | None = None) -> str:
     motion : Attractor, (m, n_plus, n_minus) or str
         The motion.
     contacts : int, optional
-        The number c of contact phases of the motion; None: the number that the attractor has, else 0.
+        The number c of contact phases of the motion. None: the field `contacts` of `motion`, or 0 if it has no such
+        field.
 
     Returns
     -------
@@ -148,8 +149,8 @@ class Palette:
     like the colour of quiet, chaotic or undecided motion. Then the type has the spare colour that differs most from all
     of these colours.
 
-    alike: the distance in CIELAB below which the colour of a type looks like another colour. It does not hold for types
-    in NAMED, for which the distance is always ALIKE.
+    alike: the distance in CIELAB below which the colour of a type not in NAMED looks like another colour. For the types
+    in NAMED this distance is always ALIKE.
     """
 
     def __init__(self, alike: float = ALIKE) -> None:

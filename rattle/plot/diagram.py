@@ -39,9 +39,10 @@ Limits = tuple[float, float] | None
 ALL_PHASES = (0.0, 1.0)
 #: A note about omitted branches names at most this many of them.
 NAMED_LEFT_OUT = 4
-#: Margin of the v axis above and below a branch, as a share of the branch's range of v; least margin, as a speed.
+#: MARGIN: margin of the v axis above and below a branch, as a share of the branch's range of v. The margin is at least
+#: LEAST_MARGIN, in units of v.
 MARGIN, LEAST_MARGIN = 0.1, 0.01
-#: Size of labels in points, and the number of points along a curve that are tried for its name.
+#: Font size of labels in points (1/72 inch). Number of places along a curve at which its name is tried.
 SIZE, ANCHORS = 10, 40
 #: Number of steps of each sweep for the impacting gear and for the stiff gear.
 STEPS, STIFF_STEPS = 500, 250
@@ -344,7 +345,7 @@ def _is_visible(panel: Axes, x: Array, y: Array) -> NDArray[np.bool_]:
 
 
 def _visible_lines(panel: Axes, curve: ImpactCurve, y: Array) -> list[Array]:
-    """Return a list with one line, the admissible parts of a curve inside the panel; without such parts an empty list.
+    """Return the admissible parts of a curve inside the panel as one line, in a list; [] if there are no such parts.
 
     y: v or τ of the points of the curve.
 

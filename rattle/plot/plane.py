@@ -105,9 +105,8 @@ def draw_points(axes: Axes, points: Sequence[CodimensionTwo], lines: Sequence[Ar
     if not points:
         return None
     labels = Labels(axes, [*lines, *(np.array([[point.delta, point.epsilon]]) for point in points)])
-    labels.keep_clear_of(
-        [(point.delta, point.epsilon) for point in points], MARKER_SIZE + 1
-    )  # the edge of a marker adds 1 point
+    size = MARKER_SIZE + 1  # the line around a marker makes its diameter one point (1/72 inch) larger
+    labels.keep_clear_of([(point.delta, point.epsilon) for point in points], size)
     for point in points:
         labels.add(point.name, (point.delta, point.epsilon))
     return labels
