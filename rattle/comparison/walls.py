@@ -105,7 +105,7 @@ class FitProblem(NamedTuple):
 
     @property
     def with_first_impacts(self) -> FitProblem:
-        """The same problem with at most FIRST_IMPACTS impacts, the first ones, from which the offset is found."""
+        """The same problem with only the first FIRST_IMPACTS impacts, from which the offset is found."""
         time, speed, wall = self.measured
         some = None if speed is None else speed[:FIRST_IMPACTS]
         return self._replace(

@@ -401,7 +401,7 @@ class Follower:
         return Path(np.array(points), np.array(tangents), None)
 
     def follow_both_ways(self, start: Array, index: int, most: int = MOST_POINTS) -> FollowedCurve:
-        """Follow the curve in both directions from a solution inside. Forward is where x[index] rises."""
+        """Follow the curve in both directions from a solution that is inside; forward, x[index] rises at first."""
         rising = np.zeros(start.size)
         rising[index] = 1.0
         tangent = tangent_at(self.problem, start, rising)

@@ -163,9 +163,10 @@ class Diagram(TabularResult, Generic[AnyBranch, AnyEvent]):
         return figure_of(self, "diagram_figure")
 
     def to_xarray(self) -> Dataset:
-        """Return the impacts on Σ⁺ of the swept attractors, along a dimension `impact`, and the steps.
+        """Return a data set of the impacts on Σ⁺ of the swept attractors and of the steps of the diagram.
 
-        A branch has its own `to_xarray`.
+        The impacts are along the dimension `impact`, the parameters of the steps along `number`. Branches are not
+        contained: each has its own `to_xarray`.
 
         Returns
         -------

@@ -19,7 +19,7 @@ class Kind(StrEnum):
     GRAZING = "GR"
 
 
-#: The Floquet multiplier of the motion that bifurcates.
+#: For each kind of event: the Floquet multiplier that the motion has there.
 MULTIPLIER = {Kind.SADDLE_NODE: 1.0, Kind.FLIP: -1.0}
 
 

@@ -215,7 +215,7 @@ def build_curve(
 
 
 def _arclength(plane: Array) -> Array:
-    """Return the lengths (k,) along points (k, 2) from the first one."""
+    """Return for each of the points (k, 2) of a line the length of the line from the first point to this point."""
     return np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(plane, axis=0).T))])
 
 
@@ -347,7 +347,7 @@ def _lie_on_piece(
 
 
 def _follow_piece(follower: Follower, x: Array, why_outside: Test) -> CurvePiece:
-    """Return the piece of the curve that contains the solution x, in the direction from its smaller to its larger δ.
+    """Return the piece of a curve that contains the solution x; its first point is the end with the smaller δ.
 
     The points of the piece include all folds. why_outside: a function that returns, in words, why a point is outside
     the window or does not belong to the curve; None for other points.
@@ -381,7 +381,7 @@ def _insert_folds(problem: ContinuationProblem, points: Array, tangents: Array) 
 
 
 def _rate_along(problem: ContinuationProblem, direction: Array, index: int, x: Array) -> float:
-    """Return the entry for δ (index −2) or ε (index −1) of the unit tangent at x on the side of `direction`."""
+    """Return entry `index` (−2 for δ, −1 for ε) of the unit tangent at x that has an acute angle with `direction`."""
     return float(tangent_at(problem, x, direction)[index])
 
 
@@ -433,7 +433,7 @@ def trace_problem(
 
 
 def interior_points(low: float, high: float) -> Array:
-    """Return STARTS evenly spaced numbers between low and high, without these two."""
+    """Return STARTS evenly spaced numbers between low and high, without low and high."""
     return np.linspace(low, high, 2 * STARTS + 1)[1::2]
 
 

@@ -8,7 +8,7 @@ from rattle.continuation.arclength import plane_scale
 from rattle.errors import require, require_integer, require_pair
 from rattle.numerics.complex_step import Array
 
-#: Default of the least number of points of a branch over its span.
+#: Default of `ParameterLine.resolution`.
 POINTS_ACROSS = 50
 #: Length of the first step along a doubled branch. It is short, because the difference of the doubled orbit from the
 #: orbit at the flip grows as the square root of the distance from the flip.

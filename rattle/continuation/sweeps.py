@@ -155,8 +155,8 @@ class Sweeps:
     ) -> None:
         """Start a run from a known attractor at a step, unless a run in this direction has already reached it.
 
-        If `known` is None, no run starts. back, stops_at_known: the fields of the new `_Run`; `back` is None if it is
-        not the end of an earlier run that starts the new one.
+        If `known` is None, no run starts. back, stops_at_known: fields of the new `_Run`. `back` is the trail of the
+        earlier run whose end starts the new run, or None if the new run does not start at the end of another.
         """
         if known is not None and not known.reached[direction]:
             self._runs.append(_Run(direction, step, known.tau, known.v, back or {}, stops_at_known))
@@ -199,9 +199,9 @@ class Sweeps:
         the ended run had reached at the step before.
 
         If the run ends in quiet motion and the end of an earlier run had started it (`back`), a second run starts. It
-        has the direction of the ended run, and starts from the attractor that the earlier run had reached at this step;
-        at the next step, if the ended run ends at its first one. This happens on chaotic sets that samples leave after
-        some time.
+        has the direction of the ended run, and starts from the attractor that the earlier run had reached at this step.
+        If this is the first step of the ended run, the second run starts at the next step instead. This happens on
+        chaotic sets that samples leave after some time.
 
         rows: the rows of `table` with the attractors that states go to, first the state of the run, then the states of
         the known attractors of the step. end: the state of the run after it was followed.

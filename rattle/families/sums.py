@@ -99,7 +99,7 @@ def sums_of(table: AttractorTable, component: Integers, columns: int) -> Sums:
 
 
 def add_sums(parts: Iterable[Sums]) -> Sums:
-    """Return the sums over all cells from sums over disjoint sets of cells."""
+    """Return the sums over all cells from the sums over several sets of cells that have no cell in common."""
     all_ = Sums._make(np.concatenate(columns) for columns in zip(*parts, strict=True))
     if not all_.component.size:
         return all_

@@ -135,7 +135,7 @@ def reduce_pair(
 
 
 def _float_or_array(number: Any) -> Any:
-    """Return a number without axes as a float, and an array unchanged."""
+    """Return a number, or an array of shape (), as a float, and any other array unchanged."""
     return float(number) if np.ndim(number) == 0 else number
 
 

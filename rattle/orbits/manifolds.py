@@ -87,11 +87,11 @@ class _Image:
 
     @property
     def is_corner(self) -> NDArray[np.bool_]:
-        """Flags (n − 1,) of neighbouring points with a corner of the manifold between them."""
+        """Flags (n − 1,): True if the manifold has a corner between a point and the next point."""
         return np.asarray(self.word[1:] != self.word[:-1])
 
     def _bisect_corners(self) -> bool:
-        """Insert points on both sides of each corner, one rounding error apart in t; return whether there were any."""
+        """Insert the two points beside each corner that are a rounding error apart in t; return whether any is new."""
         i = np.flatnonzero(self.is_corner)
         low, high, word = self.t[i], self.t[i + 1], self.word[i]
         while True:

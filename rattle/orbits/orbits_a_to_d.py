@@ -110,7 +110,7 @@ def existing_orbits(
 
 
 class MissingLimit(NamedTuple):
-    """A limit, SN1 or the flip of C, that does not exist at a damping.
+    """A limit of ε, SN1 or the flip of C, that does not exist at a damping.
 
     limit: its name, "sn1" or "flip". reason: why it does not exist, and the event that takes its place. epsilon: the
     eccentricity of this other event, None if there is none.

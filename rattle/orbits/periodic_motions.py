@@ -112,7 +112,8 @@ def twins(itinerary: Equations, start: Array, x: Array) -> Array:
 def with_shortest_period(itinerary: Itinerary, x: Array) -> tuple[Itinerary, Array]:
     """Return itinerary and unknowns of the motion x (n + 2,) with its least period.
 
-    If this period is shorter than m forcing periods, the times are solved for again.
+    If the motion repeats after fewer than m forcing periods, the itinerary is shortened to one repetition, and the
+    unknowns are solved for again.
 
     Returns
     -------

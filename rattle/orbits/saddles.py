@@ -86,7 +86,7 @@ class LocalManifold:
 
 
 def tangent_map(orbit: Periodic) -> Array:
-    """Return the tangent map (2, 2) of a periodic orbit over its period, in (τ, v); it is infinite at a graze."""
+    """Return the tangent map (2, 2) in (τ, v) of a periodic orbit over its period; at a graze it is infinite."""
     product, tau, v = np.eye(2), float(folded(orbit.tau)), orbit.v
     for _ in range(orbit.label[1]):
         found = power_map(tau, v, 1, orbit.point)

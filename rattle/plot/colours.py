@@ -200,7 +200,7 @@ class Palette:
 
 @cache
 def _spare_colours() -> tuple[tuple[str, NDArray[np.float64]], ...]:
-    """Return the spare colours that differ from the colour of quiet motion, as "#rrggbb" and in CIELAB."""
+    """Return the spare colours that differ enough from the colour of quiet motion, as "#rrggbb" and in CIELAB."""
     found = (_hex_colour(hue, lightness, saturation) for hue, lightness, saturation in SPARE)
     every, quiet = [(each, _cielab(each)) for each in found], _cielab(KIND_COLOURS["quiet"])
     return tuple((each, lab) for each, lab in every if np.hypot.reduce(lab - quiet) >= LEAST_QUIET_DISTANCE)
@@ -241,5 +241,5 @@ def _hex_colour(hue: float, lightness: float, saturation: float) -> str:
 
 
 def _fractional_sum(label: Label, steps: tuple[float, ...]) -> float:
-    """Return the fractional part of the sum of m, n₊ and n₋ times these steps."""
+    """Return the fractional part of steps[0]·m + steps[1]·n₊ + steps[2]·n₋."""
     return sum(n * step for n, step in zip(label, steps, strict=True)) % 1.0

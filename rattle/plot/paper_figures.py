@@ -267,7 +267,7 @@ def _check_form(number: int | str, name: str, form: ParameterForm, given: Given,
 
 
 def _as_option_text(given: Given) -> str:
-    """Return the value as it would be written on the command line."""
+    """Return the given value as text for messages: "0.6", "0.05, 0.1" for several numbers, "0.4:1.0" for a range."""
     if not isinstance(given, Sequence) or isinstance(given, str):
         return repr(given)
     return (":" if isinstance(given, Range) else ", ").join(map(str, given))

@@ -174,7 +174,7 @@ def plane_figure(delta: Range, epsilon: Range, beta: float = BETA) -> Drawing:
 
 
 def _add_width_legend(axes: Axes, lines: Mapping[str, Array]) -> None:
-    """Add a legend of thick and thin lines below the axes, if both kinds of lines are drawn."""
+    """Add a legend below the axes for thick lines (curves of the paper) and thin lines (others), if both are drawn."""
     widths = ((True, THICK, "curves of the paper"), (False, THIN, "other curves"))
     entries = [
         Line2D([], [], color="0.2", lw=width, label=text)

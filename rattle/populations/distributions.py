@@ -1,4 +1,4 @@
-"""Distributions that a number of a gear may have over a population."""
+"""Distributions, over a population, of a number that describes a gear, such as δ or the backlash."""
 
 from __future__ import annotations
 
@@ -22,7 +22,10 @@ Array = NDArray[np.float64]
 
 
 class Distribution(ABC):
-    """The distribution of a number of a gear: base class of Normal, Uniform, Triangular, LogNormal and Measured."""
+    """The distribution, over a population, of one of the numbers that describe a gear, such as δ or the backlash.
+
+    It is the base class of Normal, Uniform, Triangular, LogNormal and Measured.
+    """
 
     @abstractmethod
     def quantile(self, u: Array) -> Array:

@@ -1,4 +1,4 @@
-"""Compute the attractors of a population's gears, many gears at once; the results are those of one gear at a time."""
+"""Compute the attractors of a population's gears, many gears at once, with the same results as one after another."""
 
 from __future__ import annotations
 

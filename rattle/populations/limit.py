@@ -48,7 +48,8 @@ SCANNED_VALUES = 32
 FIRST_SAMPLES = 256
 #: Largest allowed number of samples at a value.
 MOST_COUNT = 65_536
-#: Ratio of a range's end to its middle, for numbers whose range does not start at 0.
+#: An end of a default range, if no value of the number determines it, is this factor away from a typical value or from
+#: the other end.
 RANGE_RATIO = 100.0
 #: Accuracy with which a limit is solved for, as a fraction of a step of the scan.
 ACCURACY = 2.0**-8
@@ -359,8 +360,8 @@ class _Solver:
         """Return the index of the first value of the scan at which the share of quiet runs is too small.
 
         At each value FIRST_SAMPLES samples are followed first. If their share of quiet runs is at least the required
-        share, the value is safe; if it is significantly below the required share, the value is unsafe. In the third
-        case all samples are followed, and their share decides.
+        share, the value is safe; if it is significantly below the required share, the value is unsafe. Otherwise all
+        samples are followed, and the value is safe if their share is at least the required one.
 
         Returns
         -------

@@ -137,7 +137,7 @@ class Plan:
         return self.gears + self.rows_per_sobol_part * (1 + 2 * len(self.tolerances.names))
 
     def is_judged(self, rows: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """Return which rows are tested for the requirement: `n_judged` rows of the population, evenly spread."""
+        """Return for each row whether its gear is tested: `n_judged` rows, evenly spread over the population, are."""
         number = rows * self.n_judged // self.gears
         return np.asarray((rows < self.gears) & (number != (rows - 1) * self.n_judged // self.gears))
 
