@@ -216,7 +216,7 @@ def _compare_fit(
             each.attractor,
             each.intensity,
             each.histogram,
-            sum(_distance(a, rate, b, each.rate) for a, b in zip(here, each.phases, strict=True)),
+            sum(_phase_distance(a, rate, b, each.rate) for a, b in zip(here, each.phases, strict=True)),
         )
         for each in attractors
     ]
@@ -254,7 +254,7 @@ def _histogram(phases: list[Array], rate: float, bins: int) -> Array:
     return np.array([rate * np.histogram(each, bins, (0.0, 1.0))[0] for each in phases])
 
 
-def _distance(a: Array, rate_a: float, b: Array, rate_b: float) -> float:
+def _phase_distance(a: Array, rate_a: float, b: Array, rate_b: float) -> float:
     """Return how far the impacts of one forcing period must be shifted to turn the phases `a` into the phases `b`.
 
     a, b: phases in rising order. rate_a, rate_b: the weight of each phase, in impacts per forcing period.

@@ -454,7 +454,7 @@ def root_between(
         The solution (N + 1,), or None if Newton's method fails between a and b.
     """
 
-    def value(share: float) -> float:
+    def evaluate_test(share: float) -> float:
         """Return `test` at the solution above a share of the chord from a to b. Raises ArithmeticError if none."""
         x = solution_above_chord(problem, a, b, share)
         if x is None:
@@ -464,10 +464,10 @@ def root_between(
     from scipy.optimize import brentq  # imported here because it takes a quarter of a second to load
 
     try:
-        ends = value(0.0), value(1.0)
+        ends = evaluate_test(0.0), evaluate_test(1.0)
         if ends[0] * ends[1] >= 0.0:  # the zero is at an end, where rounding changed the sign
             return b if abs(ends[1]) < abs(ends[0]) else a
-        share = brentq(value, 0.0, 1.0, xtol=tolerance, rtol=4 * np.finfo(float).eps)
+        share = brentq(evaluate_test, 0.0, 1.0, xtol=tolerance, rtol=4 * np.finfo(float).eps)
     except ArithmeticError:  # Newton's method failed between a and b
         return None
     return solution_above_chord(problem, a, b, float(share))

@@ -19,7 +19,7 @@ class Kind(StrEnum):
     GRAZING = "GR"
 
 
-#: For each kind of event: the Floquet multiplier that the motion has there.
+#: The Floquet multiplier of a motion at a saddle-node, and at a flip.
 MULTIPLIER = {Kind.SADDLE_NODE: 1.0, Kind.FLIP: -1.0}
 
 

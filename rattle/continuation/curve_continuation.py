@@ -196,7 +196,9 @@ def build_curve(
         for start, size, piece in zip(starts, sizes, pieces, strict=False)
         for end in (End(int(start), piece.reasons[0]), End(int(start) + size - 1, piece.reasons[1]))
     ]
-    folds = [int(start) + i for start, piece in zip(starts, pieces, strict=False) for i in _folds(piece.points[:, -2])]
+    folds = [
+        int(start) + i for start, piece in zip(starts, pieces, strict=False) for i in _fold_indices(piece.points[:, -2])
+    ]
     return Curve(
         name,
         beta,
@@ -219,7 +221,7 @@ def _arclength(plane: Array) -> Array:
     return np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(plane, axis=0).T))])
 
 
-def _folds(delta: Array) -> list[int]:
+def _fold_indices(delta: Array) -> list[int]:
     """Return the indices of the points at which δ turns back along a curve."""
     rises = np.sign(np.diff(delta))
     return [int(i) + 1 for i in np.flatnonzero(rises[:-1] * rises[1:] < 0)]
@@ -374,13 +376,13 @@ def _insert_folds(problem: ContinuationProblem, points: Array, tangents: Array) 
     ]
     for i, index in sorted(turns, reverse=True):
         chord = points[i + 1] - points[i]
-        fold = root_between(problem, points[i], points[i + 1], partial(_rate_along, problem, chord, index))
+        fold = root_between(problem, points[i], points[i + 1], partial(_tangent_entry, problem, chord, index))
         if fold is not None:
             points = np.insert(points, i + 1, fold, axis=0)
     return points
 
 
-def _rate_along(problem: ContinuationProblem, direction: Array, index: int, x: Array) -> float:
+def _tangent_entry(problem: ContinuationProblem, direction: Array, index: int, x: Array) -> float:
     """Return entry `index` (−2 for δ, −1 for ε) of the unit tangent at x that has an acute angle with `direction`."""
     return float(tangent_at(problem, x, direction)[index])
 

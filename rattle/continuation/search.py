@@ -39,10 +39,10 @@ def is_same_motion(one: Motion, other: Motion) -> bool:
     apart = np.max(np.abs(x[a.n :] - y[b.n :]))
     if (a.m, sorted(a.walls)) != (b.m, sorted(b.walls)) or apart > SAME_PLACE * plane_scale(x[a.n]):
         return False
-    return any(np.max(np.abs(twin[: a.n] - x[: a.n])) < SAME_MOTION for twin in _twins(other, a, x[0]))
+    return any(np.max(np.abs(twin[: a.n] - x[: a.n])) < SAME_MOTION for twin in _equivalent_unknowns(other, a, x[0]))
 
 
-def _twins(motion: Motion, like: Equations, phase: float) -> Iterator[Array]:
+def _equivalent_unknowns(motion: Motion, like: Equations, phase: float) -> Iterator[Array]:
     """Yield the unknowns of a motion, counted from each impact from which it meets the walls in the order of `like`.
 
     Yields
@@ -112,7 +112,7 @@ class Search:
         length = np.sum(chord**2, axis=1)
         problem = self.model.problem(like)
         position = float(self.model.segment.position(x[itinerary.n :]))
-        for twin in _twins(motion, like, 0.0):
+        for twin in _equivalent_unknowns(motion, like, 0.0):
             y = np.tile(np.append(twin[: itinerary.n], position), (len(a), 1))
             y[:, :impacts] += np.rint(a[:, :1] - y[:, :1])
             share = np.sum((y - a) * chord, axis=1) / length

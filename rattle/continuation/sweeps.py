@@ -249,12 +249,12 @@ class Sweeps:
         label = np.array([visit.label for visit in visits], np.int64).reshape(-1, 3)
         label[kind != Outcome.PERIODIC] = 0
         size = np.where(kind == Outcome.PERIODIC, label[:, 1], chaotic)
-        owner, tau, v = self._impacts(visits, size, self.steps.take(step))
+        owner, tau, v = self._states_of_visits(visits, size, self.steps.take(step))
         m, n_plus, n_minus = label[owner].T
         at = step[owner]
         return SweepPoints(at, position[at], tau, v, kind[owner], m, n_plus, n_minus, direction[owner] == FORWARD)
 
-    def _impacts(
+    def _states_of_visits(
         self, visits: Iterable[ReachedAttractor], size: NDArray[np.int64], steps: Parameters
     ) -> tuple[NDArray[np.int64], Array, Array]:
         """Return `size[i]` successive states on the attractor visits[i], for all i in order.
