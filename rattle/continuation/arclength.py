@@ -455,7 +455,7 @@ def root_between(
     """
 
     def evaluate_test(share: float) -> float:
-        """Return `test` at the solution above a share of the chord from a to b. Raises ArithmeticError if none."""
+        """Return `test` at the solution of `solution_above_chord`. Raises ArithmeticError if there is none."""
         x = solution_above_chord(problem, a, b, share)
         if x is None:
             raise ArithmeticError(f"Newton's method found no solution above the share {share} of a chord")
