@@ -62,7 +62,7 @@ def did_you_mean(name: object, known: Iterable[str]) -> str:
     Parameters
     ----------
     name : object
-        The given name; a value that is not a string is like no known name.
+        The given name; if it is not a string, the result is empty.
     known : iterable of str
         The valid names.
 

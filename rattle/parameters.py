@@ -83,7 +83,7 @@ class Parameter:
 
     @property
     def in_words(self) -> str:
-        """The name as it stands in a list of a gear's properties, such as "walls of stiffness κ"."""
+        """The parameter as an item in a list of a gear's properties, such as "walls of stiffness κ"."""
         part = self.of.removeprefix("the ")
         return f"{part} of {self.long_name}" if part else self.long_name
 
@@ -182,7 +182,7 @@ class Parameters:
         return self._map_arrays(lambda x: np.repeat(x, count))
 
     def interpolate(self, other: Parameters, share: float) -> Parameters:
-        """Return the points at a share of the way to other points of the same model; share 1 gives the other points."""
+        """Return points at a share of the way from each point (share 0) to the corresponding one of `other` (1)."""
         if share == 1.0:
             return other
         mixed = {name: x + share * (other.values_by_name[name] - x) for name, x in self.values_by_name.items()}

@@ -74,7 +74,7 @@ def survey_steps(name: str) -> Steps:
             model.impulse_balance_errors(delta, epsilon, table)
 
     def compile_rare_cases() -> None:
-        # samples of the example may not need these kernels, so they are called without samples
+        # the samples of the example cells may not need the kernels below, so these are called with empty arrays
         none, nothing, seen = np.zeros(0, np.int64), np.zeros(0), empty_record(0)
         states = np.zeros((delta.size, 1)), np.full((delta.size, 1), 5.0)
         of = model.classify_states(model.parameters_at(delta, epsilon), *states)

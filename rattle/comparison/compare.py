@@ -120,8 +120,8 @@ def compare(
     bins : int
         Number of intervals of the phase in histograms.
     tolerance : float
-        Impacts repeat if their times scatter, after a whole period, by at most this factor times the mean time between
-        impacts.
+        Impacts count as periodic if the durations of the repetitions deviate from m forcing periods by at most this
+        factor times the mean time between impacts (root mean square).
     count, seed : int
         Number and seed of the initial conditions that find the attractors, as in `Gear.attractors`.
 
@@ -148,25 +148,26 @@ def compare(
         given = fit_at_offset(fitting, offset)
         return _compare_fit(measured, given, followed, bins, tolerance)
     found = [(_compare_fit(measured, each, followed, bins, tolerance), each) for each in find_fits(fitting)]
-    best, chosen = min(found, key=lambda each: _badness(each[0]))
-    near = [each for one, each in found if one is not best and _badness(one) <= _badness(best) + FIT_MARGIN[1]]
+    best, chosen = min(found, key=lambda each: _misfit_plus_distance(each[0]))
+    most = _misfit_plus_distance(best) + FIT_MARGIN[1]
+    near = [each for one, each in found if one is not best and _misfit_plus_distance(one) <= most]
     return _with_offset_intervals(fitting, best, [chosen, *near])
 
 
-def _badness(comparison: Comparison) -> float:
-    """Return the misfit of a comparison plus its nearest attractor's distance (0 if there is no attractor)."""
+def _misfit_plus_distance(comparison: Comparison) -> float:
+    """Return a measure of how bad a comparison is: its misfit plus the distance of the nearest attractor, if any."""
     return comparison.misfit + (comparison.near[0].distance if comparison.near else 0.0)
 
 
 def _with_offset_intervals(fitting: FitProblem, comparison: Comparison, fits: list[Fit]) -> Comparison:
-    """Return the comparison with the intervals of its offset and of other offsets, and with `is_sure`.
+    """Return a comparison with its offset's interval, other possible offsets, and a flag for each sure impact.
 
-    fits: the comparison's own fit, followed by the other fits that are about as good.
+    fits: the fit from which the comparison was made, followed by the other fits that are about as good.
 
     Returns
     -------
     Comparison
-        A copy with these fields set.
+        A copy in which `offset_interval`, `other_offsets` and `is_sure` are set.
     """
     own, *others = (interval_of_offset(fitting, each) for each in fits)
     sharp = fitting._replace(unit=fits[0].unit)
@@ -182,8 +183,8 @@ def _with_offset_intervals(fitting: FitProblem, comparison: Comparison, fits: li
 class _AttractorImpacts(NamedTuple):
     """An attractor with the sorted phases of its impacts on Σ⁺ and Σ⁻.
 
-    rate: the weight of each phase, in impacts per forcing period. If the attractor was followed for n forcing periods,
-    it is 1/n.
+    rate: the weight of each phase, in impacts per forcing period: 1/n if the attractor was followed for n periods.
+    histogram: as in `ComparedAttractor`.
     """
 
     attractor: Attractor
@@ -194,7 +195,7 @@ class _AttractorImpacts(NamedTuple):
 
 
 def _follow_attractor(attractor: Attractor, gear: AnyGear, bins: int) -> _AttractorImpacts:
-    """Compute the impacts and the intensity of an attractor."""
+    """Compute the intensity of an attractor, and its impacts over its period, or over CHAOS_PERIODS if chaotic."""
     periods = None if attractor.kind == "periodic" else CHAOS_PERIODS
     impacts, rate = gear.impacts(attractor, periods), 1.0 / (attractor.m if periods is None else periods)
     phases = _phases_by_wall(impacts.time, impacts.wall)
@@ -215,7 +216,7 @@ def _compare_fit(
             each.attractor,
             each.intensity,
             each.histogram,
-            sum(_distance(a, rate, b, each.rate) for a, b in zip(here, each.phases, strict=True)),
+            sum(_phase_distance(a, rate, b, each.rate) for a, b in zip(here, each.phases, strict=True)),
         )
         for each in attractors
     ]
@@ -253,7 +254,7 @@ def _histogram(phases: list[Array], rate: float, bins: int) -> Array:
     return np.array([rate * np.histogram(each, bins, (0.0, 1.0))[0] for each in phases])
 
 
-def _distance(a: Array, rate_a: float, b: Array, rate_b: float) -> float:
+def _phase_distance(a: Array, rate_a: float, b: Array, rate_b: float) -> float:
     """Return how far the impacts of one forcing period must be shifted to turn the phases `a` into the phases `b`.
 
     a, b: phases in rising order. rate_a, rate_b: the weight of each phase, in impacts per forcing period.

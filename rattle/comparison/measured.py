@@ -20,8 +20,8 @@ SHORTEST_SPAN = 1e-9
 MOST_REPEATED = 512
 #: A period is accepted only if the data contain at least this number of its repetitions.
 LEAST_REPETITIONS = 3
-#: A longer period is preferred to a shorter period if the scatter of the shorter period is more than CLOSER times as
-#: large. All scatters below EQUAL_SHARE times the allowed scatter count as equal.
+#: Of several possible periods, the shortest whose scatter is at most CLOSER times the least scatter is chosen. All
+#: scatters below EQUAL_SHARE times the allowed scatter count as equal.
 CLOSER, EQUAL_SHARE = 1.5, 1e-3
 COLUMNS = ("time", "speed", "wall")
 Array = NDArray[np.float64]

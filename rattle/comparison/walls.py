@@ -26,7 +26,7 @@ from rattle.numerics.compile import inline, kernel
 #: Number of offsets that are tried in the first search. Each search keeps at most MOST_REFINED offsets, of least cost.
 PHASES = 96
 MOST_REFINED = 8
-#: A second search has FINER_PHASES offsets and a speed tolerance smaller by the factor FINER.
+#: The second search tries FINER_PHASES offsets, with the speed tolerance of the first search divided by FINER.
 FINER, FINER_PHASES = 16.0, 384
 #: SCAN_OFFSETS offsets are tried with the walls of each of the MOST_SCANNED best fits, because the same walls may fit
 #: at several offsets: impacts of A and C, for example, meet the walls in the same order.
@@ -105,7 +105,7 @@ class FitProblem(NamedTuple):
 
     @property
     def with_first_impacts(self) -> FitProblem:
-        """The same problem with at most FIRST_IMPACTS impacts, the first ones, from which the offset is found."""
+        """The same problem with only the first FIRST_IMPACTS impacts, from which the offset is found."""
         time, speed, wall = self.measured
         some = None if speed is None else speed[:FIRST_IMPACTS]
         return self._replace(
@@ -172,12 +172,13 @@ def _fit_with_smaller_tolerance(fitting: FitProblem, fit: Fit) -> Fit:
 
     With a small tolerance it costs much to take a false impact for a true one.
 
-    fitting: the first measured impacts, with the tolerance that is reduced first. fit: the fit that is improved first.
+    fitting: the first measured impacts, and the tolerance from which the reduction starts. fit: the fit with this
+    tolerance; each repetition starts from the fit before.
 
     Returns
     -------
     Fit
-        The last fit.
+        The fit with the smallest tolerance.
     """
     finest = min(fitting.unit, FINEST * float(speed_unit(fitting.gear.delta, fitting.gear.epsilon, fitting.gear.beta)))
     for _ in range(SHARPENINGS):
@@ -293,15 +294,15 @@ def _find_best_walls(fitting: FitProblem, offsets: Array) -> tuple[Array, Walls]
 
 @inline
 def _flight_ends(t0, t1, dwell):
-    """Return the times at which the flight between impacts at t0 and t1 begins and ends, and the phases then.
+    """Return the times at which the flight between impacts at t0 and t1 begins and ends, with the phases there.
 
-    The contact after the first impact ends `dwell` after t0, or half way to t1 if that is earlier. Then the flight
-    begins.
+    The flight begins where the contact after the first impact ends: `dwell` after t0, but at most half way to t1. It
+    ends at t1.
 
     Returns
     -------
     tuple
-        Both times as complex numbers, then (sine, cosine) of the phase at the beginning and at the end.
+        Both times as complex numbers; then (sine, cosine) of the phase at the first time, and at the second time.
     """
     a = complex(min(t0 + dwell, 0.5 * (t0 + t1)))  # the contact must end before t1
     b = complex(t1)
@@ -363,7 +364,7 @@ def _write_least_costs(time, speed, known, offsets, dwell, delta, epsilon, beta,
                         alone += _capped_square((abs(w1) - speed[i]) / unit)
                     least, which = np.inf, -1
                     if k <= MOST_FALSE:
-                        # one choice: this flight is the first, and all k impacts before it are false
+                        # without a preceding flight, the k impacts before this flight are false
                         least = FALSE_COST * k
                     for way in range(ways):
                         step, other = way // before.shape[2], way % before.shape[2]

@@ -23,21 +23,23 @@ SMALLEST_CORRECTION = 1e-13
 QUADRATIC_CORRECTION = 1e-8
 #: Correction above which a step is given up.
 LARGEST_CORRECTION = 0.3
-#: Correction above which the equations are prepared again, which takes as long as to evaluate them once.
+#: After a correction above this, `ContinuationProblem.prepare` is called again. It is not called after smaller
+#: corrections, because a call takes as long as one evaluation of the equations.
 LARGE_CORRECTION = 1e-3
 #: Correction below which Newton's method may stop if corrections no longer become smaller, as near singular equations.
 ACCEPTED_CORRECTION = 1e-11
 #: Step length below which a curve is not followed further.
 SHORTEST_STEP = 1e-10
-#: Least divisor |dp/ds|, the rate of the parameter p along a branch, when a longest step in p is converted to one in s.
+#: A longest step in the last unknown p, divided by the rate |dp/ds|, is the longest step in arclength s. Where the rate
+#: is below LEAST_RATE, the step in p is divided by LEAST_RATE.
 LEAST_RATE = 1e-12
 #: Largest angle between the tangents of neighbouring points, in radians.
 LARGEST_TURN = 0.2
 #: Largest number of points of a path; largest number of bisections to find the edge at which a path ends.
 MOST_POINTS = 4000
 MOST_BISECTIONS = 200
-#: The edge at which a path ends becomes its last point only if an unknown differs by more than this from the previous
-#: point.
+#: The edge at which a path ends is added as its last point only if some unknown of the edge differs by more than this
+#: from the same unknown of the point before.
 SAME_POINT = 1e-12
 #: A curve is closed if it comes back to its start, so that every unknown differs by less than this.
 SAME_SOLUTION = 1e-8
@@ -317,9 +319,10 @@ def last_inside(
 
 
 def longest_step(span: tuple[float, float], resolution: int, longest: float) -> Callable[[Array], float]:
-    """Return a function that maps a unit tangent to the longest allowed step along it.
+    """Return a function that maps a unit tangent of a curve to the longest allowed step along this tangent.
 
-    The step is at most `longest`, and gives at least `resolution` points over the span (low, high) of the last unknown.
+    The step is at most `longest`, and so short that a curve across the span (low, high) of the last unknown has at
+    least `resolution` points.
 
     Returns
     -------
@@ -398,7 +401,7 @@ class Follower:
         return Path(np.array(points), np.array(tangents), None)
 
     def follow_both_ways(self, start: Array, index: int, most: int = MOST_POINTS) -> FollowedCurve:
-        """Follow the curve in both directions from a solution inside. Forward is where x[index] rises."""
+        """Follow the curve in both directions from a solution that is inside; forward, x[index] rises at first."""
         rising = np.zeros(start.size)
         rising[index] = 1.0
         tangent = tangent_at(self.problem, start, rising)
@@ -411,7 +414,13 @@ class Follower:
         return FollowedCurve(points, tangents, len(back.points) - 1, (back, on))
 
     def _closing_twin(self, start: Array, a: Array, b: Array) -> Array | None:
-        """Return the solution equivalent to `start` between the points a and b of the curve; None if there is none."""
+        """Return the solution between the points a and b of the curve that describes the same motion as `start`.
+
+        Returns
+        -------
+        Array | None
+            The solution (N + 1,), with which the curve closes; None if there is none between a and b.
+        """
         chord = b - a
         for twin in self.twins(start, b):
             share = float((twin - a) @ chord / (chord @ chord))
@@ -445,20 +454,20 @@ def root_between(
         The solution (N + 1,), or None if Newton's method fails between a and b.
     """
 
-    def value(share: float) -> float:
-        """Return the test function at a share of the way. Raises ArithmeticError if Newton's method fails there."""
+    def evaluate_test(share: float) -> float:
+        """Return `test` at the solution of `solution_above_chord`. Raises ArithmeticError if there is none."""
         x = solution_above_chord(problem, a, b, share)
         if x is None:
-            raise ArithmeticError("Newton's method failed")
+            raise ArithmeticError(f"Newton's method found no solution above the share {share} of a chord")
         return test(x)
 
     from scipy.optimize import brentq  # imported here because it takes a quarter of a second to load
 
     try:
-        ends = value(0.0), value(1.0)
+        ends = evaluate_test(0.0), evaluate_test(1.0)
         if ends[0] * ends[1] >= 0.0:  # the zero is at an end, where rounding changed the sign
             return b if abs(ends[1]) < abs(ends[0]) else a
-        share = brentq(value, 0.0, 1.0, xtol=tolerance, rtol=4 * np.finfo(float).eps)
+        share = brentq(evaluate_test, 0.0, 1.0, xtol=tolerance, rtol=4 * np.finfo(float).eps)
     except ArithmeticError:  # Newton's method failed between a and b
         return None
     return solution_above_chord(problem, a, b, float(share))

@@ -3,7 +3,7 @@
 A diagram has branches, their events, and the attractors that forward and backward sweeps find:
 
     branches = A to D, and the branches that they lead to at flips and grazes
-    known = the attractors of a sample at every step
+    known = the attractors that samples of initial conditions reach at every step
     repeat at most ROUNDS times, while something new is found:
         sweep all known attractors forward and backward
         search for a branch near every periodic attractor, where it first appears and at every CHECKED-th step
@@ -163,9 +163,10 @@ class Diagram(TabularResult, Generic[AnyBranch, AnyEvent]):
         return figure_of(self, "diagram_figure")
 
     def to_xarray(self) -> Dataset:
-        """Return the impacts on Σ⁺ of the swept attractors, along a dimension `impact`, and the steps.
+        """Return a data set of the impacts on Σ⁺ of the swept attractors and of the steps of the diagram.
 
-        A branch has its own `to_xarray`.
+        The impacts are along the dimension `impact`, the parameters of the steps along `number`. Branches are not
+        contained: each has its own `to_xarray`.
 
         Returns
         -------
@@ -259,9 +260,10 @@ def require_end(name: str, value: ArrayLike) -> Array:
 
 
 def _motions_of_attractors(sweeps: Sweeps, parameters: Parameters, search: Search, unit: float) -> Iterator[Motion]:
-    """Yield a motion near each periodic attractor of the sweeps.
+    """Yield motions near the periodic attractors of the sweeps.
 
-    An attractor has a motion at the first step at which it is known, and then at every CHECKED-th step.
+    For an attractor that is known at many successive steps, a motion is yielded at the first of them, and then at every
+    CHECKED-th one.
 
     Yields
     ------
@@ -294,9 +296,10 @@ def _is_close(one: KnownAttractor, other: KnownAttractor, unit: float) -> bool:
 
 
 def _unsampled_pieces(sweeps: Sweeps, search: Search, position: Array, unit: float) -> tuple[list[BranchPiece], bool]:
-    """Return the stable parts of branches that no sample found.
+    """Return the stable parts of branches whose motions no sample reached at any step.
 
-    The function also adds to `sweeps.known`, at each step, the motions of stable parts that are not known at that step.
+    Besides, at each step of each stable part, the motion of this part becomes a known attractor of `sweeps` if it is
+    not yet known at this step.
 
     Returns
     -------

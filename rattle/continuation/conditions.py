@@ -19,12 +19,12 @@ class Kind(StrEnum):
     GRAZING = "GR"
 
 
-#: The multiplier at a saddle-node and at a flip.
+#: The Floquet multiplier of a motion at a saddle-node, and at a flip.
 MULTIPLIER = {Kind.SADDLE_NODE: 1.0, Kind.FLIP: -1.0}
 
 
 def scale_at(x: Array) -> Array:
-    """Return the sizes (N,) relative to which corrections of the unknowns x are measured; x ends with δ and ε."""
+    """Return the scale of each unknown in x (N,): 1 for times and durations, `plane_scale` for δ and ε at the end."""
     scale = np.ones(x.size)
     scale[-2:] = plane_scale(x[-2])
     return scale

@@ -160,14 +160,14 @@ def crossings(problem: ContinuationProblem, points: Array, index: int, value: fl
 
 
 def _chord_points(points: Array, index: int, value: float) -> Array:
-    """Return the points at which the chords between the points of a piece (k, N) have a given value of δ or ε.
+    """Return the points at which δ or ε has a given value on the straight lines between neighbouring points.
 
-    index: −2 for δ, −1 for ε.
+    points (k, N): the points of one piece of a curve. index: −2 for δ, −1 for ε. value: the given value.
 
     Returns
     -------
     Array
-        The points (l, N), l ≥ 0. They are guesses of solutions, not solutions.
+        The points found (l, N), l ≥ 0. They are guesses of solutions, not solutions.
     """
     d = points[:, index] - value
     i = np.flatnonzero((d[:-1] <= 0) & (d[1:] >= 0) | (d[:-1] >= 0) & (d[1:] <= 0))
@@ -196,7 +196,9 @@ def build_curve(
         for start, size, piece in zip(starts, sizes, pieces, strict=False)
         for end in (End(int(start), piece.reasons[0]), End(int(start) + size - 1, piece.reasons[1]))
     ]
-    folds = [int(start) + i for start, piece in zip(starts, pieces, strict=False) for i in _folds(piece.points[:, -2])]
+    folds = [
+        int(start) + i for start, piece in zip(starts, pieces, strict=False) for i in _fold_indices(piece.points[:, -2])
+    ]
     return Curve(
         name,
         beta,
@@ -215,11 +217,11 @@ def build_curve(
 
 
 def _arclength(plane: Array) -> Array:
-    """Return the lengths (k,) along points (k, 2) from the first one."""
+    """Return for each of the points (k, 2) of a line the length of the line from the first point to this point."""
     return np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(plane, axis=0).T))])
 
 
-def _folds(delta: Array) -> list[int]:
+def _fold_indices(delta: Array) -> list[int]:
     """Return the indices of the points at which δ turns back along a curve."""
     rises = np.sign(np.diff(delta))
     return [int(i) + 1 for i in np.flatnonzero(rises[:-1] * rises[1:] < 0)]
@@ -287,7 +289,7 @@ def pieces_in_window(
         The pieces, in the order of δ and ε at their first points.
     """
     found: list[CurvePiece] = []
-    twins = partial(_times_shifted_near, times)
+    twins = partial(_shift_times_near, times)
     follower = Follower(problem, window.bounds, lambda x: why_excluded(x) is None, window.longest_step, twins)
     guesses = [*starts]
     solved = solutions_with_values(problem, np.array(guesses), -2) if guesses else np.empty((0, 2))
@@ -308,10 +310,11 @@ def pieces_in_window(
     return sorted(found, key=lambda piece: (piece.points[0, -2], piece.points[0, -1]))
 
 
-def _times_shifted_near(times: int | None, start: Array, x: Array) -> Array:
-    """Return the unknowns of a motion, with all times shifted by a number of whole forcing periods to be near x.
+def _shift_times_near(times: int | None, start: Array, x: Array) -> Array:
+    """Return the unknowns `start` of a motion with all times shifted by the same number of forcing periods.
 
-    times: the number of unknowns that are times; None for all but δ and ε. start (N,): the unknowns of the motion.
+    The number is that for which the first time is nearest to the first time of the unknowns x (N,). times: the number
+    of unknowns that are times; None for all but δ and ε. start (N,): the unknowns of the motion, δ and ε at the end.
 
     Returns
     -------
@@ -326,29 +329,30 @@ def _times_shifted_near(times: int | None, start: Array, x: Array) -> Array:
 def _lie_on_piece(
     problem: ContinuationProblem, piece: CurvePiece, solved: Array, times: int | None
 ) -> NDArray[np.bool_]:
-    """Return flags (k,) of the solutions `solved` (k, N) that are on a piece, up to a shift by whole forcing periods.
+    """Return for each of the solutions `solved` (k, N) whether it is on a piece of a curve.
 
-    times: the number of unknowns that are times; None for all but δ and ε.
+    It may differ from a solution on the piece by a shift of its times by whole forcing periods. times: the number of
+    unknowns that are times; None for all but δ and ε.
 
     Returns
     -------
     NDArray[np.bool_]
-        (k,), True for solutions on the piece.
+        Flags (k,), True for a solution on the piece.
     """
     on = np.zeros(len(solved), bool)
     guesses = [_chord_points(piece.points, -2, x[-2]) for x in solved]
     whose = np.repeat(np.arange(len(solved)), [len(each) for each in guesses])
     if whose.size:
         for i, y in zip(whose, solutions_with_values(problem, np.concatenate(guesses), -2), strict=True):
-            on[i] |= bool(np.max(np.abs(_times_shifted_near(times, solved[i], y)[0] - y)) < SAME_SOLUTION)
+            on[i] |= bool(np.max(np.abs(_shift_times_near(times, solved[i], y)[0] - y)) < SAME_SOLUTION)
     return on
 
 
-def _follow_piece(follower: Follower, x: Array, why: Test) -> CurvePiece:
-    """Return the piece that contains a solution, with the end at smaller δ first.
+def _follow_piece(follower: Follower, x: Array, why_outside: Test) -> CurvePiece:
+    """Return the piece of a curve that contains the solution x; its first point is the end with the smaller δ.
 
-    The points of the piece include all folds. why: a function that returns the reason in words why the piece ends at a
-    point, or None.
+    The points of the piece include all folds. why_outside: a function that returns, in words, why a point is outside
+    the window or does not belong to the curve; None for other points.
 
     Returns
     -------
@@ -359,7 +363,7 @@ def _follow_piece(follower: Follower, x: Array, why: Test) -> CurvePiece:
     points = _insert_folds(follower.problem, followed.points, followed.tangents)
     if followed.paths is None:
         return CurvePiece(points, (CLOSED, CLOSED))
-    reasons = _why_path_ends(followed.paths[0], why), _why_path_ends(followed.paths[1], why)
+    reasons = _why_path_ends(followed.paths[0], why_outside), _why_path_ends(followed.paths[1], why_outside)
     if tuple(points[0, -2:]) > tuple(points[-1, -2:]):
         return CurvePiece(points[::-1], (reasons[1], reasons[0]))
     return CurvePiece(points, reasons)
@@ -372,21 +376,21 @@ def _insert_folds(problem: ContinuationProblem, points: Array, tangents: Array) 
     ]
     for i, index in sorted(turns, reverse=True):
         chord = points[i + 1] - points[i]
-        fold = root_between(problem, points[i], points[i + 1], partial(_rate_along, problem, chord, index))
+        fold = root_between(problem, points[i], points[i + 1], partial(_tangent_entry, problem, chord, index))
         if fold is not None:
             points = np.insert(points, i + 1, fold, axis=0)
     return points
 
 
-def _rate_along(problem: ContinuationProblem, direction: Array, index: int, x: Array) -> float:
-    """Return the rate of δ (index −2) or ε (index −1) along the curve at a solution."""
+def _tangent_entry(problem: ContinuationProblem, direction: Array, index: int, x: Array) -> float:
+    """Return entry `index` (−2 for δ, −1 for ε) of the unit tangent at x that has an acute angle with `direction`."""
     return float(tangent_at(problem, x, direction)[index])
 
 
-def _why_path_ends(path: Path, why: Test) -> str:
+def _why_path_ends(path: Path, why_outside: Test) -> str:
     """Return the reason in words why a path ends.
 
-    why: a function that returns the reason in words why a point is outside the window or does not belong to the curve.
+    why_outside: a function that returns, in words, why a point is outside the window or does not belong to the curve.
 
     Returns
     -------
@@ -395,7 +399,7 @@ def _why_path_ends(path: Path, why: Test) -> str:
     """
     if path.outside is None:
         return "the equations become singular: the curve cannot be followed further"
-    return why(path.outside) or "the edge of its existence"
+    return why_outside(path.outside) or "the edge of its existence"
 
 
 def trace_problem(
@@ -431,7 +435,7 @@ def trace_problem(
 
 
 def interior_points(low: float, high: float) -> Array:
-    """Return STARTS evenly spaced numbers between low and high, without these two."""
+    """Return STARTS evenly spaced numbers between low and high, without low and high."""
     return np.linspace(low, high, 2 * STARTS + 1)[1::2]
 
 

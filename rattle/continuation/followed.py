@@ -110,7 +110,7 @@ class FollowedBranch(ABC):
         return self.speeds[:, 0]
 
     def motion(self, index: int) -> tuple[Any, Array]:
-        """Return the itinerary of the branch, and the unknowns (N,) of the motion at point number `index`."""
+        """Return the itinerary and row `index` of `unknowns` (N,): a motion's unknowns, then its parameters."""
         return self.itinerary, self.unknowns[index]
 
     def _caption(self) -> str:

@@ -8,12 +8,13 @@ from rattle.continuation.arclength import plane_scale
 from rattle.errors import require, require_integer, require_pair
 from rattle.numerics.complex_step import Array
 
-#: Default of the least number of points of a branch over its span.
+#: Default of `ParameterLine.resolution`.
 POINTS_ACROSS = 50
 #: Length of the first step along a doubled branch. It is short, because the difference of the doubled orbit from the
 #: orbit at the flip grows as the square root of the distance from the flip.
 FIRST_OF_DOUBLED = 1e-4
-#: Largest number of points of a branch in one direction, and largest allowed resolution.
+#: Largest number of points of a branch on either side of the orbit from which it is followed; also the largest allowed
+#: `ParameterLine.resolution`.
 MOST_POINTS = 1000
 HALF_PERIOD = "the period halves: a flip"
 #: Least damping on a line, relative to the damping of the orbit.
@@ -29,7 +30,7 @@ Span = tuple[float, float] | None
 class ParameterLine:
     """A line (δ, ε) = origin + p · direction, with p in `span`.
 
-    resolution: the least number of points of a branch over the span.
+    resolution: the least number of points of a branch that passes over the whole span.
     """
 
     origin: Array

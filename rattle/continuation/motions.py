@@ -45,7 +45,7 @@ class Segment:
         return np.asarray(found, np.float64)
 
     def position(self, parameters: Array) -> Array:
-        """Return the positions (…) of points (…, d) on the segment."""
+        """Return the positions (…) of points (…, d) on the segment: 0 for its start, 1 for its end."""
         rate = self.direction
         return np.asarray(np.sum((parameters - self.start) * rate, axis=-1) / (rate @ rate), np.float64)
 
@@ -72,7 +72,20 @@ class Motions(ABC):
         return attractors_of_samples(self.classifier, steps, sample)
 
     def classify(self, steps: Parameters, tau: Array, v: Array) -> Classifier:
-        """Follow states (n, k), k at each of n steps, until each state reaches an attractor or its budget ends."""
+        """Follow states (n, k) until each of them reaches an attractor or its budget ends.
+
+        Parameters
+        ----------
+        steps : Parameters
+            n parameter points.
+        tau, v : Array
+            Phases and speeds (n, k) of the states; row i is followed at point i.
+
+        Returns
+        -------
+        Classifier
+            The results for all states.
+        """
         return self.classifier.classify(steps, tau, v)
 
     def states_after_return(self, steps: Parameters, tau: Array, v: Array) -> tuple[Array, Array]:
@@ -81,7 +94,10 @@ class Motions(ABC):
 
     @abstractmethod
     def period_one(self, steps: Parameters) -> Iterator[Motion]:
-        """Yield motions A to D at some of the steps: at least one motion on each branch that can be found."""
+        """Yield motions A to D at some of the steps, so that the diagram can follow their branches from them.
+
+        Each branch of A to D that can be found has at least one of these motions on it.
+        """
 
     @abstractmethod
     def motion_near(self, step: Mapping[str, float], tau: float, v: float, n_plus: int) -> Motion | None:

@@ -39,11 +39,17 @@ def is_same_motion(one: Motion, other: Motion) -> bool:
     apart = np.max(np.abs(x[a.n :] - y[b.n :]))
     if (a.m, sorted(a.walls)) != (b.m, sorted(b.walls)) or apart > SAME_PLACE * plane_scale(x[a.n]):
         return False
-    return any(np.max(np.abs(twin[: a.n] - x[: a.n])) < SAME_MOTION for twin in _twins(other, a, x[0]))
+    return any(np.max(np.abs(twin[: a.n] - x[: a.n])) < SAME_MOTION for twin in _equivalent_unknowns(other, a, x[0]))
 
 
-def _twins(motion: Motion, like: Equations, phase: float) -> Iterator[Array]:
-    """Yield all unknowns of a motion (twins) with the order of walls of `like` and a first time near `phase`."""
+def _equivalent_unknowns(motion: Motion, like: Equations, phase: float) -> Iterator[Array]:
+    """Yield the unknowns of a motion, counted from each impact from which it meets the walls in the order of `like`.
+
+    Yields
+    ------
+    Array
+        The unknowns, with all times shifted by whole forcing periods so that the first time is nearest to `phase`.
+    """
     impacts = len(motion[0].walls)
     for first in range(impacts):
         itinerary, x = motion_from_impact(motion, first)
@@ -55,7 +61,8 @@ def _twins(motion: Motion, like: Equations, phase: float) -> Iterator[Array]:
 class Search:
     """A search for branches: those found so far, their events, and a queue of events that are not yet examined.
 
-    paths: for each branch its points as rows (unknowns, position), with times that change continuously.
+    paths: for each branch an array with a row for each of its points: the motion's unknowns, then the position on the
+    segment. From row to row the times change continuously: they do not jump by 1 where a phase passes 0.
     left_out: the labels of motions that exceed the limits on impacts or branches.
     """
 
@@ -105,7 +112,7 @@ class Search:
         length = np.sum(chord**2, axis=1)
         problem = self.model.problem(like)
         position = float(self.model.segment.position(x[itinerary.n :]))
-        for twin in _twins(motion, like, 0.0):
+        for twin in _equivalent_unknowns(motion, like, 0.0):
             y = np.tile(np.append(twin[: itinerary.n], position), (len(a), 1))
             y[:, :impacts] += np.rint(a[:, :1] - y[:, :1])
             share = np.sum((y - a) * chord, axis=1) / length

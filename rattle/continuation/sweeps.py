@@ -96,8 +96,8 @@ class _Run:
     tau, v: the state of the run at the step before; before its first step, a state of the attractor where it starts.
     trail: the attractors that the run reached, by step.
     back: the trail of the earlier run, in the other direction, whose end started this run; empty if none did.
-    stops_at_known: whether the run ends at every known attractor that a run has reached in either direction; otherwise
-    only attractors reached in this direction end it.
+    stops_at_known: True: the run ends at an attractor that a run in either direction has reached before. False: only an
+    attractor that a run in the same direction has reached before ends it.
     """
 
     direction: int
@@ -126,10 +126,10 @@ class Sweeps:
             self.known[table.cell[i]].append(known)
 
     def run(self) -> None:
-        """Follow all known attractors, each at least in one direction.
+        """Start runs from known attractors, until each known attractor was reached by a run or is removed.
 
-        If the run from the state of a known attractor ends at its first step, in quiet motion or at an attractor that a
-        run had reached before, the known attractor is removed from `known`.
+        A known attractor is removed from `known` if the run from its state does not even reach it: the run then ends at
+        its first step, in quiet motion or at an attractor that a run had reached before.
         """
         for direction, step in ((FORWARD, 0), (BACKWARD, len(self.known) - 1)):
             for known in self.known[step]:
@@ -153,18 +153,18 @@ class Sweeps:
         back: dict[int, KnownAttractor] | None = None,
         stops_at_known: bool = False,
     ) -> None:
-        """Start a run from a known attractor.
+        """Start a run from a known attractor at a step, unless a run in this direction has already reached it.
 
-        Nothing starts if `known` is None, or if a run in this direction has reached the attractor. back: the attractors
-        that an earlier run reached, if the end of this run starts the new one (`_Run`).
+        If `known` is None, no run starts. back, stops_at_known: fields of the new `_Run`. `back` is the trail of the
+        earlier run whose end starts the new run, or None if the new run does not start at the end of another.
         """
         if known is not None and not known.reached[direction]:
             self._runs.append(_Run(direction, step, known.tau, known.v, back or {}, stops_at_known))
 
     def _finish_runs(self) -> None:
-        """Advance all runs, and the runs that they start, until all have ended.
+        """Advance all runs, and the runs that start where they end, until none is left.
 
-        If several runs have the same next step, one advances and the others wait.
+        Runs with the same next step take this step one after another, in the order in which they started.
         """
         while self._runs:
             now: dict[int, _Run] = {}
@@ -173,7 +173,11 @@ class Sweeps:
             self._advance_runs(list(now.values()))
 
     def _advance_runs(self, runs: list[_Run]) -> None:
-        """Advance runs by a step: follow the state of each run to an attractor, and compare it with the known ones."""
+        """Advance runs with different next steps by one step each.
+
+        At its next step the state of a run is followed to an attractor. The states of the known attractors of this step
+        are followed too, which shows whether the attractor is one of them.
+        """
         states = [[(run.tau, run.v), *((known.tau, known.v) for known in self.known[run.step])] for run in runs]
         count = max(map(len, states))
         tau, v = (np.array([[s[i] for s in (here * count)[:count]] for here in states]) for i in (0, 1))
@@ -188,15 +192,16 @@ class Sweeps:
     def _record_arrival(
         self, run: _Run, table: AttractorTable, rows: NDArray[np.int64], end: tuple[float, float]
     ) -> None:
-        """Record the attractor that a run reached, and move the run to its next step; or end the run.
+        """Record the attractor that a run reached and move the run to its next step; or end the run.
 
-        The run ends after the last step, in quiet motion, or at an attractor that had been reached before (`_Run`). In
-        the last two cases a run in the opposite direction starts from the attractor that the run had reached at the
-        step before.
+        The run ends after the last step, in quiet motion, or at an attractor that had been reached before (`_Run`). If
+        it ends in quiet motion or at such an attractor, a run in the opposite direction starts from the attractor that
+        the ended run had reached at the step before.
 
-        A run that the end of an earlier run has started (`back`) may end in quiet motion: this happens on chaotic sets
-        that samples leave after some time. Then a new run in its direction also starts, from the attractor that the
-        earlier run had reached at this step. If the run ends at its first step, the next step is used instead.
+        If the run ends in quiet motion and the end of an earlier run had started it (`back`), a second run starts. It
+        has the direction of the ended run, and starts from the attractor that the earlier run had reached at this step.
+        If this is the first step of the ended run, the second run starts at the next step instead. This happens on
+        chaotic sets that samples leave after some time.
 
         rows: the rows of `table` with the attractors that states go to, first the state of the run, then the states of
         the known attractors of the step. end: the state of the run after it was followed.
@@ -244,12 +249,12 @@ class Sweeps:
         label = np.array([visit.label for visit in visits], np.int64).reshape(-1, 3)
         label[kind != Outcome.PERIODIC] = 0
         size = np.where(kind == Outcome.PERIODIC, label[:, 1], chaotic)
-        owner, tau, v = self._impacts(visits, size, self.steps.take(step))
+        owner, tau, v = self._states_of_visits(visits, size, self.steps.take(step))
         m, n_plus, n_minus = label[owner].T
         at = step[owner]
         return SweepPoints(at, position[at], tau, v, kind[owner], m, n_plus, n_minus, direction[owner] == FORWARD)
 
-    def _impacts(
+    def _states_of_visits(
         self, visits: Iterable[ReachedAttractor], size: NDArray[np.int64], steps: Parameters
     ) -> tuple[NDArray[np.int64], Array, Array]:
         """Return `size[i]` successive states on the attractor visits[i], for all i in order.

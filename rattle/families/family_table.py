@@ -61,7 +61,7 @@ class Families:
     table: FamilyTable
 
     def fractions(self, number: int) -> NDArray[np.float64]:
-        """Return the basin fraction of a family in each cell (m, n), NaN where it does not exist."""
+        """Return the basin fraction of a family in each cell (m, n), NaN in cells where the family has no attractor."""
         rows, shape = self.family == number, (self.epsilon.size, self.delta.size)
         cell, samples = self.attractors.cell, self.attractors.samples
         n_cells = shape[0] * shape[1]
@@ -83,11 +83,11 @@ def tabulate_families(delta: NDArray[np.float64], epsilon: NDArray[np.float64], 
     family = numbers_of(sums)[sums.component]
     n = int(family.max(initial=QUIET_FAMILY)) + 1
 
-    def by_family(values: NDArray[Any], default: float = 0) -> NDArray[Any]:
-        """Return values in the order of families, from `values`, which has one for each entry of `sums`.
+    def in_family_order(values: NDArray[Any], default: float = 0) -> NDArray[Any]:
+        """Return values in the order of families.
 
-        default: the value of a family without an entry in `sums`. Only quiet motion can be without an entry: it has
-        its family number even if no cell has quiet motion.
+        values: one value for each entry of `sums`. default: the value of a family without an entry in `sums`. Only
+        quiet motion can be without one: it has its family number even if no cell has quiet motion.
 
         Returns
         -------
@@ -112,23 +112,23 @@ def tabulate_families(delta: NDArray[np.float64], epsilon: NDArray[np.float64], 
             Values (families,), NaN for a family without cells.
         """
         low, high = np.minimum(axis[first], axis[last]), np.maximum(axis[first], axis[last])
-        return by_family(low, np.nan), by_family(high, np.nan)
+        return in_family_order(low, np.nan), in_family_order(high, np.nan)
 
     row, column = np.divmod(sums.at, delta.size)
     exponent = np.where(np.isfinite(sums.exponent), sums.exponent, np.nan)
     return FamilyTable(
-        by_family(sums.kind, Outcome.QUIET),
-        by_family(sums.m),
-        by_family(sums.n_plus),
-        by_family(sums.n_minus),
-        by_family(sums.cells),
-        by_family(sums.unsampled),
+        in_family_order(sums.kind, Outcome.QUIET),
+        in_family_order(sums.m),
+        in_family_order(sums.n_plus),
+        in_family_order(sums.n_minus),
+        in_family_order(sums.cells),
+        in_family_order(sums.unsampled),
         *axis_range(delta, sums.left, sums.right),
         *axis_range(epsilon, sums.top, sums.bottom),
-        by_family(sums.most / count),
-        by_family(sums.samples / (count * np.maximum(sums.cells, 1))),
-        by_family(delta[column], np.nan),
-        by_family(epsilon[row], np.nan),
-        by_family(exponent, np.nan),
-        by_family(sums.rows > sums.cells),
+        in_family_order(sums.most / count),
+        in_family_order(sums.samples / (count * np.maximum(sums.cells, 1))),
+        in_family_order(delta[column], np.nan),
+        in_family_order(epsilon[row], np.nan),
+        in_family_order(exponent, np.nan),
+        in_family_order(sums.rows > sums.cells),
     )

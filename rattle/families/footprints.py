@@ -11,19 +11,20 @@ from rattle.attractors.recurrence import mark_footprints
 from rattle.attractors.samples import GRID
 from rattle.numerics.compile import kernel
 
-#: Number of impacts that mark a footprint. Footprints of this length show 99 % of the overlapping pairs, and no others.
+#: Number of impacts that mark the first footprint of an attractor. Footprints of this length overlap for 99 % of the
+#: pairs of attractors that belong together, and for no other pair.
 STRETCH = 128
-#: Number of impacts that mark a longer footprint. Pairs whose first footprints do not overlap are compared again by
-#: longer footprints.
+#: Number of impacts that mark the second footprint of an attractor. If the first footprints of two attractors do not
+#: overlap, their second footprints are compared.
 LONGER = 2048
 
 
 @kernel
 def write_overlaps(one, other, prints, overlap):
-    """Write to overlap[i] whether footprints one[i] and other[i] overlap.
+    """Write to overlap[i] whether footprints number one[i] and other[i] overlap.
 
-    Two footprints overlap if they have more than the fraction SAME_FOOTPRINT of the smaller one's visited cells in
-    common. prints (k, GRID): the footprints, which are visited-cell bitmaps.
+    Two footprints overlap if their common visited cells are more than the share SAME_FOOTPRINT of the visited cells of
+    the smaller footprint. prints (k, GRID): all footprints, which are visited-cell bitmaps.
     """
     for i in range(one.size):
         in_one, in_other, shared = 0, 0, 0

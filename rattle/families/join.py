@@ -22,8 +22,8 @@ from rattle.parameters import Parameters
 #: The sides of a cell towards the next row and the next column, as columns of `LinkedOrbits.to`. They suffice to visit
 #: each pair of neighbouring cells once.
 AHEAD = (0, 1)
-#: If an orbit continues to an orbit in the next cell that does not continue back to it, it is followed to that cell
-#: once more, in this number of small steps.
+#: Orbit a in one cell may continue to orbit b in the next cell, while b does not continue to a. Then a is followed to
+#: the cell of b once more, in this number of small steps.
 STEPS = 64
 
 
@@ -113,7 +113,7 @@ def join_rows(
 def _join_with_sums(
     table: AttractorTable, shape: tuple[int, int], cells: Any
 ) -> tuple[AttractorTable, NDArray[np.bool_], NDArray[np.int64], Sums]:
-    """Return the results of `join_rows`, and the sums from which the table of families is made."""
+    """Return the results of `join_rows`, and the `Sums` from which `tabulate_families` makes the table of families."""
     orbits, n = continue_orbits(table, shape[1], Rectangle(0, shape[0], 0, shape[1]), cells)
     periodic = np.flatnonzero(table.kind == Outcome.PERIODIC)
     attractors = together(table, table_of_continued(orbits, periodic.size, n))
@@ -132,14 +132,15 @@ def together(*tables: AttractorTable) -> AttractorTable:
 
 
 def in_order(table: AttractorTable) -> NDArray[np.int64]:
-    """Return the order of rows: cell by cell, and in each cell by falling number of samples.
+    """Return the indices that sort the rows of a table: cell by cell, and in each cell by falling number of samples.
 
-    Ties are decided by the attractors themselves, not by their order in the table.
+    Attractors of a cell with equal numbers of samples are sorted by kind, label and state, so that the result does not
+    depend on their order in the table.
 
     Returns
     -------
     NDArray[np.int64]
-        Indices (rows,) that sort the table.
+        Indices (rows,): `table.take(indices)` is sorted.
     """
     keys = (table.tau, table.v, table.n_minus, table.n_plus, table.m, table.kind, -table.samples, table.cell)
     return np.lexsort(keys)
@@ -215,20 +216,20 @@ def continue_orbits(
 
 
 def continue_until_complete(
-    done: int, n: int, columns: int, inside: Rectangle, cells: Any, orbits: LinkedOrbits
+    next_orbit: int, n: int, columns: int, inside: Rectangle, cells: Any, orbits: LinkedOrbits
 ) -> tuple[LinkedOrbits, int]:
-    """Continue the orbits with numbers `done` to n − 1, and all orbits found on the way, from cell to cell.
+    """Continue the orbits number `next_orbit` to n − 1, and all new orbits that are found, from cell to cell.
 
-    This repeats `spread_orbits`, with larger arrays whenever they are full, until nothing new is found.
+    This repeats `spread_orbits` until no new orbit is found; when the arrays are full, they are made larger.
 
     Returns
     -------
     tuple[LinkedOrbits, int]
         The orbits and their number.
     """
-    while done < n:
-        done, n = spread_orbits(done, n, columns, inside, cells, orbits)
-        if done < n:
+    while next_orbit < n:
+        next_orbit, n = spread_orbits(next_orbit, n, columns, inside, cells, orbits)
+        if next_orbit < n:
             orbits = with_more_room(orbits)
     return orbits, n
 
@@ -285,12 +286,12 @@ def cells_between(cells: Any, here: NDArray[np.int64], there: NDArray[np.int64],
 def _is_continued_to(
     one: NDArray[np.int64], other: NDArray[np.int64], orbits: LinkedOrbits, cells: Any
 ) -> NDArray[np.bool_]:
-    """Return for each pair whether orbit `one` becomes orbit `other` in STEPS small steps of continuation."""
+    """Return for each i whether orbit one[i] becomes orbit other[i] in STEPS small steps of continuation."""
     share = np.arange(1, STEPS + 1) / STEPS
     here, there = orbits.cell[one], orbits.cell[other]
-    way = cells_between(cells, here, there, share)
+    path = cells_between(cells, here, there, share)
     arrives = np.zeros(one.size, np.bool_)
-    write_arrivals(one, other, STEPS, way, orbits, arrives)
+    write_arrivals(one, other, STEPS, path, orbits, arrives)
     return arrives
 
 

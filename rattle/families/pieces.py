@@ -24,9 +24,9 @@ no_attractors = AttractorTable.empty
 
 
 class GridPiece:
-    """A piece of a larger grid, whose attractors become known some cells at a time.
+    """A rectangular piece of a larger grid, whose cells are computed in several steps.
 
-    Known orbits are continued into all cells of the piece.
+    After each step `add_attractors` adds the attractors of the new cells, and continues them into the whole piece.
     orbits: the orbits found so far, in the arrays that `spread_orbits` fills. n: their number.
     samples (n,): the number of samples that reach an orbit in its cell, −1 for an orbit that continuation found.
     """
@@ -37,10 +37,10 @@ class GridPiece:
         self.samples = np.zeros(0, np.int64)
 
     def add_attractors(self, table: AttractorTable) -> None:
-        """Add the periodic attractors in a table that are not known yet, and continue them into the other cells.
+        """Add the periodic attractors of some cells, and continue those that are not known yet into the other cells.
 
-        table: attractors of some cells. The number of samples of each periodic attractor is stored, also if the
-        attractor was known as an orbit that continuation found.
+        table: the attractors of the cells. The number of samples of each periodic attractor is stored in `samples`,
+        also if continuation had found the attractor before.
         """
         table = table.take(table.kind == Outcome.PERIODIC)
         before, which = self.n, np.zeros(table.cell.size, np.int64)
@@ -55,17 +55,22 @@ class GridPiece:
 
 
 def continue_into_piece(
-    inside: AttractorTable, beside: AttractorTable, tried: bool, columns: int, piece: Rectangle, cells: Any
+    inside: AttractorTable,
+    outside: AttractorTable,
+    inside_is_continued: bool,
+    columns: int,
+    piece: Rectangle,
+    cells: Any,
 ) -> AttractorTable:
-    """Continue orbits from cell to cell into a rectangle of a grid, and return the orbits that are new there.
+    """Continue orbits from cell to cell into a rectangle of a grid, and return the orbits that are new in its cells.
 
     Parameters
     ----------
-    inside, beside : AttractorTable
+    inside, outside : AttractorTable
         The attractors in the rectangle, and the attractors in the cells next to it; rows of the same cell follow each
         other.
-    tried : bool
-        Whether an earlier call continued the orbits of `inside`; then only those of `beside` are continued.
+    inside_is_continued : bool
+        Whether an earlier call continued the orbits of `inside`; then only those of `outside` are continued.
     columns : int
         The number of columns of the grid.
     piece : Rectangle
@@ -78,13 +83,13 @@ def continue_into_piece(
     AttractorTable
         A row, with 0 samples, for each new orbit of each cell of the rectangle.
     """
-    n, m = (int(np.count_nonzero(table.kind == Outcome.PERIODIC)) for table in (inside, beside))
-    orbits, end = continue_orbits(together(inside, beside), columns, piece, cells, n if tried else 0)
+    n, m = (int(np.count_nonzero(table.kind == Outcome.PERIODIC)) for table in (inside, outside))
+    orbits, end = continue_orbits(together(inside, outside), columns, piece, cells, n if inside_is_continued else 0)
     return table_of_continued(orbits, n + m, end)
 
 
 def connect_attractors(table: AttractorTable, shape: tuple[int, int], cells: Any) -> NDArray[np.int64]:
-    """Connect the attractors of a grid with their neighbours, and return a number for each row of their table.
+    """Return a number for each attractor of a grid, the same for attractors of neighbouring cells that are one motion.
 
     table: all attractors, in the order of their cells, including all orbits that continuation finds. shape: the numbers
     of rows and columns of the grid.
@@ -92,8 +97,8 @@ def connect_attractors(table: AttractorTable, shape: tuple[int, int], cells: Any
     Returns
     -------
     NDArray[np.int64]
-        The numbers (rows,): rows with the same number are one attractor in several cells. Quiet motion has the number
-        QUIET_FAMILY, undecided samples have NO_FAMILY.
+        The numbers (rows,): rows of the table with the same number are one motion in several cells. Quiet motion has
+        the number QUIET_FAMILY, the row for a cell's undecided samples has NO_FAMILY.
     """
     orbits, _n = continue_orbits(table, shape[1], Rectangle(0, shape[0], 0, shape[1]), cells)
     return number_components(table, np.flatnonzero(table.kind == Outcome.PERIODIC), orbits, shape, cells)

@@ -79,10 +79,10 @@ def have_same_label(i, k, orbits):
 
 
 @kernel
-def orbit_at_point(tau, v, cell, k, near, orbits):
+def orbit_at_point(tau, v, cell, k, v_tolerance, orbits):
     """Return the number of the orbit in `cell` that has the label of orbit k and its fastest point at (tau, v).
 
-    near: the tolerance of v; the tolerance of τ is SAME_POINT.
+    v_tolerance: the tolerance of v; the tolerance of τ is SAME_POINT.
 
     Returns
     -------
@@ -91,7 +91,7 @@ def orbit_at_point(tau, v, cell, k, near, orbits):
     """
     i = orbits.last[cell]
     while i != NOWHERE:
-        same = abs(wrapped(tau - orbits.tau[i])) < SAME_POINT and abs(v - orbits.v[i]) < near
+        same = abs(wrapped(tau - orbits.tau[i])) < SAME_POINT and abs(v - orbits.v[i]) < v_tolerance
         if same and have_same_label(i, k, orbits):
             return i
         i = orbits.before[i]
@@ -107,7 +107,8 @@ def stability_with_label(tau, v, k, orbits, point):
     Returns
     -------
     tuple
-        (whether both hold, ln|multiplier| of both multipliers). The logarithms are NaN if the orbit has another label.
+        (whether the orbit is stable and has the label, ln|multiplier| of both its multipliers). The logarithms are NaN
+        if the orbit has another label.
     """
     n_plus = np.int64(orbits.n_plus[k])  # the same type as in other callers, so that `power_map` is compiled once
     status, _t, _v, time, below, a00, _b, _c, a11, log_det = power_map(tau, v, n_plus, point)
@@ -232,44 +233,45 @@ def add_orbits(cell, m, n_plus, n_minus, tau, v, first, second, n, cells, orbits
 
 
 @kernel
-def spread_orbits(done, n, columns, inside, cells, orbits):
-    """Continue the orbits `done` to n − 1 into the neighbouring cells, then the new orbits that are found there.
+def spread_orbits(next_orbit, n, columns, inside, cells, orbits):
+    """Continue the orbits number `next_orbit` to n − 1 into their neighbouring cells, then the new orbits found there.
 
-    Only cells in the rectangle `inside` of a grid with `columns` columns are entered.
+    Orbits are continued only into cells in the rectangle `inside`. columns: the number of columns of the grid.
 
     Returns
     -------
     result
-        (done, n): the orbits before `done` were continued, n orbits are known. If done < n, the arrays are full.
+        (next_orbit, n): the number of the first orbit that is not yet continued, and the number of all known orbits. If
+        they differ, the arrays of `orbits` have no room for further orbits.
     """
     room = orbits.cell.size
-    while done < n and n + 4 <= room:
-        row, column = divmod(orbits.cell[done], columns)
+    while next_orbit < n and n + 4 <= room:
+        row, column = divmod(orbits.cell[next_orbit], columns)
         for side in range(4):
             i, j = row + ROWS[side], column + COLUMNS[side]
             found = NOWHERE
             if inside.top <= i < inside.bottom and inside.left <= j < inside.right:
                 cell = i * columns + j
-                found = continue_orbit(done, cell, n, orbits, cells)
+                found = continue_orbit(next_orbit, cell, n, orbits, cells)
                 if found == n:
                     n += 1
-            orbits.to[done, side] = found
-        done += 1
-    return done, n
+            orbits.to[next_orbit, side] = found
+        next_orbit += 1
+    return next_orbit, n
 
 
 @kernel
-def write_arrivals(one, other, steps, way, orbits, arrives):
-    """Continue each orbit one[i] to the cell of orbit other[i], and write to arrives[i] whether it becomes that orbit.
+def write_arrivals(one, other, steps, path, orbits, arrives):
+    """Continue orbit one[i] to the cell of orbit other[i], and write to arrives[i] whether it becomes orbit other[i].
 
-    The orbits are followed in `steps` small steps. way: the parameters (k·steps,) at these steps, in the form of cells;
-    the steps of the first pair come first.
+    one, other (k,): numbers of orbits. Each orbit is followed in `steps` small steps. path: the parameters (k·steps,)
+    at the steps, in the form of cells: first all steps for i = 0, then all steps for i = 1, and so on.
     """
     for i in range(one.size):
         n_plus, tau, v = np.int64(orbits.n_plus[one[i]]), orbits.tau[one[i]], orbits.v[one[i]]
         arrives[i] = False
         for j in range(steps):
-            point = point_of(i * steps + j, way)
+            point = point_of(i * steps + j, path)
             unit, before, speed = speed_unit_at(point), tau, v
             found, tau, v = newton(before, speed, n_plus, point)
             if not found or math.hypot(wrapped(tau - before), (v - speed) / unit) > 0.5 * FARTHEST:

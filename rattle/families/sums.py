@@ -23,14 +23,16 @@ Integers = NDArray[np.int64]
 class Sums(NamedTuple):
     """Sums over some cells of a grid: one entry for each component (a set of connected attractors).
 
-    component: the number of the component, in rising order. kind, m, n_plus, n_minus: its kind and its label.
-    cells: the number of its cells. rows: the number of its attractors, which are rows of the table; larger than `cells`
-    if a cell has two.
-    unsampled: the number of its attractors that no sample reaches. samples: the number of samples that reach it.
+    component: the number of the component; the entries are in rising order of it.
+    kind, m, n_plus, n_minus: the kind and the label of the component's attractors.
+    cells: the number of cells of the component. rows: the number of its attractors (rows of the table of attractors);
+    larger than `cells` if two of its attractors are in one cell.
+    unsampled: the number of its attractors that no sample reaches. samples: the number of samples that reach any of
+    its attractors.
     top, bottom, left, right: the first and the last row and column of its cells.
-    most: the largest number of samples of one attractor. at: the first cell with that number.
+    most: the largest number of samples of one of its attractors. at: the first cell with such an attractor.
     exponent: the largest Lyapunov exponent of its attractors, −∞ if none is known.
-    first: the cell of its first attractor. place: the number of rows before that attractor in the same cell.
+    first: the cell of its first attractor. place: the number of rows of the table before that attractor in this cell.
     """
 
     component: Integers
@@ -97,7 +99,7 @@ def sums_of(table: AttractorTable, component: Integers, columns: int) -> Sums:
 
 
 def add_sums(parts: Iterable[Sums]) -> Sums:
-    """Return the sums over all cells from sums over disjoint sets of cells."""
+    """Return the sums over all cells from the sums over several sets of cells that have no cell in common."""
     all_ = Sums._make(np.concatenate(columns) for columns in zip(*parts, strict=True))
     if not all_.component.size:
         return all_

@@ -10,8 +10,7 @@ import numpy as np
 
 from rattle.flight.forcing import TWO_PI
 
-#: For each drive the number by which φ + (e/r) cos Ωt is multiplied to be the model's Φ, if both gears are equal. φ is
-#: θ₁ − θ₂.
+#: For two equal gears the model's Φ is (θ₁ − θ₂ + (e/r) cos Ωt) times this number, which depends on the drive.
 DRIVES = {"torque": 1.0, "speed": 2.0}
 
 
@@ -136,7 +135,7 @@ def reduce_pair(
 
 
 def _float_or_array(number: Any) -> Any:
-    """Return a number without axes as a float, and an array unchanged."""
+    """Return a number, or an array of shape (), as a float, and any other array unchanged."""
     return float(number) if np.ndim(number) == 0 else number
 
 
@@ -169,7 +168,8 @@ def rate_error(pair: Reduced, backlash: Any, forcing: Any, load: Any) -> Any:
 
 def damping(pair: Reduced) -> Any:
     """Return the damping δ = 2πc/(IΩ), from the reduced drag c and inertia I and the speed Ω of the forcing."""
-    return np.divide(TWO_PI * pair.drag, pair.inertia * pair.speed)  # δ is infinite at speed 0
+    # np.divide, because Python's division raises ZeroDivisionError at speed 0, where δ is infinite
+    return np.divide(TWO_PI * pair.drag, pair.inertia * pair.speed)
 
 
 def epsilon_of_amplitude(length: Any, pair: Reduced) -> Any:

@@ -49,10 +49,10 @@ class PairForcing(NamedTuple):
     phase: NDArray[np.float64]
 
     def harmonics(self, number: Any = ()) -> tuple[Harmonic, ...]:
-        """Return the harmonics besides the first, in the form that `rattle.Gear` takes.
+        """Return the argument `harmonics` of `rattle.Gear` for this forcing: all harmonics but the first.
 
-        number: the index of the pair, if there are many. If a pair has only higher harmonics, the result contains order
-        1 with amplitude 0.
+        The first harmonic has amplitude 1 there, and is not listed. If the forcing has no first harmonic, the result
+        contains order 1 with amplitude 0. number: the index of the pair of gears, if there are many.
 
         Returns
         -------
@@ -95,7 +95,7 @@ def components_of(
     errors: Sequence[tuple[int, Any, Any]] = (),
     driven_errors: Sequence[tuple[int, Any, Any]] = (),
 ) -> list[Component]:
-    """Return all components of the transmission error with an amplitude above 0.
+    """Return all components (sinusoidal parts) of the transmission error with an amplitude above 0.
 
     Parameters
     ----------

@@ -35,10 +35,12 @@ RPM = TWO_PI / 60.0
 LARGEST_RADIUS = 5.0
 #: Largest plausible ratio of backlash or eccentricity to the base radius.
 WIDEST = 0.1
-#: Largest relative difference of the ratio of the radii from that of the tooth numbers: drawings round radii.
+#: Largest relative difference between the ratio of the radii and the ratio of the tooth numbers. It is not 0, because
+#: drawings give rounded radii.
 RADIUS_ROUNDING = 0.01
 MOST_TEETH = 1000
-#: Density of steel in kg/m³; largest plausible inertia, over that of a steel disc whose width is equal to its radius.
+#: Density of steel in kg/m³. The largest plausible inertia of a gear is LARGEST_INERTIA_RATIO times the inertia of a
+#: steel disc with the gear's base radius and a width equal to this radius.
 STEEL, LARGEST_INERTIA_RATIO = 7850.0, 1e4
 #: Speed of the base circle in m/s above which a number in rad/s is probably in rpm; gears of turbines reach 200.
 FASTEST_PLAUSIBLE = 100.0

@@ -194,7 +194,7 @@ class Machine:
         self._require_consistent_pair()
 
     def _require_consistent_pair(self) -> None:
-        """Raise ParameterError if numbers of the machine are too large for their units, or exclude each other."""
+        """Raise ParameterError if a number is too large for its unit, or if two numbers exclude each other."""
         total = self._point.forcing.total
         require(
             total <= WIDEST * self.radius,

@@ -19,7 +19,7 @@ QUIET, KNOCKED, SOMETIMES, ALWAYS = VERDICTS = ("quiet", "quiet_unless_knocked",
 #: Numbers of phases and of speeds of the knocks in a round, and number of rounds after the first. In a later round the
 #: speeds reach up to the weakest effective knock so far.
 PHASES, SPEEDS, ROUNDS = 32, 64, 2
-#: Speed of the hardest knock, over the natural speed.
+#: Speed of the hardest knock that is tried, divided by the natural speed.
 HARDEST = 3.0
 MOST_COUNT = 65_536
 

@@ -123,7 +123,7 @@ def checked_states(
 
 
 class Trajectory(NamedTuple):
-    """A sampled motion.
+    """A motion, given by Φ and Φ' at a sequence of times and by its impacts.
 
     Attributes
     ----------

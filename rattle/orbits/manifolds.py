@@ -19,9 +19,9 @@ from rattle.orbits.saddles import Array, LocalManifold, local_manifold
 # most points of an image of the fundamental domain; most images of a manifold; most refinements of an image
 MOST_POINTS, MOST_IMAGES, MOST_ROUNDS = 400_000, 2_000, 200
 SHORTEST_IMAGE = 1e-9  # length of an image below which the manifold counts as converged to an attractor
-DOMAIN_POINTS = 9  # number of points of the fundamental domain at first
-FINEST = 1e-6  # shortest step between points whose angle counts; angles of shorter steps are rounding errors
-# two pieces share a corner if the distance of their ends, relative to the spacing, is smaller than this
+DOMAIN_POINTS = 9  # number of points of the fundamental domain before it is refined
+FINEST = 1e-6  # a step beside a sharp turn is halved only if it is longer: turns of shorter steps are rounding errors
+# two pieces share a corner if the distance between their ends is smaller than this factor times the largest spacing
 CORNER_GAP = 1e-3
 
 
@@ -87,11 +87,11 @@ class _Image:
 
     @property
     def is_corner(self) -> NDArray[np.bool_]:
-        """Flags (n − 1,) of neighbouring points with a corner of the manifold between them."""
+        """Flags (n − 1,): True if the manifold has a corner between a point and the next point."""
         return np.asarray(self.word[1:] != self.word[:-1])
 
     def _bisect_corners(self) -> bool:
-        """Insert points on both sides of each corner, one rounding error apart in t; return whether there were any."""
+        """Insert the two points beside each corner that are a rounding error apart in t; return whether any is new."""
         i = np.flatnonzero(self.is_corner)
         low, high, word = self.t[i], self.t[i + 1], self.word[i]
         while True:
@@ -107,7 +107,7 @@ class _Image:
         return bool(new.size)
 
     def refine(self, spacing: float, angle: float) -> None:
-        """Insert points until all steps and turns but those at corners are below `spacing` and `angle`."""
+        """Insert points until, except at corners, neighbours are closer than `spacing` and turns are below `angle`."""
         for _ in range(MOST_ROUNDS):
             cornered = self._bisect_corners()
             step = _differences(self.x, self.local.unit)
@@ -213,12 +213,12 @@ def _rows_of_image(level: _Image, end: int) -> Array:
 
 
 def _assemble_manifold(
-    orbit: Periodic, kind: str, side: int, rows: Array, arclength: float, joined: float, unit: float
+    orbit: Periodic, kind: str, side: int, rows: Array, arclength: float, largest_gap: float, unit: float
 ) -> Manifold:
     """Return the manifold from the rows of all its images, cut to the arclength, with each corner in both its pieces.
 
-    The point of a corner is taken from the piece with fewer impacts on Σ⁻, on which it is exact. joined: largest
-    distance between the ends of two pieces that share a corner.
+    The point of a corner is taken from the piece with fewer impacts on Σ⁻, on which it is exact. largest_gap: two
+    pieces share a corner if the distance between their ends is smaller.
 
     Returns
     -------
@@ -229,11 +229,13 @@ def _assemble_manifold(
     rows = rows[:, : int(np.searchsorted(walked, arclength, side="right"))]
     starts = np.flatnonzero(rows[4])
     gap = np.hypot(*((rows[:2, starts] - rows[:2, starts - 1]) / [[1.0], [unit]]))
-    near = starts[gap < joined]
+    near = starts[gap < largest_gap]
     exact = np.where(rows[5, near] < rows[5, near - 1], near, near - 1)
-    # on the piece with more impacts on Σ⁻ the error of a corner is the square root of the rounding error
+    # a corner is exact on the piece with fewer impacts on Σ⁻; on the other piece its error is about the square root of
+    # a rounding error
     rows[:, np.where(exact == near, near - 1, near)] = rows[:, exact]
     pieces = np.concatenate([[0], starts, [rows.shape[1]]]).astype(np.int64)
     length = float(np.hypot(*_differences(rows[:2], unit)).sum())
     tau, v, t, j = rows[:4]
-    return Manifold(orbit, kind, side, tau, v, t, j.astype(np.int64), pieces, np.where(gap < joined, 0.0, gap), length)
+    gap = np.where(gap < largest_gap, 0.0, gap)
+    return Manifold(orbit, kind, side, tau, v, t, j.astype(np.int64), pieces, gap, length)

@@ -110,7 +110,7 @@ def existing_orbits(
 
 
 class MissingLimit(NamedTuple):
-    """A limit, SN1 or the flip of C, that does not exist at a damping.
+    """A limit of ε, SN1 or the flip of C, that does not exist at a damping.
 
     limit: its name, "sn1" or "flip". reason: why it does not exist, and the event that takes its place. epsilon: the
     eccentricity of this other event, None if there is none.
@@ -146,12 +146,13 @@ def multipliers_of(trace: ArrayLike, determinant: ArrayLike) -> NDArray[np.compl
 
 
 PAPER_REGIONS = ("I", "II", "III", "IV", "V")
-_OF_THE_PAPER = {"": "I", "AC": "II", "ABCD": "III", "AD": "V"}  # where ABCD exist and D is unstable, the region is IV
+# {motions that exist: the paper's region}; if all four exist, `classify` changes III to IV where D is unstable
+_PAPER_REGION_OF = {"": "I", "AC": "II", "ABCD": "III", "AD": "V"}
 _SETS = ["".join(x for x, there in zip(NAMES, each[::-1], strict=True) if there) for each in product((0, 1), repeat=4)]
 #: Names of regions by number: 0 is no region, 1 to 5 are I to V of the paper, others are named by their orbits.
-REGIONS = ("", *PAPER_REGIONS, *(each for each in _SETS if each not in _OF_THE_PAPER))
+REGIONS = ("", *PAPER_REGIONS, *(each for each in _SETS if each not in _PAPER_REGION_OF))
 # number of the region of each set of orbits; bit i of an index says whether orbit number i of A to D is in the set
-_CODES = np.array([REGIONS.index(_OF_THE_PAPER.get(each, each)) for each in _SETS], np.int8)
+_CODES = np.array([REGIONS.index(_PAPER_REGION_OF.get(each, each)) for each in _SETS], np.int8)
 
 
 def classify(orbits: PeriodOne) -> NDArray[np.int8]:

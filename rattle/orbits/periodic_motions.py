@@ -33,7 +33,7 @@ class Equations(ABC):
     @property
     @abstractmethod
     def n(self) -> int:
-        """Number of unknowns."""
+        """Number of unknowns of the motion, without δ and ε."""
 
     @abstractmethod
     def residual(self, x: NDArray) -> NDArray:
@@ -93,15 +93,15 @@ def unknowns_from_impact(itinerary: Equations, x: Array, first: int) -> Array:
 
 
 def twins(itinerary: Equations, start: Array, x: Array) -> Array:
-    """Return arrays of unknowns that all describe the motion with unknowns `start` (N,) and its order of walls.
+    """Return all arrays of unknowns (twins) that describe the motion with the unknowns `start`, near the unknowns x.
 
-    There is an array for each impact with which the motion may begin so that it meets the walls in the same order. Its
-    times are shifted by whole forcing periods so that its first time is as near as possible to the first time of x.
+    The twins begin at different impacts, from each of which the motion meets the walls in the order of the itinerary.
+    The times of each twin are shifted by whole forcing periods so that its first time is nearest to that of x.
 
     Returns
     -------
     Array
-        Unknowns (k, N); one of them is `start`, shifted by whole periods.
+        The twins (k, N), with δ and ε at the end; one of them is `start` (N,), shifted by whole periods.
     """
     n, walls = len(itinerary.walls), itinerary.walls
     found = np.array([unknowns_from_impact(itinerary, start, k) for k in range(n) if walls[k:] + walls[:k] == walls])
@@ -112,7 +112,8 @@ def twins(itinerary: Equations, start: Array, x: Array) -> Array:
 def with_shortest_period(itinerary: Itinerary, x: Array) -> tuple[Itinerary, Array]:
     """Return itinerary and unknowns of the motion x (n + 2,) with its least period.
 
-    If this period is shorter than m forcing periods, the times are solved for again.
+    If the motion repeats after fewer than m forcing periods, the itinerary is shortened to one repetition, and the
+    unknowns are solved for again.
 
     Returns
     -------

@@ -23,10 +23,11 @@ from rattle.orbits.return_map import power_map
 
 Array = NDArray[np.float64]
 DEGREE, NODES = 10, 25  # degree of the series; number of points at which its residual is evaluated
-LARGEST, SMALLEST = 0.1, 1e-9  # largest and smallest size |s| of a series that is tried
-# largest allowed residual F(W(s)) − W(λs) of a series, relative to the size of the series; rounding error of the
-# residual for Π and for Π⁻¹, relative to the speed: a residual as large as the rounding error is always allowed
-RESIDUAL, ROUNDING = 1e-12, (4e-15, 8e-15)
+LARGEST, SMALLEST = 0.1, 1e-9  # largest and smallest size of a series that is tried: the series is for |s| ≤ size
+# largest allowed residual F(W(s)) − W(λs) of a series, relative to the size of the series
+RESIDUAL = 1e-12
+# rounding error of a residual for Π and for Π⁻¹, relative to the speed of the saddle; residuals below it are allowed
+ROUNDING = (4e-15, 8e-15)
 MOST_ITERATIONS = 60
 
 
@@ -85,7 +86,7 @@ class LocalManifold:
 
 
 def tangent_map(orbit: Periodic) -> Array:
-    """Return the tangent map (2, 2) of a periodic orbit over its period, in (τ, v); it is infinite at a graze."""
+    """Return the tangent map (2, 2) in (τ, v) of a periodic orbit over its period; at a graze it is infinite."""
     product, tau, v = np.eye(2), float(folded(orbit.tau)), orbit.v
     for _ in range(orbit.label[1]):
         found = power_map(tau, v, 1, orbit.point)
@@ -183,7 +184,8 @@ def _solve_series(start: LocalManifold, size: float, derivative: Array) -> Local
             return None
         off = states - local.states_at(size * x)
         local = replace(local, residual=float((np.abs(off) / [[1.0], [local.unit]]).max()))
-        new = local.powers.copy()  # coefficient k of `off` is coefficient k of F(W(s)) − W(λs), divided by λ^k
+        new = local.powers.copy()
+        # `off` at s is the residual at s/λ; `rates` multiplies its coefficient k by λ^k, which gives the residual's own
         new[2:] += np.einsum("kij,kj->ki", inverse * rates[:, None, None], solve @ off.T)
         change = float((np.abs(new - local.powers) / [1.0, local.unit]).max())
         if change < 1e-16 or (

@@ -31,7 +31,7 @@ from rattle.plot.paper_ranges import BETA
 
 Array = NDArray[np.float64]
 
-#: Cells along each axis, as in the paper.
+#: Number of cells of basins along τ, and along v, as in the paper.
 RESOLUTION = 1000
 #: Largest number of tick labels along an axis of a small panel.
 FEW_TICKS = 4
@@ -74,7 +74,7 @@ def fold_line(tau: Array, v: Array, v_max: float) -> Array:
     points = [np.column_stack([tau - turn, v])]
     at = []
     for i in np.flatnonzero(np.diff(turn)):
-        # neighbouring points are far less than a period apart, so the line passes only one whole phase between them
+        # the line passes only one multiple of the period here: neighbouring points are much closer than a period
         edge = max(turn[i], turn[i + 1])
         share = (edge - tau[i]) / (tau[i + 1] - tau[i])
         height = v[i] + share * (v[i + 1] - v[i])
@@ -343,7 +343,7 @@ def _connected_ranges(pieces: NDArray[np.int64], gap: Array) -> list[tuple[int, 
 
 
 def _stable_manifold_label(name: str) -> str:
-    """Return the label of the stable manifold of an orbit."""
+    """Return the label of the stable manifold of an orbit in matplotlib's mathematical text: "$W^s(A)$" for A."""
     return f"$W^s({name})$"
 
 

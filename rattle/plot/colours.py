@@ -92,7 +92,8 @@ def legend_name(motion: Motion, contacts: int | None = None) -> str:
     motion : Attractor, (m, n_plus, n_minus) or str
         The motion.
     contacts : int, optional
-        The number c of contact phases of the motion; None: the number that the attractor has, else 0.
+        The number c of contact phases of the motion. None: the field `contacts` of `motion`, or 0 if it has no such
+        field.
 
     Returns
     -------
@@ -148,8 +149,8 @@ class Palette:
     like the colour of quiet, chaotic or undecided motion. Then the type has the spare colour that differs most from all
     of these colours.
 
-    alike: the distance in CIELAB below which the colour of a type looks like another colour. It does not hold for types
-    in NAMED, for which the distance is always ALIKE.
+    alike: the distance in CIELAB below which the colour of a type not in NAMED looks like another colour. For the types
+    in NAMED this distance is always ALIKE.
     """
 
     def __init__(self, alike: float = ALIKE) -> None:
@@ -199,7 +200,7 @@ class Palette:
 
 @cache
 def _spare_colours() -> tuple[tuple[str, NDArray[np.float64]], ...]:
-    """Return the spare colours that differ from the colour of quiet motion, as "#rrggbb" and in CIELAB."""
+    """Return the spare colours that differ enough from the colour of quiet motion, as "#rrggbb" and in CIELAB."""
     found = (_hex_colour(hue, lightness, saturation) for hue, lightness, saturation in SPARE)
     every, quiet = [(each, _cielab(each)) for each in found], _cielab(KIND_COLOURS["quiet"])
     return tuple((each, lab) for each, lab in every if np.hypot.reduce(lab - quiet) >= LEAST_QUIET_DISTANCE)
@@ -240,5 +241,5 @@ def _hex_colour(hue: float, lightness: float, saturation: float) -> str:
 
 
 def _fractional_sum(label: Label, steps: tuple[float, ...]) -> float:
-    """Return the fractional part of the sum of m, n₊ and n₋ times these steps."""
+    """Return the fractional part of steps[0]·m + steps[1]·n₊ + steps[2]·n₋."""
     return sum(n * step for n, step in zip(label, steps, strict=True)) % 1.0

@@ -72,7 +72,7 @@ def _draw_crisis_curve(axes: Axes, curve: CrisisCurve) -> None:
 
 
 def _draw_gap_at_end(axes: Axes, curve: CrisisCurve) -> None:
-    """Draw the distance in ε of the crisis curve from SN1, near its end, against its distance in δ from COD22."""
+    """Draw the crisis curve near its end: its distance in ε from SN1 against its distance in δ from COD22."""
     (end,) = (point for point in codimension_two(curve.beta) if point.name == "COD22")
     offset, gap = curve.delta - end.delta, curve.epsilon - sn1_formula(curve.delta)
     near = gap < 2e-3 * end.epsilon

@@ -39,13 +39,14 @@ Limits = tuple[float, float] | None
 ALL_PHASES = (0.0, 1.0)
 #: A note about omitted branches names at most this many of them.
 NAMED_LEFT_OUT = 4
-#: Margin of the v axis above and below a branch, as a share of the branch's range of v; least margin, as a speed.
+#: MARGIN: margin of the v axis above and below a branch, as a share of the branch's range of v. The margin is at least
+#: LEAST_MARGIN, in units of v.
 MARGIN, LEAST_MARGIN = 0.1, 0.01
-#: Size of labels in points, and the number of points along a curve that are tried for its name.
+#: Font size of labels in points (1/72 inch). Number of places along a curve at which its name is tried.
 SIZE, ANCHORS = 10, 40
 #: Number of steps of each sweep for the impacting gear and for the stiff gear.
 STEPS, STIFF_STEPS = 500, 250
-#: Steps of the sweeps, and limits of v and τ, of the paper's Figures 5 and 9.
+#: {(δ, range of ε, β) of the paper's Figure 5 or 9: (steps of the sweeps, limits of v, limits of τ)}.
 WINDOWS: dict[tuple[float, tuple[float, float], float], tuple[int, Limits, Limits]] = {
     (*ranges.FIGURE_5, ranges.BETA): (1000, (3.7, 4.9), (0.4, 1.0)),
     (*ranges.FIGURE_9, ranges.BETA): (500, (4.74, 4.94), (0.69, 0.77)),
@@ -234,7 +235,7 @@ def impacts_at(event: Any) -> tuple[Array, Array]:
 
 
 def curves_along(diagram: Diagram[Any, Any], branch: Any, scale: float, offset: float) -> Iterator[ImpactCurve]:
-    """Yield a curve, with the branch's events, for each impact on Σ⁺. scale, offset: results of `parameter_axis`."""
+    """Yield for each impact on Σ⁺ its curve along a branch. scale, offset: results of `parameter_axis`."""
     x, name = offset + scale * diagram.positions(branch), branch.names
     for impact in np.flatnonzero(np.array(branch.itinerary.walls) > 0):
         tau, v = branch.departures[:, impact] % 1.0, branch.speeds[:, impact]
@@ -254,7 +255,7 @@ def curves_along(diagram: Diagram[Any, Any], branch: Any, scale: float, offset: 
 
 
 def strokes(curve: ImpactCurve) -> Iterator[tuple[bool, slice]]:
-    """Yield the longest admissible parts of a curve in which neither the stability changes nor τ jumps by 1.
+    """Yield the admissible parts of a curve, cut where the stability changes or τ jumps by 1.
 
     Yields
     ------
@@ -275,14 +276,14 @@ def strokes(curve: ImpactCurve) -> Iterator[tuple[bool, slice]]:
 
 
 def _draw_impact_curve(panel: Axes, curve: ImpactCurve, y: Array, named: bool) -> None:
-    """Draw each admissible part of a curve as one line. y: v or τ of its points. named: draw it like A to D."""
+    """Draw the admissible parts of a curve. y: v or τ of its points. named: whether to use the style of A to D."""
     for stable, part in strokes(curve):
         width, colour = NAMED if named else OTHER[stable]
         panel.plot(curve.x[part], y[part], color=colour, lw=width, ls=STYLES[stable], zorder=3)
 
 
 def _draw_sweep_points(panel: Axes, diagram: Diagram[Any, Any], which: str, x: Array) -> None:
-    """Draw the attractors found while the parameter rises, and those found while it falls, smaller and on top.
+    """Draw the attractors of the forward sweep and, on top of them as smaller points, those of the backward sweep.
 
     which: "v" or "tau", the quantity of the panel. x: the values of the points on the parameter axis.
     """
@@ -344,7 +345,7 @@ def _is_visible(panel: Axes, x: Array, y: Array) -> NDArray[np.bool_]:
 
 
 def _visible_lines(panel: Axes, curve: ImpactCurve, y: Array) -> list[Array]:
-    """Return a list with one line, the admissible parts of a curve inside the panel; without such parts an empty list.
+    """Return the admissible parts of a curve inside the panel as one line, in a list; [] if there are no such parts.
 
     y: v or τ of the points of the curve.
 

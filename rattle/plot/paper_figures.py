@@ -252,22 +252,22 @@ def parse(option: str, texts: Sequence[str]) -> Given | None:
     return tuple(numbers) or None
 
 
-def _check_form(number: int | str, name: str, takes: ParameterForm, given: Given, *, positive: bool = False) -> Any:
+def _check_form(number: int | str, name: str, form: ParameterForm, given: Given, *, positive: bool = False) -> Any:
     """Return δ or ε in the form that a figure takes. Raises ParameterError for another form or a value out of range."""
     values = tuple(given) if isinstance(given, Sequence) and not isinstance(given, str) else (given,)
-    fits = {NUMBER: len(values) == 1, NUMBERS: len(values) >= 1, RANGE: len(values) == 2}[takes]
-    fits = fits and (takes is RANGE or not isinstance(given, Range))
-    require(fits, f"Figure {number} takes {takes.value} for {name}, got {_as_option_text(given)}")
+    fits = {NUMBER: len(values) == 1, NUMBERS: len(values) >= 1, RANGE: len(values) == 2}[form]
+    fits = fits and (form is RANGE or not isinstance(given, Range))
+    require(fits, f"Figure {number} takes {form.value} for {name}, got {_as_option_text(given)}")
     checked = tuple(require_number(name, value, positive=positive) for value in values)
-    if takes is RANGE:
+    if form is RANGE:
         low, high = require_pair(name, checked)
         require(low < high, f"{name} must be LOW:HIGH with LOW below HIGH, got {_as_option_text(given)}")
         return low, high
-    return checked[0] if takes is NUMBER else checked
+    return checked[0] if form is NUMBER else checked
 
 
 def _as_option_text(given: Given) -> str:
-    """Return the value as it would be written on the command line."""
+    """Return the given value as text for messages: "0.6", "0.05, 0.1" for several numbers, "0.4:1.0" for a range."""
     if not isinstance(given, Sequence) or isinstance(given, str):
         return repr(given)
     return (":" if isinstance(given, Range) else ", ").join(map(str, given))

@@ -105,9 +105,8 @@ def draw_points(axes: Axes, points: Sequence[CodimensionTwo], lines: Sequence[Ar
     if not points:
         return None
     labels = Labels(axes, [*lines, *(np.array([[point.delta, point.epsilon]]) for point in points)])
-    labels.keep_clear_of(
-        [(point.delta, point.epsilon) for point in points], MARKER_SIZE + 1
-    )  # the edge of a marker adds 1 point
+    size = MARKER_SIZE + 1  # the line around a marker makes its diameter one point (1/72 inch) larger
+    labels.keep_clear_of([(point.delta, point.epsilon) for point in points], size)
     for point in points:
         labels.add(point.name, (point.delta, point.epsilon))
     return labels
@@ -175,7 +174,7 @@ def plane_figure(delta: Range, epsilon: Range, beta: float = BETA) -> Drawing:
 
 
 def _add_width_legend(axes: Axes, lines: Mapping[str, Array]) -> None:
-    """Add a legend of thick and thin lines below the axes, if both kinds of lines are drawn."""
+    """Add a legend below the axes for thick lines (curves of the paper) and thin lines (others), if both are drawn."""
     widths = ((True, THICK, "curves of the paper"), (False, THIN, "other curves"))
     entries = [
         Line2D([], [], color="0.2", lw=width, label=text)

@@ -86,10 +86,10 @@ class RestitutionPlane:
 
     @property
     def dominant_types(self) -> NDArray[np.int64]:
-        """For each cell the type of the attractor with the most samples among those that are not quiet running.
+        """For each cell the type of the motion with the most samples, with quiet running left out.
 
-        The shape is (m, n) = (epsilon.size, delta.size). A type is an index of SHOWN, or CHAOTIC. Cells in which quiet
-        running is the only attractor have the type QUIET_ALONE.
+        The shape is (m, n) = (epsilon.size, delta.size). A type is an index of SHOWN, or CHAOTIC. Undecided samples
+        count as one motion. Cells in which all samples become quiet have the type QUIET_ALONE.
         """
         found = np.full(self.epsilon.size * self.delta.size, QUIET_ALONE)
         most = np.zeros(found.size, np.int64)
@@ -100,7 +100,7 @@ class RestitutionPlane:
         return found.reshape(self.epsilon.size, self.delta.size)
 
     def _type_of_row(self, row: int) -> int:
-        """Return the type of a row's attractor, which must not be quiet: an index of SHOWN, or CHAOTIC."""
+        """Return the type of a row of the table that is not quiet: an index of SHOWN, or CHAOTIC."""
         if self.table.kind[row] != Outcome.PERIODIC:
             return CHAOTIC if self.table.kind[row] == Outcome.CHAOTIC else UNDECIDED
         if self.table.contacts[row] > 0:
@@ -140,8 +140,8 @@ def restitution_plane(
 def restitution_figure(planes: Sequence[RestitutionPlane]) -> Drawing:
     """Draw planes side by side, with the bifurcation curves.
 
-    The colour of a cell shows the attractor with the most samples among those that are not quiet running. If it is
-    chaotic, the colour shows its largest Lyapunov exponent.
+    The colour of a cell shows its type (`RestitutionPlane.dominant_types`). If the type is chaotic, the colour shows
+    the largest Lyapunov exponent of the cell.
 
     Returns
     -------

@@ -20,7 +20,7 @@ DELTA, EPSILON = 0.6, 0.075
 STIFFNESSES = 10.0 ** np.arange(2.0, 8.5, 0.5)
 #: Stiffnesses κ that the panel of the graze compares with the impacting model.
 GRAZE_STIFFNESSES = (1e4, 1e5, 1e6)
-#: The panel of the graze shows speeds up to this far on each side of Γ.
+#: The panel of the graze shows speeds from the speed of Γ minus this number to the speed of Γ plus this number.
 GRAZE_REACH = 0.003
 
 
@@ -59,7 +59,7 @@ def stiff_figure(delta: float = DELTA, epsilon: float = EPSILON, beta: float = 0
 
 
 def _draw_motions(distances: Axes, multipliers: Axes, motions: dict[str, PeriodicOrbit]) -> None:
-    """Draw, against κ, how far A to D of the stiff gear are from the same motions of the impacting model.
+    """Draw, against κ, the distances of A to D of the stiff gear from the same motions of the impacting model.
 
     distances: axes for the distances in (τ, v). multipliers: axes for the change of the sum of both multipliers.
     motions: {name: the motion of the impacting model}.
@@ -83,9 +83,9 @@ def _draw_motions(distances: Axes, multipliers: Axes, motions: dict[str, Periodi
 
 
 def _draw_bifurcations(axes: Axes, motion_d: PeriodicOrbit) -> None:
-    """Draw how far SN1, SN2, PD1 and the quiet limit are from those of the impacting model.
+    """Draw, against κ, the distances in ε of the stiff gear's SN1, SN2, PD1 and quiet limit from the impacting model's.
 
-    motion_d: the motion D of the impacting model, from which SN2 and PD1 are reached along ε.
+    motion_d: the motion D of the impacting model; the branch of D along ε has SN2 and PD1.
     """
     delta, beta = motion_d.delta, motion_d.beta
     span = 0.5 * motion_d.epsilon, 1.6 * motion_d.epsilon

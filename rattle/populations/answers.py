@@ -269,7 +269,8 @@ def covariance_ratio(base: Array, other: Array, again: Array) -> Estimate:
             "or `budget` larger"
         )
     x, y, z = (each[known] - each[known].mean() for each in (base, other, again))
-    same, shared = x * z, 0.5 * (x + z) * y  # the mean of `base` and `again` has less noise than `base` alone
+    # in `shared`, the mean of `base` and `again` takes the place of `base`, because it has less noise
+    same, shared = x * z, 0.5 * (x + z) * y
     whole, error = float(same.mean()), 1.0 / np.sqrt(same.size)
     if whole <= Z_95 * float(same.std()) * error:
         raise RattleError(

@@ -24,7 +24,7 @@ Array = NDArray[np.float64]
 class Copula:
     """A source of d standard normal numbers with a correlation matrix (d, d).
 
-    It can also draw some of the numbers again while the others keep their values, as in Kucherenko, Tarantola and
+    Some of the d numbers can also be drawn again while the others keep their values, as in Kucherenko, Tarantola and
     Annoni, Computer Physics Communications 183 (2012) 937–946.
     """
 
@@ -37,25 +37,25 @@ class Copula:
         object.__setattr__(self, "_root", np.linalg.cholesky(self.matrix))
         object.__setattr__(self, "_inverse", np.linalg.inv(self.matrix))
 
-    def draws(self, seed: int, stream: int, rows: NDArray[np.int64]) -> Array:
-        """Return correlated standard normal numbers (n, d): n rows of a random stream that has a row for each integer.
+    def draw_rows(self, seed: int, stream: int, rows: NDArray[np.int64]) -> Array:
+        """Draw n rows of d correlated standard normal numbers.
 
-        rows: the numbers (n,) of these rows. A row depends only on the seed, the stream and the number of the row.
+        rows (n,): the number of each row. A row of d numbers depends only on the seed, the stream and the row's number.
 
         Returns
         -------
         Array
-            The numbers (n, d).
+            The correlated numbers (n, d).
         """
         root = self._root
         free = ndtri(uniforms(seed, stream, rows, len(self.matrix)))
         # explicit sums, because the last bit of a matrix product may depend on the number of rows
         return np.stack([weighted_sum(root[i, : i + 1], free[:, : i + 1]) for i in range(len(root))], axis=1)
 
-    def with_kept(self, i: int, z: Array, fresh: Array) -> Array:
-        """Return z (n, d) with its i-th column kept and all other columns drawn again, conditioned on the i-th column.
+    def redraw_others(self, i: int, z: Array, fresh: Array) -> Array:
+        """Return z (n, d) with all columns but the i-th drawn again, conditioned on the i-th column, which is kept.
 
-        fresh: draws (n, d) that are independent of z, from which the new columns are computed.
+        fresh: rows (n, d) that `draw_rows` drew independently of z; the new columns are computed from them.
 
         Returns
         -------
@@ -66,10 +66,10 @@ class Copula:
         found[:, i] = z[:, i]
         return found
 
-    def with_redrawn(self, i: int, z: Array, fresh: Array) -> Array:
-        """Return z (n, d) with its i-th column drawn again, conditioned on the other columns.
+    def redraw_column(self, i: int, z: Array, fresh: Array) -> Array:
+        """Return z (n, d) with its i-th column drawn again, conditioned on the other columns, which are kept.
 
-        fresh: draws (n, d) that are independent of z, from which the new column is computed.
+        fresh: rows (n, d) that `draw_rows` drew independently of z; the new column is computed from them.
 
         Returns
         -------

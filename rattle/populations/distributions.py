@@ -1,4 +1,4 @@
-"""Distributions that a number of a gear may have over a population."""
+"""Distributions, over a population, of a number that describes a gear, such as δ or the backlash."""
 
 from __future__ import annotations
 
@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from rattle.errors import ParameterError, did_you_mean, real_array, require, require_finite, require_number
 from rattle.populations.normal import ndtr, ndtri
 
-#: Numbers are drawn between the quantiles LEAST and 1 − LEAST: normal ones within 6.3 standard deviations of the mean.
+#: Numbers are drawn between the quantiles LEAST and 1 − LEAST of their distribution, so that none is infinite; a number
+#: with a normal distribution is within 6.3 standard deviations of its mean.
 LEAST = 2.0**-33
 #: Least probability that a normal distribution must have between the values low and high at which it is cut off.
 LEAST_PROBABILITY = 1e-6
@@ -21,7 +22,10 @@ Array = NDArray[np.float64]
 
 
 class Distribution(ABC):
-    """The distribution of a number of a gear: base class of Normal, Uniform, Triangular, LogNormal and Measured."""
+    """The distribution, over a population, of one of the numbers that describe a gear, such as δ or the backlash.
+
+    It is the base class of Normal, Uniform, Triangular, LogNormal and Measured.
+    """
 
     @abstractmethod
     def quantile(self, u: Array) -> Array:

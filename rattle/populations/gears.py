@@ -1,4 +1,4 @@
-"""Compute the attractors of a population's gears, many gears at once; the results are those of one gear at a time."""
+"""Compute the attractors of a population's gears, many gears at once, with the same results as one after another."""
 
 from __future__ import annotations
 
@@ -19,7 +19,8 @@ from rattle.populations.distributions import LEAST, Distribution
 from rattle.populations.plan import Z_TESTS, Plan
 from rattle.populations.tolerances import Points
 
-#: Number of samples that are followed at once; fewer at weak damping, where each sample is observed longer.
+#: Largest number of samples that are followed at once. At weak damping, where each sample is observed longer, it is
+#: divided by the ratio of the observation times.
 SAMPLE_BLOCK = 65_536
 #: Number of gears whose margins are computed at once.
 MARGIN_BLOCK = 64
@@ -100,7 +101,7 @@ def sorted_energies(plan: Plan, points: Points, count: int, seed: int) -> Array:
         The energies; NaN, which is last, for undecided samples.
     """
     found = np.empty((points.parameters.size, count))
-    for rows, few in points.by_shape():
+    for rows, few in points.split_by_harmonics():
         tau, v = initial_states(plan, few, count, seed)
         table, row, cells, how = follow_gears(few, tau, v, plan.budget)
         energy = intensities_of(table, cells, how).energy
@@ -117,8 +118,8 @@ def follow_gears(
     Returns
     -------
     tuple[AttractorTable, NDArray[np.int64], Any, Stretch]
-        The table of attractors; the row of each state's attractor in the table; and the other two arguments of
-        `intensities_of`: the cells, one for each gear, and the function that continues chaotic motions.
+        The table of attractors; the row of each state's attractor in the table; the cells, one for each gear; and the
+        function that continues chaotic motions. `intensities_of` takes the table, the cells and the function.
     """
     model = MODELS[points.parameters.model]
     found = model.classify_states(points.parameters, tau, v, budget)

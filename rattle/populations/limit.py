@@ -48,7 +48,8 @@ SCANNED_VALUES = 32
 FIRST_SAMPLES = 256
 #: Largest allowed number of samples at a value.
 MOST_COUNT = 65_536
-#: Ratio of a range's end to its middle, for numbers whose range does not start at 0.
+#: An end of a default range, if no value of the number determines it, is this factor away from a typical value or from
+#: the other end.
 RANGE_RATIO = 100.0
 #: Accuracy with which a limit is solved for, as a fraction of a step of the scan.
 ACCURACY = 2.0**-8
@@ -57,8 +58,8 @@ ACCURACY = 2.0**-8
 class Limit(NamedTuple):
     """The design limit of a number, in the unit of the number, with its 95 % interval.
 
-    The value, or an end of the interval, is NaN if it lies outside the scanned range. It does if the gear is not quiet
-    often enough at the first value of the scan, or is still quiet often enough at the last value.
+    The value, or an end of the interval, is NaN if it lies outside the scanned range. Then the gear is not quiet often
+    enough at the first value of the scan, or still quiet often enough at the last value.
     """
 
     value: float
@@ -208,11 +209,11 @@ class _Solver:
         self.known: dict[tuple[float, int | None], Excess] = {}
 
     def _default_range(self) -> tuple[float, float]:
-        """Return the default range of the scan.
+        """Return the default range of the scan, from a safe end, at which the scan starts, to an unsafe end.
 
-        The unsafe end of the range is the value beyond which no motion is quiet, or the last allowed value if it comes
-        first. The safe end is the last allowed value, such as 0. Where no such value exists, the end is a typical value
-        divided or multiplied by RANGE_RATIO.
+        For most numbers the unsafe end is the value beyond which the teeth cannot stay in contact, or the largest
+        allowed value if the scan comes to it first. The safe end is 0 if the scan can start at 0 (`starts_at_zero`). An
+        end without such a value is a typical value, or the other end, divided or multiplied by RANGE_RATIO.
 
         Returns
         -------
@@ -262,7 +263,7 @@ class _Solver:
 
     def _is_contact_impossible(self, value: float) -> bool:
         """Return whether the teeth cannot stay in contact at this value of the number whose limit is sought."""
-        ((_, few),) = points_of({**self.given, self.of: np.array([value])}).by_shape()
+        ((_, few),) = points_of({**self.given, self.of: np.array([value])}).split_by_harmonics()
         return is_beyond_quiet_limit(few.parameters)
 
     def _last_possible_value(self, unit: float) -> float:
@@ -317,7 +318,7 @@ class _Solver:
         at = points.parameters
         if Capability.CLOSED_FORM in MODELS[at.model].has and not np.all(at.epsilon < quiet_limit(at.delta)):
             return 0, 0
-        ((_, points),) = points.by_shape()
+        ((_, points),) = points.split_by_harmonics()
         at = points.parameters
         if at.model == Inelastic.name and is_beyond_quiet_limit(at):
             return 0, 0
@@ -359,8 +360,8 @@ class _Solver:
         """Return the index of the first value of the scan at which the share of quiet runs is too small.
 
         At each value FIRST_SAMPLES samples are followed first. If their share of quiet runs is at least the required
-        share, the value is safe; if it is significantly below the required share, the value is unsafe. In the third
-        case all samples are followed, and their share decides.
+        share, the value is safe; if it is significantly below the required share, the value is unsafe. Otherwise all
+        samples are followed, and the value is safe if their share is at least the required one.
 
         Returns
         -------
@@ -386,8 +387,10 @@ class _Solver:
         """
 
         def is_nonnegative(i: int) -> bool:
-            """Return whether `which` of the excess is at least 0 at value number i of the scan; i = −1: the value 0."""
-            if i < 0:  # eccentricity is the only forcing of a gear that is not inelastic: at 0 all motions become quiet
+            """Return whether the field `which` is at least 0 at value number i of the scan; i = −1 is the value 0."""
+            # 0 is not in the scan. At eccentricity 0 a gear that is not inelastic has no forcing: all motions become
+            # quiet. For any other number, or an inelastic gear, nothing is known about the value 0.
+            if i < 0:
                 return self.of in ("epsilon", "eccentricity") and not self._is_inelastic()
             return bool(getattr(self.excess(float(self.scanned[i])), which) >= 0.0)
 

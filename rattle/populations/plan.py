@@ -17,8 +17,8 @@ from rattle.populations.distributions import Distribution, Uniform, distribution
 from rattle.populations.tolerances import Tolerances
 
 #: Numbers of the parts into which the rows of a plan are divided. POPULATION: the gears of the population. AGAIN: the
-#: first of these gears again, with other samples. FIRST_REDRAWN and above: gears that differ from these first gears in
-#: some numbers, which are drawn again.
+#: population's first gears once more, with other samples. FIRST_REDRAWN and above: the same first gears, with some of
+#: their numbers drawn again.
 POPULATION, AGAIN, FIRST_REDRAWN = 0, 1, 2
 #: Largest allowed numbers of gears, and of samples of a gear.
 MOST_GEARS, MOST_COUNT = 10_000_000, 65_536
@@ -120,7 +120,7 @@ class Plan:
 
     @cached_property
     def rows_per_sobol_part(self) -> int:
-        """The number of rows of each part that only Sobol indices need.
+        """The number of rows in each part except the first; only Sobol indices need these parts.
 
         It is the smaller of `pairs` and `gears`; 0 if only one number varies.
         """
@@ -137,7 +137,7 @@ class Plan:
         return self.gears + self.rows_per_sobol_part * (1 + 2 * len(self.tolerances.names))
 
     def is_judged(self, rows: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """Return which rows are tested for the requirement: `n_judged` rows of the population, evenly spread."""
+        """Return for each row whether its gear is tested: `n_judged` rows, evenly spread over the population, are."""
         number = rows * self.n_judged // self.gears
         return np.asarray((rows < self.gears) & (number != (rows - 1) * self.n_judged // self.gears))
 
@@ -153,27 +153,27 @@ class Plan:
         return slice(start, start + self.rows_per_sobol_part)
 
     def number_of_keeping_part(self, i: int) -> int:
-        """Return the number of the part whose gears keep varying number i, with all other numbers drawn again."""
+        """Return the number of the part in which all varying numbers but number i are drawn again."""
         return FIRST_REDRAWN + i
 
     def number_of_redrawing_part(self, i: int) -> int:
-        """Return the number of the part whose gears have varying number i drawn again, with all other numbers kept."""
+        """Return the number of the part in which only varying number i is drawn again."""
         return FIRST_REDRAWN + len(self.tolerances.names) + i
 
     def values(self, rows: NDArray[np.int64]) -> Array:
-        """Return the numbers (n, d) that vary, for the gears of these n rows."""
+        """Return the values (n, d) of the d numbers that vary, for the gears of these n rows."""
         copula, varying = self.tolerances.copula, len(self.tolerances.names)
         parts = self.parts(rows)
         base = np.where(parts == POPULATION, rows, (rows - self.gears) % max(self.rows_per_sobol_part, 1))
-        z = copula.draws(self.seed, 0, base)
+        z = copula.draw_rows(self.seed, 0, base)
         shared = parts >= FIRST_REDRAWN
         if shared.any():
-            fresh = copula.draws(self.seed, REDRAWN_STREAM, base[shared])
+            fresh = copula.draw_rows(self.seed, REDRAWN_STREAM, base[shared])
             original, part, found = z[shared], parts[shared], z[shared]
             for i in range(varying):
                 kept, redrawn = part == self.number_of_keeping_part(i), part == self.number_of_redrawing_part(i)
-                found[kept] = copula.with_kept(i, original[kept], fresh[kept])
-                found[redrawn] = copula.with_redrawn(i, original[redrawn], fresh[redrawn])
+                found[kept] = copula.redraw_others(i, original[kept], fresh[kept])
+                found[redrawn] = copula.redraw_column(i, original[redrawn], fresh[redrawn])
             z[shared] = found
         return self.tolerances.values(z)
 

@@ -67,8 +67,8 @@ class Points(NamedTuple):
         units = None if self.units is None else Units(*(np.broadcast_to(x, shape)[which] for x in self.units))
         return Points(self.parameters.take(which), units, None if self.shapes is None else self.shapes[which])
 
-    def by_shape(self) -> Iterator[tuple[NDArray[np.int64], Points]]:
-        """Yield indices and points of gears with equal harmonics, because compiled code takes one set of harmonics."""
+    def split_by_harmonics(self) -> Iterator[tuple[NDArray[np.int64], Points]]:
+        """Yield the gears in groups with equal harmonics: the indices and the points of the gears of each group."""
         if self.shapes is None:
             yield np.arange(self.parameters.size), self
             return
@@ -83,11 +83,12 @@ class Points(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Tolerances:
-    """The numbers of a gear by name; each is a number, a distribution, or text that `distribution_of` reads.
+    """The numbers that describe a gear, by name; each is a number, a distribution, or text for `distribution_of`.
 
-    A dimensionless gear has delta, epsilon, beta (0.6), the parameters that a model adds, and amplitudes such as
-    harmonic_20. A `Machine` has inertia, drag, backlash, eccentricity, radius, rpm, stiffness, load_torque, the numbers
-    of its second gear, mesh_error, amplitudes such as error_20, and drive. Both may have restitution. All phases are 0.
+    A dimensionless gear has delta, epsilon, beta (by default 0.6), the parameters that a model adds, and amplitudes
+    such as harmonic_20. A `Machine` has inertia, drag, backlash, eccentricity, radius, rpm, stiffness, load_torque, the
+    numbers of its second gear, mesh_error, amplitudes such as error_20, and the text drive ("torque" or "speed"). Both
+    may have restitution. The phases of all harmonics and errors are 0.
 
     correlation: the correlation matrix of the normal scores of the varying numbers, in the order in which the numbers
     are listed above. Raises ParameterError.
@@ -187,8 +188,9 @@ def points_of(given: Mapping[str, Any]) -> Points:
     errors = [(order, numbers[name], 0.0) for order, name in amplitudes_by_order(numbers, ERROR)]
     at = machine_point(numbers, numbers["rpm"] * RPM, errors)
     rows = zip(at.forcing.orders, at.forcing.relative, at.forcing.phase, strict=True)
-    shape = {order: (size, phase) for order, size, phase in rows} if len(at.forcing.orders) > 1 else {}
-    return _points_of_arrays({"delta": at.delta, "epsilon": at.epsilon, "beta": at.beta, **at.added}, at.units, shape)
+    harmonics = {order: (size, phase) for order, size, phase in rows} if len(at.forcing.orders) > 1 else {}
+    dimensionless = {"delta": at.delta, "epsilon": at.epsilon, "beta": at.beta, **at.added}
+    return _points_of_arrays(dimensionless, at.units, harmonics)
 
 
 def machine_of(numbers: Mapping[str, Any]) -> Machine:
@@ -199,7 +201,7 @@ def machine_of(numbers: Mapping[str, Any]) -> Machine:
 
 
 def amplitudes_by_order(given: Mapping[str, Any], pattern: re.Pattern[str]) -> list[tuple[int, str]]:
-    """Return (order, name) of each amplitude in `given` whose name matches a pattern, HARMONIC or ERROR, by order."""
+    """Return (order, name), sorted by order, of each amplitude in `given` whose name matches HARMONIC or ERROR."""
     return sorted((int(found[1]), name) for name in given if (found := pattern.fullmatch(name)))
 
 
@@ -250,19 +252,21 @@ def require_known_names(given: Mapping[str, Any]) -> None:
     require(drive in conversion.DRIVES, f"drive must be torque or speed, got {drive!r}")
 
 
-def _points_of_arrays(numbers: Mapping[str, Any], units: Units | None, shape: Mapping[int, tuple[Any, Any]]) -> Points:
-    """Return the gears with these arrays of dimensionless numbers; shape: {order: (amplitude/ε, phase)}."""
+def _points_of_arrays(
+    numbers: Mapping[str, Any], units: Units | None, harmonics: Mapping[int, tuple[Any, Any]]
+) -> Points:
+    """Return the gears with these dimensionless numbers, as arrays; harmonics: {order: (amplitude/ε, phase)}."""
     given = {name: value for name, value in numbers.items() if value is not None}
-    if shape or any(each.name in given for each in Inelastic.added):
+    if harmonics or any(each.name in given for each in Inelastic.added):
         given = {"restitution": 1.0, "load": 0.0, **given}
     model = model_adding(name for name in given if name in ADDED)
     numbers_of = {name: given[name] for name in ("delta", "epsilon", "beta")}
     numbers_of |= {each.name: given[each.name] for each in model.added}
     at = Parameters.from_values(model.name, **numbers_of).take(...)
-    if not shape:
+    if not harmonics:
         return Points(at, units)
-    sizes, phases = ([np.broadcast_to(each[i], at.shape) for each in shape.values()] for i in (0, 1))
-    forcing = PairForcing(1.0, 1.0, 1.0, tuple(shape), np.stack(sizes), np.stack(phases))
+    sizes, phases = ([np.broadcast_to(each[i], at.shape) for each in harmonics.values()] for i in (0, 1))
+    forcing = PairForcing(1.0, 1.0, 1.0, tuple(harmonics), np.stack(sizes), np.stack(phases))
     shapes = np.empty(at.shape, object)
     for row in np.ndindex(at.shape):
         shapes[row] = forcing.harmonics(row)

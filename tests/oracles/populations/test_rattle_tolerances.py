@@ -61,18 +61,18 @@ def test_distributions_are_read_from_text(text: str, meant: Distribution) -> Non
 
 def test_draws_have_the_correlations_that_were_asked_for() -> None:
     copula = Copula(checked_correlation(MATRIX, ("a", "b", "c")))
-    z = copula.draws(7, 0, ROWS)
+    z = copula.draw_rows(7, 0, ROWS)
     assert np.abs(np.cov(z.T) - MATRIX).max() < STATISTICAL
     assert np.abs(z.mean(axis=0)).max() < STATISTICAL
-    assert np.array_equal(copula.draws(7, 0, ROWS[30:32]), z[30:32])
-    assert not np.array_equal(copula.draws(8, 0, ROWS), z)
+    assert np.array_equal(copula.draw_rows(7, 0, ROWS[30:32]), z[30:32])
+    assert not np.array_equal(copula.draw_rows(8, 0, ROWS), z)
 
 
 @pytest.mark.parametrize("i", range(3))
 def test_draws_that_share_numbers_are_as_frequent_as_all_others(i: int) -> None:
     copula = Copula(MATRIX)
-    z, fresh = copula.draws(7, 0, ROWS), copula.draws(7, 1, ROWS)
-    kept, changed = copula.with_kept(i, z, fresh), copula.with_redrawn(i, z, fresh)
+    z, fresh = copula.draw_rows(7, 0, ROWS), copula.draw_rows(7, 1, ROWS)
+    kept, changed = copula.redraw_others(i, z, fresh), copula.redraw_column(i, z, fresh)
     others = [j for j in range(3) if j != i]
     assert np.array_equal(kept[:, i], z[:, i])
     assert np.array_equal(changed[:, others], z[:, others])
@@ -91,7 +91,7 @@ def test_draws_that_share_numbers_are_as_frequent_as_all_others(i: int) -> None:
 def test_gears_are_the_machines_of_their_numbers_to_the_bit(more: dict[str, Any]) -> None:
     given = DRAWING | {"eccentricity": rattle.Uniform(5e-6, 15e-6), "rpm": rattle.Normal(3000.0, 100.0)} | more
     tolerances = Tolerances(given)
-    values = tolerances.values(tolerances.copula.draws(1, 0, np.arange(20)))
+    values = tolerances.values(tolerances.copula.draw_rows(1, 0, np.arange(20)))
     points = tolerances.points(values)
     for k, row in enumerate(values):
         machine = rattle.Machine(**{**given, **dict(zip(tolerances.names, row, strict=True))})
@@ -119,7 +119,7 @@ def test_gears_that_were_measured_vary_as_they_did(tmp_path: Path) -> None:
     assert measured["eccentricity"].values == tuple(sorted(columns[0]))
     assert correlation[0, 1] == pytest.approx(np.corrcoef(z.T)[0, 1], abs=0.02)
     tolerances = Tolerances({**DRAWING, **measured}, correlation)
-    values = tolerances.values(tolerances.copula.draws(0, 0, ROWS[:4000]))
+    values = tolerances.values(tolerances.copula.draw_rows(0, 0, ROWS[:4000]))
     ranks = stats.spearmanr(values).statistic
     assert ranks == pytest.approx(stats.spearmanr(np.transpose(columns)).statistic, abs=0.06)
 
