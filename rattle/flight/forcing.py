@@ -320,7 +320,7 @@ def mean_cosine32(angle, sin0, cos0):
 
 @inline
 def add_mean_acceleration32(x, mean_cosine, epsilon):
-    """Return x plus the mean second derivative of the forcing, given the result of `mean_cosine32`."""
+    """Return x + the mean of e'', e the forcing, over the time for which `mean_cosine32` returned `mean_cosine`."""
     return x - W2 * epsilon * mean_cosine
 
 
@@ -521,5 +521,13 @@ def least_damping(epsilon: float) -> float:
 
 
 def phase_of_entry(delta: float, share: float) -> float:
-    """Return the phase at which the contact force becomes negative. share: the quiet limit divided by ε, at most 1."""
+    """Return the phase at which the contact force becomes negative. share: the quiet limit divided by ε, at most 1.
+
+    This is the entry into the arc of phases with a negative force.
+
+    Returns
+    -------
+    float
+        The phase, in forcing periods.
+    """
     return float((np.arctan2(delta, 2 * np.pi) - np.arccos(share)) / (2 * np.pi))

@@ -18,7 +18,7 @@ from rattle.numerics.compile import inline
 
 @inline
 def reflected_velocity(w):
-    """Return the velocity after an elastic impact from that before it. Callers multiply it by the restitution."""
+    """Return the velocity after an elastic impact from the velocity w before it. Callers multiply the result by r."""
     return -w
 
 

@@ -22,9 +22,9 @@ from rattle.flight.lanes.block import (
     ONCE,
     SMOOTH,
     clear_block,
+    force_kind,
     has_ended,
-    load,
-    needed_stage,
+    load_trajectory,
 )
 from rattle.flight.lanes.stages import advance
 from rattle.flight.law import LONGEST_DECAY, decay64, flight_from_sine_cosine
@@ -48,8 +48,8 @@ WORK = np.dtype(
 def direction_of(lane, few):
     """Return the direction and the radius that a lane of a group tries.
 
-    lane: from 0, within the group. few: the group tries four directions at four radii; otherwise all directions at one
-    radius.
+    lane: number of the lane within its group, from 0. few: True if the group tries four directions at four radii, False
+    if it tries all directions at one radius.
 
     Returns
     -------
@@ -63,7 +63,7 @@ def direction_of(lane, few):
 def load_centre(b, group, i, centres, cells):
     """Load into all lanes of a group the parameters of the cell in which capture region i of `centres` lies."""
     first, cell = group * GROUP, centres.cell[i]
-    load(b, first, 0.0, 1.0, cells.delta[cell], cells.epsilon[cell], cells.beta[cell], -1.0)
+    load_trajectory(b, first, 0.0, 1.0, cells.delta[cell], cells.epsilon[cell], cells.beta[cell], -1.0)
     for field in range(len(b.carried)):
         for lane in range(first + 1, first + GROUP):
             b.carried[field, lane] = b.carried[field, first]
@@ -94,7 +94,7 @@ def load_states(b, work, group, i, level, few, centres):
 def fly_once(memory, work, groups, force, paths):
     """Advance the state of every unfinished lane by one flight, and multiply the lane's tangent matrix by the flight's.
 
-    force: the result of `needed_stage`, SMOOTH, ROUGH or ARCS, which decides how first impacts are guessed and proved.
+    force: the result of `force_kind`, SMOOTH, ROUGH or ARCS, which decides how first impacts are guessed and proved.
     `work` holds the tangent matrices. `paths` (2,) counts flights whose first impact needs a scan, and flights whose
     first impact needs the slower safe search.
     """
@@ -147,15 +147,15 @@ def meets_capture_conditions(b, work, lane, i, centres):
 
 @inline
 def halvings_without_failure(b, work, group, i, level, few, centres):
-    """Return the number k for which LARGEST / 2^k is the largest radius at which no direction of a group failed.
+    """Return the k of the largest radius at which no direction of a group failed; the radii are LARGEST / 2^k.
 
-    level: the same number for the largest radius that the group tried. few: True if the group tried four directions at
+    level: the k of the largest radius that the group tried. few: True if the group tried four directions at
     four radii, False if it tried all directions at one radius.
 
     Returns
     -------
     int
-        The number k. If a direction failed at every tried radius, LARGEST / 2^k is half the smallest tried radius.
+        k. If at every tried radius some direction failed, it is the k of half the smallest tried radius.
     """
     radii = FEW if few else 1
     for halvings in range(radii):
@@ -206,7 +206,7 @@ def write_radii(memory, work, centres, cells, paths):
         if groups == 0:
             break
         if begun:
-            force = needed_stage(b, groups)
+            force = force_kind(b, groups)
         fly_once(memory, work, groups, force, paths)
 
 

@@ -107,7 +107,13 @@ class ImpactingClassifier(Classifier):
     def states_after(
         parameters: Parameters, tau: NDArray[np.float64], v: NDArray[np.float64], returns: int
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
-        """Return τ and v after a number of returns to Σ⁺, and flags of states at rest: False, as bounces never end."""
+        """Return τ and v after a number of returns to Σ⁺, and flags of states at rest.
+
+        Returns
+        -------
+        tuple[ndarray, ndarray, ndarray]
+            τ, v and the flags. All flags are False: elastic bounces become ever lower, but never end.
+        """
         moved = iterate(parameters.delta, parameters.epsilon, tau, v, returns, parameters.beta)
         return moved.tau, moved.v, np.zeros(tau.size, np.bool_)
 

@@ -12,9 +12,10 @@ from rattle.impacting.orbits.equations import Itinerary
 from rattle.impacting.orbits.limits import flip_formula, sine_offset, sn1_formula
 from rattle.numerics.complex_step import Array
 
-# number of members between the two neighbours of a zero in each refinement; most refinements
+# number of members that a refinement lays from one neighbour of a zero to the other; most refinements
 FINER, FINEST = 33, 12
-# difference of the two neighbours of a zero, in times and relative in ε, below which they need no further refinement
+# a zero needs no further refinement if the members on either side of it differ by less than this: in impact times, in
+# forcing periods, and in ε, as a share of ε
 CLOSE = 0.02
 
 
@@ -59,7 +60,7 @@ def two_impact_family(delta: float, beta: float) -> StartFamily:
     return family_members(sigma[(sigma > 0.0) & np.isfinite(epsilon)], delta, beta)
 
 
-def zeros(
+def find_zeros(
     values: Callable[[StartFamily], Array], coarse: StartFamily, members_at: Callable[[Array], StartFamily]
 ) -> list[Array]:
     """Find the zeros of a function along a family of motions, close enough to start Newton's method.
@@ -96,7 +97,7 @@ def zeros(
 
 def _zeros_of(values: Callable[[StartFamily], Array], delta: float, beta: float) -> list[Array]:
     """Return the unknowns at the zeros of a function along the P(1,1,1) motions at one damping."""
-    return zeros(values, two_impact_family(delta, beta), lambda sigma: family_members(sigma, delta, beta))
+    return find_zeros(values, two_impact_family(delta, beta), lambda sigma: family_members(sigma, delta, beta))
 
 
 def two_impact_folds(delta: float, beta: float) -> list[Array]:

@@ -89,7 +89,7 @@ class SaddleManifolds:
         """Return the signed distance of states (2, n) from W^s(A), and their positions t along W^s(A).
 
         The distance is measured along the unstable eigenvector; near A, |t| is the arclength from A, relative to the
-        size of the local series. Both are infinite for states beyond the series.
+        size of the local series. Both are inf for states farther along W^s(A) than this series reaches (|t| > 1).
 
         Returns
         -------
@@ -302,7 +302,10 @@ def square_root_coefficient(crisis: Crisis) -> float:
     word = here.distances_after(around, n)[1]
     edges = np.flatnonzero(word[1:] != word[:-1])
     if not edges.size:
-        raise RattleError(f"W^u(A) has no corner within 5 % of the contact at delta = {crisis.delta}")
+        raise RattleError(
+            f"W^u(A) has no corner where it touches W^s(A), or within 5 % of this position along W^u(A), "
+            f"at delta = {crisis.delta}"
+        )
     i = int(edges[np.argmin(np.abs(around[edges] - s))])
     low, high, first = around[i], around[i + 1], word[i]
     while low < (middle := 0.5 * (low + high)) < high:

@@ -52,7 +52,7 @@ def largest_eta(delta):
 
 @kernel
 def compiled_capture_invariant(delta, epsilon, beta, largest):
-    """Return the result of `capture_invariant`, inside kernels. `largest` (ABREAST,) is scratch memory."""
+    """Return the result of `capture_invariant`, inside kernels. `largest` (ABREAST,) is scratch memory for maxima."""
     smallest = DRIFT * delta - contact_force_swing(delta, epsilon)
     if smallest <= 0.0:
         return 0.0
@@ -75,7 +75,7 @@ def compiled_capture_invariant(delta, epsilon, beta, largest):
 
 @kernel
 def fill_invariants(delta, epsilon, beta, largest, found):
-    """Write the result of `capture_invariant` for n cells to `found` (n,). `largest` (ABREAST,) is scratch memory."""
+    """Write the results of `capture_invariant` to `found` (n,). `largest` (ABREAST,) is scratch memory for maxima."""
     for i in range(delta.size):
         found[i] = compiled_capture_invariant(delta[i], epsilon[i], beta[i], largest)
 

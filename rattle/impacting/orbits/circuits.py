@@ -161,7 +161,9 @@ def find_sign_change(work, n, hi, f_lo, slope_lo, f_hi, slope_hi, delta, epsilon
     for _ in range(MOST_ZOOMS):
         if not slope_lo * f_lo < 0.0 < slope_hi * f_hi:
             break
-        if hi - lo < 0.5 * whole:  # R_0 is convex or concave here, so it stays on one side of its tangents
+        # on so short an interval R_0 counts as convex or concave, so it has no zero if the tangents at both ends meet
+        # before they reach 0
+        if hi - lo < 0.5 * whole:
             s = (f_hi - f_lo + slope_lo * lo - slope_hi * hi) / (slope_lo - slope_hi)
             if (f_lo + slope_lo * (s - lo)) * f_lo > 0.0:
                 break

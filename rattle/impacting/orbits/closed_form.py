@@ -79,7 +79,7 @@ def closure_numerators(sigma, delta, beta):
     determinant = a11 * a22 - a12 * a21
     x, y = b1 * a22 - a12 * b2, a11 * b2 - a21 * b1
     y_s = -(y * cosy + x * siny)
-    p_excess = FOUR_PI * (k_r * determinant + er * y_s - y) / le  # numerator of p − 4π
+    p_excess = FOUR_PI * (k_r * determinant + er * y_s - y) / le  # (p − 4π) · determinant
     v = p_excess + TWO_PI * y
     u = p_excess * es - FOUR_PI * ls * determinant + TWO_PI * y_s
     return x, y, v, u, determinant
@@ -94,13 +94,13 @@ def family_eccentricity(sigma, delta, beta):
 
 @kernel
 def residual(kind, level, sigma, delta, beta):
-    """Return a function of σ along the family of P(1,1,1), whose impact on Σ⁻ comes 1/2 + σ periods after that on Σ⁺.
+    """Return one of two numbers of the P(1,1,1) whose impact on Σ⁻ comes 1/2 + σ periods after that on Σ⁺.
 
     Returns
     -------
     float
-        kind 0: the eccentricity ε of the motion, less `level`. kind 1: the numerator of its speed at Σ⁻, which has no
-        pole; `level` is not used.
+        If kind is 0, the eccentricity ε of the motion minus `level`. If kind is 1, the numerator of its speed at Σ⁻,
+        which has no pole; `level` is then not used.
     """
     if kind == 0:
         return family_eccentricity(sigma, delta, beta) - level
@@ -244,7 +244,7 @@ def double_impact_orbit(sigma, delta, epsilon, beta):
         return False, tau, v, 0.0
     sin0, cos0 = y / epsilon, x / epsilon
     omc, siny, _defect = versines(sigma)
-    # sine and cosine of 2πs, half a turn from those of 2πσ
+    # sine and cosine of 2π(τ + s), at the impact on Σ⁻; as s = 1/2 + σ, those of 2πs are minus those of 2πσ
     sin1, cos1 = sin0 * omc - sin0 - cos0 * siny, cos0 * omc - cos0 + sin0 * siny
     d1, d2 = -math.expm1(-delta * s), -math.expm1(-delta * r)
     down = flight_from_sine_cosine(-v, sin0, cos0, delta, epsilon, DRIFT)
