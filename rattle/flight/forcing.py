@@ -150,7 +150,7 @@ def phase_at(tau):
 
 @inline
 def library_phase(tau):
-    """Return the sine and cosine of 2πτ by the mathematical library, which is exact to the last bit but slower."""
+    """Return the sine and cosine of 2πτ by the mathematical library: exact to the last bit, slower than `phase_at`."""
     angle = TWO_PI * tau
     return math.sin(angle), math.cos(angle)
 
@@ -485,7 +485,7 @@ class Forcing:
         return np.asarray(2 * TWO_PI * delta - TWO_PI * self.epsilon * np.hypot(TWO_PI, delta))
 
     def spectral_lines(self, delta: float) -> list[tuple[float, complex]]:
-        """Return the contact force Σ size e^(i frequency t) as a list of (frequency, size); the mean is first."""
+        """Return the contact force Σ size e^(i frequency t) as (frequency, complex size), the mean first, t in forcing periods."""
         size = self.epsilon * complex(-0.5 * TWO_PI**2, 0.5 * TWO_PI * delta)
         return [(0.0, complex(mean_force(delta))), (TWO_PI, size), (-TWO_PI, size.conjugate())]
 

@@ -62,7 +62,7 @@ class Scan(NamedTuple):
     turn: f32  # time of the last minimum
     ended: bool  # the scan has found the end of the flight
     falls: bool  # the flight ends on Σ⁻
-    end: f32  # time of the flight's end; −1 if F has a minimum in the same step: it then has to be found from there
+    end: f32  # time of the flight's end; −1 if F has a minimum in the last step: it is then solved for from there
 
 
 @inline

@@ -45,7 +45,7 @@ WORK = np.dtype(
 
 
 @inline
-def direction_of(lane, few):
+def direction_and_halvings(lane, few):
     """Return the direction and the radius that a lane of a group tries.
 
     lane: number of the lane within its group, from 0. few: True if the group tries four directions at four radii, False
@@ -81,7 +81,7 @@ def load_states(b, work, group, i, level, few, centres):
     """
     for j in range(GROUP):
         lane = group * GROUP + j
-        direction, halvings = direction_of(j, few)
+        direction, halvings = direction_and_halvings(j, few)
         tau, v = state_on_ellipse(centres, i, direction, math.ldexp(LARGEST, -level - halvings))
         b.sin0[lane], b.cos0[lane] = phase_at(tau)
         b.tau[lane], b.w[lane], b.wall[lane] = tau, -v, 1.0
@@ -161,7 +161,7 @@ def halvings_without_failure(b, work, group, i, level, few, centres):
     for halvings in range(radii):
         good = True
         for j in range(GROUP):
-            if direction_of(j, few)[1] == halvings:
+            if direction_and_halvings(j, few)[1] == halvings:
                 good = good and meets_capture_conditions(b, work, group * GROUP + j, i, centres)
         if good:
             return level + halvings

@@ -100,7 +100,7 @@ class ImpactingClassifier(Classifier):
 
     @classmethod
     def cells_of_orbits(cls, parameters: Parameters) -> ImpactingCells:
-        """Return the record of cells for periodic orbits, without the test for quiet motion: preparing it is slow."""
+        """Return the record of cells for periodic orbits. It lacks the test for quiet motion, slow to prepare."""
         return elastic_cells(parameters.delta, parameters.epsilon, parameters.beta, np.zeros(parameters.size))
 
     @staticmethod

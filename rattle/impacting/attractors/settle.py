@@ -178,7 +178,7 @@ def check_lanes(b, groups, fresh, which, cells, samples, balls):
 
 @kernel
 def settle(memory, which, flights, cells, samples, balls, paths):
-    """Follow the samples `which` until each has an outcome or reaches its limit of impacts.
+    """Follow the samples whose numbers are in `which` until each has an outcome or reaches its limit of impacts.
 
     `flights` flights pass between two checks of the lanes. A sample that reaches its limit without an outcome remains
     UNRESOLVED. `paths` (2,) counts flights whose first impact needs a scan, and flights whose first impact needs the

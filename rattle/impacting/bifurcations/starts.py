@@ -55,8 +55,8 @@ def family_members(sigma: Array, delta: float, beta: float) -> StartFamily:
 
 @lru_cache(maxsize=256)
 def two_impact_family(delta: float, beta: float) -> StartFamily:
-    """Return the P(1,1,1) motions (B and D) at one damping, at the nodes σ > 0 of `closed_form.nodes`."""
-    sigma, epsilon = closed_form.nodes(delta, beta)
+    """Return the P(1,1,1) motions (B and D) at one damping, at the nodes σ > 0 of `closed_form.nodes_of_family`."""
+    sigma, epsilon = closed_form.nodes_of_family(delta, beta)
     return family_members(sigma[(sigma > 0.0) & np.isfinite(epsilon)], delta, beta)
 
 

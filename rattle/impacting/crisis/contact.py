@@ -24,7 +24,8 @@ from rattle.orbits.saddles import Array, LocalManifold, eigenvectors, local_mani
 GRID, ZOOMS = 41, 13  # number of points of a grid in s; number of refinements of the grid around its minimum
 # distance in s from the contact, relative to s, of the two points on either side whose itineraries are compared
 SAME = 1e-9
-# points of W^u(A) more than this number of impacts away from the local series are interpolated; number of nodes
+# points of W^u(A) more than this number of impacts away from the local series are interpolated; number of nodes of the
+# interpolation
 LONG, NODES = 30, 16
 NEWTON = 4  # number of Newton steps to the position of a state along W^s(A)
 MOST_ROUNDS = 40  # most moves of an interval until it holds a root

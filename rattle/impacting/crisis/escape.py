@@ -61,7 +61,7 @@ class Saddles(NamedTuple):
     multiplier: Array
 
     def select(self, chosen: Flags) -> "Saddles":
-        """Return the saddles at the chosen points."""
+        """Return the saddles at the points whose flags in `chosen` (n,) are True."""
         return Saddles(*(x[chosen] for x in self))
 
     @property
@@ -122,7 +122,7 @@ def _limit_factor(delta: Array) -> Array:
     return most_impacts_to_rest(delta) / LONGEST_REST
 
 
-def saddles(delta: Array, epsilon: Array, beta: Array) -> Saddles:
+def saddles_at(delta: Array, epsilon: Array, beta: Array) -> Saddles:
     """Return the saddle A at flat arrays of parameters."""
     orbits = period_one(delta, epsilon, beta)
     multiplier = np.real(orbits.multipliers[0, 0])
@@ -165,7 +165,7 @@ class FollowedManifold:
 
 def has_escaping_part(delta: float, epsilon: Array, beta: float) -> Flags:
     """Return flags (n,) of eccentricities at which a part of W^u(A) becomes quiet; False where not `is_decidable`."""
-    a = saddles(np.full(epsilon.size, delta), epsilon, np.full(epsilon.size, beta))
+    a = saddles_at(np.full(epsilon.size, delta), epsilon, np.full(epsilon.size, beta))
     found = a.is_decidable
     if found.any():
         a = a.select(found)
@@ -175,7 +175,7 @@ def has_escaping_part(delta: float, epsilon: Array, beta: float) -> Flags:
 
 def saddle_at(delta: float, epsilon: float, beta: float) -> Saddles:
     """Return the saddle A at one point. Raises RattleError unless the point is `Saddles.is_decidable`."""
-    a = saddles(*(np.array([x]) for x in (delta, epsilon, beta)))
+    a = saddles_at(*(np.array([x]) for x in (delta, epsilon, beta)))
     if not a.is_decidable[0]:
         raise RattleError(
             f"W^u(A) cannot be followed at delta = {delta}, epsilon = {epsilon}, beta = {beta}: the saddle A or quiet "

@@ -119,7 +119,7 @@ def compare_step_with_curve(work, n):
 
 
 @kernel
-def keep_zero_between(work, n, lo, hi, f_lo, f_hi, farthest, delta, epsilon, beta):
+def keep_stable_orbit_between(work, n, lo, hi, f_lo, f_hi, farthest, delta, epsilon, beta):
     """Find the orbit between the distances lo and hi, where R_0 changes sign; add it to `work.found` if it is stable.
 
     The search runs along the curve of motions that satisfy all impact equations but the first. R_0 is the residual of
@@ -257,13 +257,13 @@ def walk_circuit(work, n, span, longest, delta, epsilon, beta):
             work.next_point[i], work.next_direction[i] = work.times[i], work.response[i] / length
         if (f0 > 0.0) != (f1 > 0.0):
             zeros += 1
-            keep_zero_between(work, n, 0.0, s, f0, f1, s, delta, epsilon, beta)
+            keep_stable_orbit_between(work, n, 0.0, s, f0, f1, s, delta, epsilon, beta)
         else:
             crosses, at, f = find_sign_change(work, n, s, f0, slope0, f1, slope1, delta, epsilon, beta)
             if crosses:
                 zeros += 2
-                keep_zero_between(work, n, 0.0, at, f0, f, s, delta, epsilon, beta)
-                keep_zero_between(work, n, at, s, f, f1, s, delta, epsilon, beta)
+                keep_stable_orbit_between(work, n, 0.0, at, f0, f, s, delta, epsilon, beta)
+                keep_stable_orbit_between(work, n, at, s, f, f1, s, delta, epsilon, beta)
         if step > 2 and has_closed(work, n, s):
             return CLOSED, zeros
         if abs(work.next_point[0] - work.start[0]) >= span:
