@@ -485,7 +485,7 @@ class Forcing:
         return np.asarray(2 * TWO_PI * delta - TWO_PI * self.epsilon * np.hypot(TWO_PI, delta))
 
     def spectral_lines(self, delta: float) -> list[tuple[float, complex]]:
-        """Return the contact force Σ size e^(i frequency t) as (frequency, complex size), the mean first, t in forcing periods."""
+        """Return the contact force Σ size e^(i frequency t), t in forcing periods, as [(frequency, size), …], mean first."""
         size = self.epsilon * complex(-0.5 * TWO_PI**2, 0.5 * TWO_PI * delta)
         return [(0.0, complex(mean_force(delta))), (TWO_PI, size), (-TWO_PI, size.conjugate())]
 

@@ -36,7 +36,7 @@ def reflected_change(change):
 
 @inline
 def arrival_term(w):
-    """Return the term of `impact_mismatch` that holds the arrival velocity w. It is linear, so w may be a derivative."""
+    """Return the term of `impact_mismatch` that holds the arrival velocity w. It is linear: w may be a derivative."""
     return w
 
 

@@ -120,7 +120,7 @@ evaluate32 = _build_evaluate(np.float32, decay32, forcing.IN_SINGLE)
 
 @inline
 def flight_from_sine_cosine(w, sin0, cos0, delta, epsilon, drift):
-    """Return the flight that leaves a wall with velocity w at the phase of sin0 and cos0. drift: q of the flight law."""
+    """Return the flight that leaves a wall with velocity w at the phase of sin0, cos0. drift: q of the flight law."""
     return Flight(w, add_slope(drift, sin0, cos0, epsilon) - w, sin0, cos0, delta, epsilon)
 
 

@@ -234,7 +234,7 @@ def prepare_flights(b, groups, is_queue_empty):
 
 @inline
 def force_kind(b, groups):
-    """Return how much the contact force varies on the lanes in use; it decides how impacts are guessed and proved.
+    """Return how much the contact force varies on the lanes in use: it decides the stages that the lanes need.
 
     Returns
     -------

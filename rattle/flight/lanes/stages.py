@@ -246,7 +246,7 @@ def has_lossy_lane(b, groups):
 
 @inline
 def stop_completing_chatters(b, groups):
-    """Stop the lanes whose chatter is certain to complete. The caller computes when they leave the wall again."""
+    """Stop the lanes whose chatter is certain to complete. The caller computes when their motions leave the wall."""
     for i in range(GROUP * groups):
         pressing = b.wall[i] * contact_force(b.sin0[i], b.cos0[i], b.delta[i], b.epsilon[i], DRIFT)
         stops = chatter_completes(abs(b.w[i]), pressing, b.gap[i], b.capture[i]) & (b.n_plus[i] < b.limit[i])

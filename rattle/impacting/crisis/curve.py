@@ -103,7 +103,7 @@ def _steps_of_next_crisis(last: Crisis) -> int:
 def contact_at_delta(known: list[Crisis], delta: float) -> Crisis:
     """Return the crisis at a damping, guessed from the crises that are found so far.
 
-    known: these crises in the order of the curve; the last of them is the nearest to the wanted one.
+    known: these crises in the order of the curve; the last of them is the nearest to the new one.
 
     Returns
     -------
