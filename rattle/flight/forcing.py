@@ -344,7 +344,7 @@ def minus_fifth_derivative32(sine, cosine, epsilon):
 
 @inline
 def change_scale32(s):
-    """Return an upper bound of |e(t + s) − e(t) − s e'(t)|/ε, e the forcing: it limits rounding errors of F."""
+    """Return an upper bound of |e(t + s) − e(t) − s e'(t)|/ε, e the forcing. The bound limits rounding errors of F."""
     y = W1 * s
     return min(y * y * (f32(0.5) + y * f32(1 / 6)), y + f32(3.0))
 
@@ -485,7 +485,7 @@ class Forcing:
         return np.asarray(2 * TWO_PI * delta - TWO_PI * self.epsilon * np.hypot(TWO_PI, delta))
 
     def spectral_lines(self, delta: float) -> list[tuple[float, complex]]:
-        """Return the contact force Σ size e^(i frequency t), t in forcing periods, as [(frequency, size), …], mean first."""
+        """Return the (frequency, size) of each term of the contact force Σ size e^(i frequency t); the mean is first."""
         size = self.epsilon * complex(-0.5 * TWO_PI**2, 0.5 * TWO_PI * delta)
         return [(0.0, complex(mean_force(delta))), (TWO_PI, size), (-TWO_PI, size.conjugate())]
 

@@ -18,7 +18,7 @@ from rattle.numerics.compile import inline
 
 @inline
 def reflected_velocity(w):
-    """Return the velocity after an elastic impact from the velocity w before it. Callers multiply the result by r."""
+    """Return the velocity after an elastic impact, −w. Callers multiply it by the coefficient of restitution r."""
     return -w
 
 
@@ -66,7 +66,7 @@ def log_determinant(delta, time, impacts):  # noqa: ARG001
 
 @inline
 def determinant(delta, time, impacts):
-    """Return |det| of the tangent map in (t, w²/2) of a motion; e^(−δ time) for elastic impacts."""
+    """Return |det| of the tangent map in (t, w²/2) of a motion: e^(−δ time), because elastic impacts do not change it."""
     return math.exp(log_determinant(delta, time, impacts))
 
 

@@ -79,7 +79,7 @@ def compacted_arc(b, i):
 
 @inline
 def scan_flights(b, n, padded):
-    """Evaluate the n compacted flights at fixed steps until each has ended. Places n to padded − 1 count as ended."""
+    """Evaluate the n compacted flights at fixed steps until each has ended. padded: n rounded up to whole groups."""
     for k in range(padded):
         from_bottom = b.z_wall[k] < ZERO
         b.z_f[k], b.z_g[k], b.z_turn[k], b.z_end[k] = ZERO, b.z_w[k], ZERO, ZERO

@@ -160,7 +160,7 @@ def check_lanes(b, groups, fresh, which, cells, samples, balls):
     Returns
     -------
     int
-        How many of them have been put on lanes after this call.
+        How many of them were put on lanes by the end of this call.
     """
     for i in range(GROUP * groups):
         k = b.who[i]
@@ -238,7 +238,7 @@ def check_probes(b, groups, fresh, which, cells, samples, balls, watch):
     Returns
     -------
     int
-        How many probes have been put on lanes after this call.
+        How many probes were put on lanes by the end of this call.
     """
     for i in range(GROUP * groups):
         j = b.who[i]

@@ -118,7 +118,7 @@ def two_impact_flips(delta: float, beta: float) -> tuple[Array, ...]:
 
 
 def loses_stability(x: Array, beta: float) -> bool:
-    """Return whether D loses stability, as ε grows, at a flip of D: x holds the flip's unknowns, δ and ε."""
+    """Return whether D loses stability, as ε grows, at the flip of D whose times, δ and ε are x (4,)."""
     at = two_impact_family(float(x[-2]), beta)
     # ε grows with σ along D, and `flip` is negative where D is stable
     return bool(at.flip[np.searchsorted(at.sigma, x[1] - x[0] - 0.5) - 1] < 0)

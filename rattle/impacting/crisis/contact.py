@@ -183,7 +183,7 @@ def solve_contact(delta: float, beta: float, gap: float, window: tuple[float, fl
     n : int
         Impacts on Σ⁺ after which the piece returns to A.
     bracket : float
-        Expected error of the guess `gap`, relative to it.
+        Expected error of the guess `gap`, relative to `gap`.
 
     Returns
     -------

@@ -203,7 +203,7 @@ def _follow_up(start: Crisis, top: float, end: float) -> tuple[list[Crisis], str
 def _shape_changes(points: list[Crisis]) -> list[Crisis]:
     """Return the crises between these points at which the contact changes between corner and tangency.
 
-    There the coefficient of `square_root_coefficient` vanishes.
+    `square_root_coefficient` is 0 at such a crisis.
 
     Returns
     -------

@@ -91,19 +91,19 @@ class Saddles(NamedTuple):
 
     @property
     def _impacts_to_leave(self) -> Array:
-        """Impacts (n,) that a sample needs to go from the fundamental domain to a distance of 1 from A."""
+        """Number of impacts (n,) that a sample needs to go from the fundamental domain to a distance of 1 from A."""
         with np.errstate(divide="ignore", invalid="ignore"):
             return np.asarray(np.log(1.0 / NEAREST) / np.log(self.multiplier), np.float64)
 
     def _impacts_until_quiet(self, returns: int) -> Array:
-        """Return the impacts (n,) within which a sample becomes quiet.
+        """Return the number of impacts (n,) within which a sample becomes quiet.
 
         returns: the number of impacts that a sample may make, at strong damping, between leaving A and crossing W^s(A).
 
         Returns
         -------
         Array
-            The sum of the impacts to leave A, to cross W^s(A), and to become quiet after that.
+            The sum of the numbers of impacts to leave A, to cross W^s(A), and to become quiet after that.
         """
         rest = impacts_to_rest(self.delta, self.epsilon, self.beta)
         return np.asarray(self._impacts_to_leave + returns * _limit_factor(self.delta) + 2.0 * rest, np.float64)

@@ -55,7 +55,7 @@ WORK = np.dtype(
 
 
 def workspace() -> np.void:
-    """Return scratch memory for one search."""
+    """Return scratch memory for a search for orbits, one record of WORK."""
     return np.zeros(1, WORK)[0]
 
 
