@@ -485,7 +485,7 @@ class Forcing:
         return np.asarray(2 * TWO_PI * delta - TWO_PI * self.epsilon * np.hypot(TWO_PI, delta))
 
     def spectral_lines(self, delta: float) -> list[tuple[float, complex]]:
-        """Return the (frequency, size) of each term of the contact force Σ size e^(i frequency t); the mean is first."""
+        """Return (frequency, size) of each term of the contact force Σ size e^(i frequency t); the mean is first."""
         size = self.epsilon * complex(-0.5 * TWO_PI**2, 0.5 * TWO_PI * delta)
         return [(0.0, complex(mean_force(delta))), (TWO_PI, size), (-TWO_PI, size.conjugate())]
 

@@ -66,7 +66,7 @@ def log_determinant(delta, time, impacts):  # noqa: ARG001
 
 @inline
 def determinant(delta, time, impacts):
-    """Return |det| of the tangent map in (t, w²/2) of a motion: e^(−δ time), because elastic impacts do not change it."""
+    """Return |det| of the tangent map in (t, w²/2) of a motion: e^(−δ time), which elastic impacts do not change."""
     return math.exp(log_determinant(delta, time, impacts))
 
 
