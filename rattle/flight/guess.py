@@ -78,7 +78,7 @@ def first_guess(wall, gap, inverse_delta, flight):
     w, _a, sin0, cos0, delta, epsilon = flight
     speed = abs(w)
     u = speed * PER_DRIFT
-    # y/2π is the time to the turning point if there were no forcing
+    # y/2π: the time after which a flight from Σ⁺ would turn if there were no forcing
     y = W1 * u * (f32(1.0) - u * (f32(0.5) - f32(0.25) * u)) * inverse_delta
     y = min(y, W1)
     cosine = mean_cosine32(y, sin0, cos0)
@@ -186,9 +186,9 @@ def estimated_minimum(s, series, flight):
     lowest = taylor_value(u, c0, c1, c2, c3, c4, c5)
     reach = max(abs(u), SHORTEST_TAYLOR_STEP)
     r2 = reach * reach
-    # an upper bound of |F⁽⁶⁾|/720 between s and s + u, because e^(−δs) grows by less than a factor of 2 over this step
+    # an upper bound of |F⁽⁶⁾|/720 from s to the minimum at s + u, where e^(−δs) differs by less than a factor of 2
     m6 = largest_sixth32(epsilon) + f32(1 / 360) * (delta * delta) * (delta * delta) * (delta * abs(a))
-    # the terms that the series leaves out are at most r2 * left_out in F, and 6 * reach * left_out in F'
+    # the remainder of the Taylor series is at most m6 reach⁶ = r2 * left_out in F, and 6 * reach * left_out in F'
     left_out = m6 * r2 * r2
     tilt = abs(taylor_slope(u, c1, c2, c3, c4, c5)) + ERROR * speed_scale(flight) + f32(6.0) * reach * left_out
     end = s + reach

@@ -139,7 +139,7 @@ def height_lower_bound(s, minimum, delta):
         The bound, in the unit of F.
     """
     x = delta * s
-    # an upper bound of k e^(kx) for x < 2, with k = LATER_FACTOR, because the flight may end later in double precision
+    # an upper bound of k e^(kx) for x = δs < 2; k = LATER_FACTOR, as the flight may end later in double precision
     growth = LATER_FACTOR + x * (f32(1.0006) + f32(1.101) * x)
     return minimum.bound - minimum.tilt * s * growth
 

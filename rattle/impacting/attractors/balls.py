@@ -32,7 +32,7 @@ from rattle.flight.tangent import flight_tangent
 from rattle.numerics.compile import inline, kernel
 
 ALL = 2 * DIRECTIONS  # number of directions tried at once, one for each lane of a group
-FEW = 4  # number of directions, a quarter turn apart, and number of radii, of the first attempt
+FEW = 4  # the first attempt for a region tries this number of directions, a quarter turn apart, at this number of radii
 RADII = int(math.log2(LARGEST / SMALLEST)) + 1  # number of radii to try, each half the previous one
 
 #: For each lane: w, sine and cosine of 2πτ at the departure of its flight, 1 − e^(−δs) of the flight (`lost`), and the
@@ -141,7 +141,8 @@ def meets_capture_conditions(b, work, lane, i, centres):
         contracts.
     """
     arrived = b.n_plus[lane] == centres.n_plus[i] and b.n_minus[lane] == centres.n_minus[i]
-    a, b_, c, d = work.a[lane], -work.b[lane], -work.c[lane], work.d[lane]  # in (τ, v), with v = −w at both ends
+    # the tangent matrix in (τ, v): two of its elements change sign, because v = −w at both ends
+    a, b_, c, d = work.a[lane], -work.b[lane], -work.c[lane], work.d[lane]
     return arrived and is_contraction(a, b_, c, d, centres.m00[i], centres.m01[i], centres.m11[i])
 
 

@@ -30,7 +30,7 @@ from rattle.numerics.sampling import sobol_points
 from rattle.orbits.iterates import fold
 from rattle.parameters import Parameters
 
-# number of states of a set, which is uniform in v or in ln v; largest number of further sets of slower states
+# number of states of each set that is uniform in v or in ln v; largest number of sets of slower states after the first
 SAMPLED, ROUNDS = 1024, 8
 # number of states at the edges of all capture regions of a cell; fewest and most states at the edge of one region
 EDGES, FEWEST_EDGES, MOST_EDGES = 512, 8, 64
@@ -204,7 +204,7 @@ class _QuietCells:
         regions that were found since the last call.
         """
         number = away.sum(axis=1)[:, None]
-        # only every `every`-th flagged state of a cell is used, so that with their copies they are at most STATES
+        # one flagged state of every `every` is used in a cell, so that with their copies they are at most STATES
         every = -(-number * (1 + COPIES) // STATES)
         some = np.flatnonzero(away & (np.cumsum(away, axis=1) % np.maximum(every, 1) == 0))
         near = sobol_points(1 + COPIES)[:, :, None] * NEAR

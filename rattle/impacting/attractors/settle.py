@@ -70,7 +70,7 @@ def is_quiet(b, i, largest_invariant):
 
 
 @inline
-def fate_of_lane(b, i, cell, cells, balls):
+def outcome_of_lane(b, i, cell, cells, balls):
     """Return the outcome of lane i, which is on Σ⁺ and follows a sample of cell number `cell`.
 
     Returns
@@ -138,7 +138,7 @@ def check_lane(b, i, k, cells, samples, balls):
     """
     over = has_ended(b, i)
     if b.wall[i] > 0.0:
-        status, orbit = fate_of_lane(b, i, samples.cell[k], cells, balls)
+        status, orbit = outcome_of_lane(b, i, samples.cell[k], cells, balls)
         if status != Outcome.UNRESOLVED:
             return status, orbit, True
     if b.stuck[i] == IN_CONTACT and b.capture[i] > 0.0:

@@ -191,7 +191,7 @@ def _tangency(curves: dict[str, int], delta: float, epsilon: float, beta: float)
     orders = {}
     for one, other in combinations(curves, 2):
         if {one, other} == {"G1", "G2"}:
-            continue  # G1 and G2 are parts of one smooth curve
+            continue  # G1 and G2 are parts of one smooth curve: they have no order of contact
         offsets = curves[other] * distances
         try:
             gaps = _curve_near(one, delta, epsilon, beta, offsets) - _curve_near(other, delta, epsilon, beta, offsets)

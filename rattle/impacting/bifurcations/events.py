@@ -130,7 +130,8 @@ def find_events(
         for j in np.flatnonzero((values[k] < 0) != (values[k + 1] < 0)):
             kind, impact, test = tests[j]
             y = root_between(problem, a, b, partial(test, b - a), NEWTON_START)
-            if y is None and kind is Kind.SADDLE_NODE:  # where branches cross, Newton's method fails
+            # where branches cross, Newton's method fails; the candidate is then the middle of the step
+            if y is None and kind is Kind.SADDLE_NODE:
                 y = 0.5 * (a + b)
             if y is not None:
                 found.append(Candidate(y, kind, itinerary, line.unknowns_at(y), impact))

@@ -37,7 +37,8 @@ FIRST_RETURNS, RETURNS = 64, 256
 # at strong damping, a parameter point is undecided if a sample may need more impacts than this to become quiet; at weak
 # damping the limit is larger, in proportion to `most_impacts_to_rest`
 MOST_IMPACTS = 8192
-# impacts that are ignored as a transient; impacts after these over which the Lyapunov exponent is measured
+# number of impacts of a sample that are ignored as a transient; number of impacts after these over which its Lyapunov
+# exponent is measured
 TRANSIENT_IMPACTS, LYAPUNOV_IMPACTS = 20_000, 4_000
 CHAOS_SAMPLES = 32  # number of samples whose Lyapunov exponents are measured
 # distances below the crisis, relative to ε − SN1, at which chaos is tested; no narrow window of periodic motion holds
@@ -46,7 +47,8 @@ BELOW = (1e-4, 1e-3, 1e-5)
 # distance above the crisis, relative to ε − SN1, at which chaos is tested; few chaotic transients last there
 ABOVE = 0.01
 CHAOTIC = 0.02  # least first Lyapunov exponent of chaos, per forcing period
-# least share of chaotic samples below a crisis; largest share above it
+# W^u(A) counts as going to a chaotic attractor if more than this share of its samples is chaotic: just below a contact
+# with W^s(A); just above it
 LEAST_CHAOTIC_SHARE, MOST_CHAOTIC_SHARE = 0.2, 0.05
 
 

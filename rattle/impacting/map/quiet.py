@@ -23,7 +23,8 @@ from rattle.numerics.compile import kernel
 
 Array = NDArray[np.float64]
 
-# number of sampled phases; number of independent maxima, so that the loop over phases can use vector instructions
+# number of phases at which the contact force is sampled; number of maxima that are kept side by side, so that the loop
+# over phases can use vector instructions
 PHASES, ABREAST = 2048, 16
 SINES, COSINES = sampled_phases(PHASES)
 LARGEST_ETA = 0.5  # largest η (see the top of this file) for which the measured bound is used
@@ -58,7 +59,7 @@ def compiled_capture_invariant(delta, epsilon, beta, largest):
         return 0.0
     rate = max(math.pi, delta)
     for j in range(ABREAST):
-        largest[j] = 0.0  # the maximum of (η/I^(1/3))³ over the phases number j, j + ABREAST, j + 2 ABREAST, …
+        largest[j] = 0.0  # becomes the maximum of (η/I^(1/3))³ over the phases number j, j + ABREAST, j + 2 ABREAST, …
     for i in range(0, PHASES, ABREAST):
         for j in range(ABREAST):
             cosine, sine = COSINES[i + j], SINES[i + j]

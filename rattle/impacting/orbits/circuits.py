@@ -21,7 +21,8 @@ from rattle.impacting.orbits.impact_times import (
 from rattle.numerics.compile import inline, kernel
 
 MOST_CORRECTIONS = 6
-# longest last correction, in forcing periods; the error that remains is of the order of its square
+# corrections to a curve end with one shorter than this, in forcing periods; the remaining error is of the order of its
+# square
 CORRECTED = 3e-4
 FARTHEST = 0.3  # longest correction from the guess to the first point of a circuit, in forcing periods
 SHORTEST = 1e-4  # shortest step along a circuit; a circuit that needs a shorter step is given up
@@ -196,7 +197,7 @@ def is_resolved(s, f0, slope0, f1, slope1):
 
 
 @kernel
-def has_closed(work, n, s):
+def passes_start(work, n, s):
     """Return whether the next step along a curve, of length s, passes the curve's start: then the curve is closed."""
     ahead, square = 0.0, 0.0
     for i in range(n):
@@ -264,7 +265,7 @@ def walk_circuit(work, n, span, longest, delta, epsilon, beta):
                 zeros += 2
                 keep_stable_orbit_between(work, n, 0.0, at, f0, f, s, delta, epsilon, beta)
                 keep_stable_orbit_between(work, n, at, s, f, f1, s, delta, epsilon, beta)
-        if step > 2 and has_closed(work, n, s):
+        if step > 2 and passes_start(work, n, s):
             return CLOSED, zeros
         if abs(work.next_point[0] - work.start[0]) >= span:
             return WOUND, zeros
