@@ -60,7 +60,7 @@ def two_impact_family(delta: float, beta: float) -> StartFamily:
     return family_members(sigma[(sigma > 0.0) & np.isfinite(epsilon)], delta, beta)
 
 
-def find_zeros(
+def zeros(
     values: Callable[[StartFamily], Array], coarse: StartFamily, members_at: Callable[[Array], StartFamily]
 ) -> list[Array]:
     """Find the zeros of a function along a family of motions, close enough to start Newton's method.
@@ -97,7 +97,7 @@ def find_zeros(
 
 def _zeros_of(values: Callable[[StartFamily], Array], delta: float, beta: float) -> list[Array]:
     """Return the unknowns at the zeros of a function along the P(1,1,1) motions at one damping."""
-    return find_zeros(values, two_impact_family(delta, beta), lambda sigma: family_members(sigma, delta, beta))
+    return zeros(values, two_impact_family(delta, beta), lambda sigma: family_members(sigma, delta, beta))
 
 
 def two_impact_folds(delta: float, beta: float) -> list[Array]:
