@@ -29,7 +29,7 @@ from rattle.flight.law import (
     second_derivative,
     third_derivative,
 )
-from rattle.flight.proof import arc_in_single, clears_the_gap, has_single_turn, is_located
+from rattle.flight.proof import arc_in_single, clears_the_gap, has_single_turn, is_within_one_step
 from rattle.numerics.compile import inline, kernel
 
 OK = 0
@@ -72,7 +72,7 @@ def last_step(s, f0, f1, lost, sin1, cos1, flight):
     size = abs(u)
     p = 0.5 * f2 * inverse
     q = f3 * (1.0 / 6.0) * inverse
-    # `exact` implies that |up|, 1e4 |u²q| and 1e7 |u³r|, with r = F⁗/24F', are below 1e-4
+    # if `exact` is true, then |up| < 1e-4, |u²q| < 1e-8 and |u³r| < 1e-11, where r = F⁗/24F'
     terms = 0.5 * abs(f2) + size * (1e4 / 6.0 * abs(f3) + size * (1e7 / 24.0) * abs(f4))
     exact = (size < FARTHEST_STEP * min(s, 1.0)) & (size * terms < 1e-4 * abs(f1))
     return u * (1.0 - u * (p - u * (2.0 * p * p - q))), exact
@@ -80,9 +80,10 @@ def last_step(s, f0, f1, lost, sin1, cos1, flight):
 
 @inline
 def state_after_step(u, f1, lost, sin1, cos1, flight):
-    """Return F', F'', 1 − e^(−δs), and sine and cosine of the forcing after a step u in time, from those before it.
+    """Return F', F'', 1 − e^(−δs), and sine and cosine of the forcing's phase, at the time s + u of a flight.
 
-    They follow from Taylor series, with relative errors below 1e-15.
+    f1, lost, sin1, cos1: F', 1 − e^(−δs), sine and cosine at the time s. The five numbers follow by Taylor series in u,
+    with relative errors below 1e-15.
 
     Returns
     -------
@@ -121,7 +122,7 @@ def quick_impact(wall, tau, flight, beta):
     s += step_to_level(not falls, level_, series)
     s += step_to_level(not falls, level_, taylor_coefficients(s, short))
     s, step, speed = refine_time(s, level_, short)
-    proved = is_located(s, step, speed, short)
+    proved = is_within_one_step(s, step, speed, short)
     proved &= clears_the_gap(wall_, not falls, s, minimum, gap, short)
     arc = arc_in_single(negative_arc(flight.delta, flight.epsilon))
     proved &= has_single_turn(wall_, not falls, f32(tau), s, minimum.time, short, arc)

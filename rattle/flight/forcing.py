@@ -150,7 +150,7 @@ def phase_at(tau):
 
 @inline
 def library_phase(tau):
-    """Return the sine and cosine of 2πτ by the mathematical library, which is exact to the last bit but slower."""
+    """Return the sine and cosine of 2πτ by the mathematical library: exact to the last bit, slower than `phase_at`."""
     angle = TWO_PI * tau
     return math.sin(angle), math.cos(angle)
 
@@ -320,7 +320,7 @@ def mean_cosine32(angle, sin0, cos0):
 
 @inline
 def add_mean_acceleration32(x, mean_cosine, epsilon):
-    """Return x plus the mean second derivative of the forcing, given the result of `mean_cosine32`."""
+    """Return x + the mean of e'', e the forcing, over the time for which `mean_cosine32` returned `mean_cosine`."""
     return x - W2 * epsilon * mean_cosine
 
 
@@ -344,7 +344,7 @@ def minus_fifth_derivative32(sine, cosine, epsilon):
 
 @inline
 def change_scale32(s):
-    """Return an upper bound of |e(t + s) − e(t) − s e'(t)|/ε, e the forcing: it limits rounding errors of F."""
+    """Return an upper bound of |e(t + s) − e(t) − s e'(t)|/ε, e the forcing. The bound limits rounding errors of F."""
     y = W1 * s
     return min(y * y * (f32(0.5) + y * f32(1 / 6)), y + f32(3.0))
 
@@ -485,7 +485,7 @@ class Forcing:
         return np.asarray(2 * TWO_PI * delta - TWO_PI * self.epsilon * np.hypot(TWO_PI, delta))
 
     def spectral_lines(self, delta: float) -> list[tuple[float, complex]]:
-        """Return the contact force Σ size e^(i frequency t) as a list of (frequency, size); the mean is first."""
+        """Return (frequency, size) of each term of the contact force Σ size e^(i frequency t); the mean is first."""
         size = self.epsilon * complex(-0.5 * TWO_PI**2, 0.5 * TWO_PI * delta)
         return [(0.0, complex(mean_force(delta))), (TWO_PI, size), (-TWO_PI, size.conjugate())]
 
@@ -521,5 +521,13 @@ def least_damping(epsilon: float) -> float:
 
 
 def phase_of_entry(delta: float, share: float) -> float:
-    """Return the phase at which the contact force becomes negative. share: the quiet limit divided by ε, at most 1."""
+    """Return the phase at which the contact force becomes negative. share: the quiet limit divided by ε, at most 1.
+
+    This is the entry into the arc of phases with a negative force.
+
+    Returns
+    -------
+    float
+        The phase, in forcing periods.
+    """
     return float((np.arctan2(delta, 2 * np.pi) - np.arccos(share)) / (2 * np.pi))

@@ -62,7 +62,7 @@ class Scan(NamedTuple):
     turn: f32  # time of the last minimum
     ended: bool  # the scan has found the end of the flight
     falls: bool  # the flight ends on Σ⁻
-    end: f32  # time of the flight's end; −1 if the same step has a minimum, from which the end is computed then
+    end: f32  # time of the flight's end; −1 if F has a minimum in the last step: it is then solved for from there
 
 
 @inline
@@ -78,14 +78,15 @@ def first_guess(wall, gap, inverse_delta, flight):
     w, _a, sin0, cos0, delta, epsilon = flight
     speed = abs(w)
     u = speed * PER_DRIFT
-    # y/2π is the time to the turning point if there were no forcing
+    # y/2π: the time after which a flight from Σ⁺ would turn if there were no forcing
     y = W1 * u * (f32(1.0) - u * (f32(0.5) - f32(0.25) * u)) * inverse_delta
     y = min(y, W1)
     cosine = mean_cosine32(y, sin0, cos0)
     force = add_mean_acceleration32(delta * (Q + f32(0.5) * speed), cosine, epsilon)
     rise = delta * (Q - f32(1.2))
     mean_speed = f32(0.5) * (speed + sqrt(speed * speed + f32(2.0) * gap * rise))
-    way, pace = speed, max(force, f32(0.35) * Q * delta)  # time to turn: speed/force; to arrive: gap/speed
+    # the guess is way/pace: speed/force until a flight from Σ⁺ turns, or gap/mean speed until one from Σ⁻ arrives
+    way, pace = speed, max(force, f32(0.35) * Q * delta)
     way = way if wall > f32(0.0) else gap
     pace = pace if wall > f32(0.0) else mean_speed
     return min(way / pace, f32(0.95 * LONGEST_DECAY) * inverse_delta)
@@ -185,10 +186,9 @@ def estimated_minimum(s, series, flight):
     lowest = taylor_value(u, c0, c1, c2, c3, c4, c5)
     reach = max(abs(u), SHORTEST_TAYLOR_STEP)
     r2 = reach * reach
-    m6 = largest_sixth32(epsilon) + f32(1 / 360) * (delta * delta) * (delta * delta) * (
-        delta * abs(a)
-    )  # an upper bound of |F⁽⁶⁾|/720 near s, where e^(δ|u|) < 2
-    # the terms that the series leaves out are at most r2 * left_out in F, and 6 * reach * left_out in F'
+    # an upper bound of |F⁽⁶⁾|/720 from s to the minimum at s + u, where e^(−δs) differs by less than a factor of 2
+    m6 = largest_sixth32(epsilon) + f32(1 / 360) * (delta * delta) * (delta * delta) * (delta * abs(a))
+    # the remainder of the Taylor series is at most m6 reach⁶ = r2 * left_out in F, and 6 * reach * left_out in F'
     left_out = m6 * r2 * r2
     tilt = abs(taylor_slope(u, c1, c2, c3, c4, c5)) + ERROR * speed_scale(flight) + f32(6.0) * reach * left_out
     end = s + reach
@@ -205,7 +205,8 @@ def step_to_level(rising, level, series):
     c0 = f0 - level
     root = sqrt(abs(c1 * c1 - f32(4.0) * c0 * c2))
     signed = root if rising else -root
-    # if `direct`, c1 and the signed square root have the same sign, so their sum does not cancel
+    # if c1 and the signed square root have the same sign (`direct`), their sum does not cancel; else their difference
+    # does not
     direct = (c1 > f32(0.0)) == rising
     numerator = f32(-2.0) * c0 if direct else signed - c1
     denominator = c1 + signed if direct else f32(2.0) * c2

@@ -18,7 +18,7 @@ from rattle.numerics.compile import inline
 
 @inline
 def reflected_velocity(w):
-    """Return the velocity after an elastic impact from that before it. Callers multiply it by the restitution."""
+    """Return the velocity after an elastic impact, −w. Callers multiply it by the coefficient of restitution r."""
     return -w
 
 
@@ -36,7 +36,7 @@ def reflected_change(change):
 
 @inline
 def arrival_term(w):
-    """Return the term of the arrival velocity w in `impact_mismatch`. The term is linear, so w may be a derivative."""
+    """Return the term of `impact_mismatch` that holds the arrival velocity w. It is linear: w may be a derivative."""
     return w
 
 
@@ -66,7 +66,7 @@ def log_determinant(delta, time, impacts):  # noqa: ARG001
 
 @inline
 def determinant(delta, time, impacts):
-    """Return |det| of the tangent map in (t, w²/2) of a motion; e^(−δ time) for elastic impacts."""
+    """Return |det| of the tangent map in (t, w²/2) of a motion: e^(−δ time), which elastic impacts do not change."""
     return math.exp(log_determinant(delta, time, impacts))
 
 

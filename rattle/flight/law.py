@@ -92,7 +92,7 @@ def decay32(x):
 
 
 def _build_evaluate(dtype, decay, functions):
-    """Build the flight law in one precision, as an inline kernel of straight-line code for vectorised loops."""
+    """Build the kernel `evaluate` of the flight law for one precision, as straight-line code for vectorised loops."""
     one, versines, phase_changes = dtype(1.0), functions.versines, functions.phase_changes
     tangent_drop, slope_loss_of_change = functions.tangent_drop, functions.slope_loss_of_change
     add_acceleration_after = functions.add_acceleration_after
@@ -120,13 +120,13 @@ evaluate32 = _build_evaluate(np.float32, decay32, forcing.IN_SINGLE)
 
 @inline
 def flight_from_sine_cosine(w, sin0, cos0, delta, epsilon, drift):
-    """Return the flight that leaves a wall with this velocity, at the phase of this sine and cosine."""
+    """Return the flight that leaves a wall with velocity w at the phase of sin0, cos0. drift: q of the flight law."""
     return Flight(w, add_slope(drift, sin0, cos0, epsilon) - w, sin0, cos0, delta, epsilon)
 
 
 @inline
 def flight_from_phase(tau, w, delta, epsilon, drift):
-    """Return the flight that leaves a wall at this phase with this velocity."""
+    """Return the flight that leaves a wall at phase tau with velocity w. drift: q of the flight law."""
     sin0, cos0 = phase_at(tau)
     return flight_from_sine_cosine(w, sin0, cos0, delta, epsilon, drift)
 

@@ -31,7 +31,7 @@ FASTEST = f32(20.0)
 
 
 @inline
-def is_located(s, step, speed, flight):
+def is_within_one_step(s, step, speed, flight):
     """Return whether an impact at time s, located in single precision, can be computed in double precision by one step.
 
     It can if the step that led to s was short, δs is within the range of the polynomials, and F' at s (`speed`) is
@@ -139,7 +139,7 @@ def height_lower_bound(s, minimum, delta):
         The bound, in the unit of F.
     """
     x = delta * s
-    # an upper bound of k e^(kx) for x < 2, with k = LATER_FACTOR, because the flight may end later in double precision
+    # an upper bound of k e^(kx) for x = δs < 2; k = LATER_FACTOR, as the flight may end later in double precision
     growth = LATER_FACTOR + x * (f32(1.0006) + f32(1.101) * x)
     return minimum.bound - minimum.tilt * s * growth
 
@@ -190,9 +190,8 @@ def clears_with_two_minima(wall, rising, tau, s, minimum, gap, flight, arc):
     first = w * (steep * to_entry - f_entry) / (steep - w)
     steep = -down * decay_entry / decay_exit  # on the arc F' lies between −steep and up
     top = f_entry + up * (f_exit - f_entry + steep * arc.length) / (up + steep)
-    bend = delta * abs(flight.a) + largest_acceleration32(
-        flight.epsilon
-    )  # an upper bound of |F''|, because double precision may move the end by 1e-4
+    # an upper bound of |F''|: double precision may move the end by 1e-4 forcing periods, and so F' there by 1e-4 |F''|
+    bend = delta * abs(flight.a) + largest_acceleration32(flight.epsilon)
     # after the arc F' lies between down and steep
     steep = (g_end + slack + f32(1e-4) * bend) * decay_exit / decay_end
     early, late = s * (f32(2.0) - LATER_FACTOR) - EQUAL_WITHIN, s * LATER_FACTOR + EQUAL_WITHIN

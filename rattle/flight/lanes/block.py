@@ -39,8 +39,8 @@ _CARRIED = (
     # reference state of the search for recurrences, and its number of impacts; number of checks so far; number of
     # checks at which the reference state is replaced
     *("at_tau", "at_v", "at_n", "looks", "next_look"),
-    # number of the batch in which growth is measured, −1 if none yet; time up to which growth is recorded; unit of
-    # speeds (`speed_unit`)
+    # for a tangent vector: number of the part of the observation to which its growth is added, −1 before the first
+    # part; time up to which its growth was added. Unit of speeds (`speed_unit`).
     *("batch", "since", "unit"),
 )
 _NEXT_IMPACT = ("f0", "s", "w1", "bend", "lost", "sin1", "cos1", "target", "sure")
@@ -51,7 +51,7 @@ _ARC = ("arc_exit", "arc_length", "sin_entry", "sin_exit", "no_arc")
 _CARRIED_32 = ("rough", *_PARAMETERS_32, *_ARC)
 _SCANNED = (*_PARAMETERS_32[1:], *_ARC, *_STATE_32, "a_")
 _GUESSED = (*("s_", "c0", "c1", "c2", "c3", "c4", "c5"), *("step", "speed", "turn", "bound", "tilt", "falls", "proved"))
-#: Fields for the second attempt: copies of the lanes without proof, compacted into the first lanes, and their results.
+#: Fields for the second attempt at a proof: data of the lanes without proof, compacted into the first lanes; results.
 _COMPACTED = tuple("z_" + name.rstrip("_") for name in _SCANNED)
 _FOUND = ("z_f", "z_g", "z_turned", "z_turn", "z_ended", "z_falls", "z_end", "z_s", "z_proved")
 
@@ -75,7 +75,7 @@ TABLES = {
 
 
 def _layout() -> np.dtype[np.void]:
-    """Return the dtype of one block: all fields in their order, each on whole cache lines, with TABLES over them."""
+    """Return the dtype of one block: all FIELDS in order, each on whole cache lines, and TABLES in the same memory."""
     ends = accumulate((np.dtype(of).itemsize * LANES for of in FIELDS.values()), initial=0)
     offsets = dict(zip([*FIELDS, ""], ends, strict=True))
     fields = [(name, (of, (LANES,)), offsets[name]) for name, of in FIELDS.items()]
@@ -116,7 +116,7 @@ def arc32(b, i):
 
 
 @kernel
-def load(b, i, tau, v, delta, epsilon, beta, limit):
+def load_trajectory(b, i, tau, v, delta, epsilon, beta, limit):
     """Put a trajectory on lane i: on Σ⁺ at phase tau with speed v, to be followed for `limit` impacts on Σ⁺."""
     for field in range(len(b.carried)):
         b.carried[field, i] = 0.0
@@ -130,11 +130,12 @@ def load(b, i, tau, v, delta, epsilon, beta, limit):
     b.arc_exit[i], b.arc_length[i], b.sin_entry[i], b.sin_exit[i] = arc.leave, arc.length, arc.sin_entry, arc.sin_exit
     b.no_arc[i] = ZERO if arc.exists else ONE
     b.rough[i] = flag_as_float(has_swing_beyond(ROUGHNESS, delta, epsilon))
-    b.at_v[i], b.next_look[i], b.batch[i] = -1.0, 1.0, -1.0  # a reference state that no state is close to
+    # at_v: no state is close to a reference state of negative speed; next_look: the first check replaces this state
+    b.at_v[i], b.next_look[i], b.batch[i] = -1.0, 1.0, -1.0
 
 
 @kernel
-def move(b, i, j):
+def move_trajectory(b, i, j):
     """Put the trajectory of lane j on lane i, and leave lane j empty."""
     for field in range(len(b.carried)):
         b.carried[field, i] = b.carried[field, j]
@@ -155,7 +156,7 @@ def move_to_front(b):
             j -= 1
         if i > j:
             return (i + GROUP - 1) // GROUP
-        move(b, i, j)
+        move_trajectory(b, i, j)
 
 
 @inline
@@ -194,7 +195,7 @@ def is_near_overflow(b, i):
 def clear_block(b):
     """Clear a block: no lane has a trajectory, and every lane has reached its limit."""
     for i in range(LANES):
-        load(b, i, 0.0, 1.0, 1.0, 0.0, 1.0, 0.0)
+        load_trajectory(b, i, 0.0, 1.0, 1.0, 0.0, 1.0, 0.0)
         b.who[i] = -1
 
 
@@ -232,13 +233,14 @@ def prepare_flights(b, groups, is_queue_empty):
 
 
 @inline
-def needed_stage(b, groups):
-    """Return the kind of guess and of proof that the most demanding lane needs.
+def force_kind(b, groups):
+    """Return how much the contact force varies on the lanes in use: it decides the stages that the lanes need.
 
     Returns
     -------
     int
-        ARCS if the contact force of some lane changes sign, ROUGH if that of some lane almost does, else SMOOTH.
+        ARCS if the contact force changes sign on some lane, else ROUGH if its relative swing exceeds ROUGHNESS on some
+        lane, else SMOOTH.
     """
     found = SMOOTH
     for i in range(GROUP * groups):
@@ -247,14 +249,14 @@ def needed_stage(b, groups):
 
 
 def new_block() -> np.ndarray:
-    """Return memory for one block (1,), aligned to cache lines.
+    """Return memory for one block: an array (1,) of one record, aligned to cache lines.
 
     Kernels take this array, because numba does not accept a record with overlapping fields from Python.
 
     Returns
     -------
     np.ndarray
-        (1,), one record of `_layout`.
+        (1,); its record has the dtype that `_layout` returns.
     """
     raw = np.zeros(BLOCK.itemsize + 64, np.uint8)
     start = -raw.ctypes.data % 64

@@ -23,7 +23,7 @@ from rattle.flight.guess import (
 )
 from rattle.flight.lanes.block import ARCS, GROUP, ONE, ZERO, flag_as_float
 from rattle.flight.law import Flight
-from rattle.flight.proof import clears_the_gap, clears_with_two_minima, has_single_turn, is_located
+from rattle.flight.proof import clears_the_gap, clears_with_two_minima, has_single_turn, is_within_one_step
 from rattle.numerics.compile import inline, kernel
 
 # `paths[SCANNED]` counts the flights that need a scan, `paths[SAFE]` the flights that also need the safe search.
@@ -79,7 +79,7 @@ def compacted_arc(b, i):
 
 @inline
 def scan_flights(b, n, padded):
-    """Evaluate the n compacted flights at fixed steps until each has ended. Places n to padded − 1 count as ended."""
+    """Evaluate the n compacted flights at fixed steps until each has ended. padded: n rounded up to whole groups."""
     for k in range(padded):
         from_bottom = b.z_wall[k] < ZERO
         b.z_f[k], b.z_g[k], b.z_turn[k], b.z_end[k] = ZERO, b.z_w[k], ZERO, ZERO
@@ -128,14 +128,14 @@ def locate_impacts(b, n):
         s, _u, _speed = refine_time(s, level, flight)
         s, step, speed = refine_time(s, level, flight)
         b.z_s[k], b.z_falls[k], b.z_g[k], b.z_turn[k] = s, falls, minimum.tilt, minimum.time
-        b.z_proved[k] = flag_as_float(is_located(s, step, speed, flight))
+        b.z_proved[k] = flag_as_float(is_within_one_step(s, step, speed, flight))
 
 
 @inline
 def prove_scanned(b, n):
     """Withdraw the flag `z_proved` of scanned flights that may have met Σ⁻ before their impact.
 
-    Called for a block if the contact force changes sign on none of its lanes, else `prove_scanned_turns` is called.
+    Use this function if the contact force changes sign on no lane of the block, otherwise `prove_scanned_turns`.
     """
     for k in range(n):
         rising, minimum = b.z_falls[k] == ZERO, Minimum(b.z_f[k], b.z_g[k], b.z_turn[k])
@@ -147,7 +147,7 @@ def prove_scanned(b, n):
 def prove_scanned_turns(b, n):
     """Withdraw the flag `z_proved` of scanned flights that may have met Σ⁻ before their impact.
 
-    Called for a block if the contact force changes sign on one of its lanes or several.
+    Use this function if the contact force changes sign on some lane of the block, otherwise `prove_scanned`.
     """
     for k in range(n):
         wall, gap, rising, tau, s = b.z_wall[k], b.z_gap[k], b.z_falls[k] == ZERO, b.z_tau[k], b.z_s[k]

@@ -1,9 +1,10 @@
-"""Many flights at once (compiled): a block of lanes, each one trajectory with its own parameters, flown in step.
+"""Many flights at once (compiled): each lane of a block has one trajectory with its own parameters.
 
-Every stage is a short loop over the lanes of a block whose state stays in the first-level cache, and whose body is
-straight-line code: LLVM turns it into vector instructions, and short stages overlap in the processor. All lanes without
-proof of their first impact are located again by a scan, and the proof is tried again. Lanes that are still without
-proof are computed one by one by `first_impact.safe_impact`. docs/kernel.md explains the stages.
+A step of all lanes is a sequence of stages. Every stage is a short loop over the lanes, of straight-line code that LLVM
+turns into vector instructions; the block stays in the first-level cache, and short stages overlap in the processor. If
+the located impact of a lane is not proved to be the first, a scan locates the impact again, and the proof is tried
+again. Flights that are still not proved are computed one by one by `first_impact.safe_impact`. docs/kernel.md explains
+the stages.
 """
 
 import numpy as np
@@ -27,7 +28,7 @@ from rattle.flight.impact_law import reflected_velocity
 from rattle.flight.lanes.block import ARCS, GROUP, ROUGH, ZERO, arc32, flag_as_float, flight32, flight64
 from rattle.flight.lanes.rescan import SAFE, prove_by_scan
 from rattle.flight.law import evaluate_short, folded, second_derivative
-from rattle.flight.proof import clears_the_gap, has_single_turn, is_located
+from rattle.flight.proof import clears_the_gap, has_single_turn, is_within_one_step
 from rattle.flight.tangent import carried_tangent
 from rattle.numerics.compile import inline, kernel
 
@@ -114,14 +115,14 @@ def prove_first_impacts(b, groups):
         rising, s, flight = b.falls[i] == ZERO, b.s_[i], flight32(b, i)
         minimum = Minimum(b.bound[i], b.tilt[i], b.turn[i])
         clear = clears_the_gap(b.wall_[i], rising, s, minimum, b.gap_[i], flight)
-        b.proved[i] = flag_as_float(clear & is_located(s, b.step[i], b.speed[i], flight))
+        b.proved[i] = flag_as_float(clear & is_within_one_step(s, b.step[i], b.speed[i], flight))
 
 
 @inline
 def prove_turns(b, groups):
     """Withdraw the flag `proved` of lanes whose F' may change sign twice.
 
-    F' can do so only where the contact force changes sign.
+    Two changes are possible only if the contact force changes sign during the flight.
     """
     for i in range(GROUP * groups):
         flight, rising = flight32(b, i), b.falls[i] == ZERO
@@ -244,8 +245,8 @@ def has_lossy_lane(b, groups):
 
 
 @inline
-def enter_contact(b, groups):
-    """Stop the lanes whose chatter is certain to complete. The caller computes their release."""
+def stop_completing_chatters(b, groups):
+    """Stop the lanes whose chatter is certain to complete. The caller computes when their motions leave the wall."""
     for i in range(GROUP * groups):
         pressing = b.wall[i] * contact_force(b.sin0[i], b.cos0[i], b.delta[i], b.epsilon[i], DRIFT)
         stops = chatter_completes(abs(b.w[i]), pressing, b.gap[i], b.capture[i]) & (b.n_plus[i] < b.limit[i])
@@ -299,14 +300,14 @@ def advance(memory, groups, flights, force, tangent, paths):
     """Compute the next `flights` flights of every lane that has made fewer impacts on Σ⁺ than its limit.
 
     memory: the block, as `new_block` returns it. groups: number of groups of lanes in use. force: the result of
-    `needed_stage`. tangent: whether tangent vectors are carried along. paths: two counters, of the flights that need a
+    `force_kind`. tangent: whether tangent vectors are carried along. paths: two counters, of the flights that need a
     scan and of the flights that also need the safe search.
     """
     b = memory[0]
     lossy = has_lossy_lane(b, groups)
     for _ in range(flights):
         if lossy:
-            enter_contact(b, groups)
+            stop_completing_chatters(b, groups)
         copy_to_single(b, groups)
         guess_times(b, groups)
         if force >= ROUGH:

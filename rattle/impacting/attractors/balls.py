@@ -22,9 +22,9 @@ from rattle.flight.lanes.block import (
     ONCE,
     SMOOTH,
     clear_block,
+    force_kind,
     has_ended,
-    load,
-    needed_stage,
+    load_trajectory,
 )
 from rattle.flight.lanes.stages import advance
 from rattle.flight.law import LONGEST_DECAY, decay64, flight_from_sine_cosine
@@ -32,7 +32,7 @@ from rattle.flight.tangent import flight_tangent
 from rattle.numerics.compile import inline, kernel
 
 ALL = 2 * DIRECTIONS  # number of directions tried at once, one for each lane of a group
-FEW = 4  # number of directions, a quarter turn apart, and number of radii, of the first attempt
+FEW = 4  # the first attempt for a region tries this number of directions, a quarter turn apart, at this number of radii
 RADII = int(math.log2(LARGEST / SMALLEST)) + 1  # number of radii to try, each half the previous one
 
 #: For each lane: w, sine and cosine of 2πτ at the departure of its flight, 1 − e^(−δs) of the flight (`lost`), and the
@@ -45,11 +45,11 @@ WORK = np.dtype(
 
 
 @inline
-def direction_of(lane, few):
+def direction_and_halvings(lane, few):
     """Return the direction and the radius that a lane of a group tries.
 
-    lane: from 0, within the group. few: the group tries four directions at four radii; otherwise all directions at one
-    radius.
+    lane: number of the lane within its group, from 0. few: True if the group tries four directions at four radii, False
+    if it tries all directions at one radius.
 
     Returns
     -------
@@ -63,7 +63,7 @@ def direction_of(lane, few):
 def load_centre(b, group, i, centres, cells):
     """Load into all lanes of a group the parameters of the cell in which capture region i of `centres` lies."""
     first, cell = group * GROUP, centres.cell[i]
-    load(b, first, 0.0, 1.0, cells.delta[cell], cells.epsilon[cell], cells.beta[cell], -1.0)
+    load_trajectory(b, first, 0.0, 1.0, cells.delta[cell], cells.epsilon[cell], cells.beta[cell], -1.0)
     for field in range(len(b.carried)):
         for lane in range(first + 1, first + GROUP):
             b.carried[field, lane] = b.carried[field, first]
@@ -81,7 +81,7 @@ def load_states(b, work, group, i, level, few, centres):
     """
     for j in range(GROUP):
         lane = group * GROUP + j
-        direction, halvings = direction_of(j, few)
+        direction, halvings = direction_and_halvings(j, few)
         tau, v = state_on_ellipse(centres, i, direction, math.ldexp(LARGEST, -level - halvings))
         b.sin0[lane], b.cos0[lane] = phase_at(tau)
         b.tau[lane], b.w[lane], b.wall[lane] = tau, -v, 1.0
@@ -94,7 +94,7 @@ def load_states(b, work, group, i, level, few, centres):
 def fly_once(memory, work, groups, force, paths):
     """Advance the state of every unfinished lane by one flight, and multiply the lane's tangent matrix by the flight's.
 
-    force: the result of `needed_stage`, SMOOTH, ROUGH or ARCS, which decides how first impacts are guessed and proved.
+    force: the result of `force_kind`, SMOOTH, ROUGH or ARCS, which decides how first impacts are guessed and proved.
     `work` holds the tangent matrices. `paths` (2,) counts flights whose first impact needs a scan, and flights whose
     first impact needs the slower safe search.
     """
@@ -141,27 +141,28 @@ def meets_capture_conditions(b, work, lane, i, centres):
         contracts.
     """
     arrived = b.n_plus[lane] == centres.n_plus[i] and b.n_minus[lane] == centres.n_minus[i]
-    a, b_, c, d = work.a[lane], -work.b[lane], -work.c[lane], work.d[lane]  # in (τ, v), with v = −w at both ends
+    # the tangent matrix in (τ, v): two of its elements change sign, because v = −w at both ends
+    a, b_, c, d = work.a[lane], -work.b[lane], -work.c[lane], work.d[lane]
     return arrived and is_contraction(a, b_, c, d, centres.m00[i], centres.m01[i], centres.m11[i])
 
 
 @inline
 def halvings_without_failure(b, work, group, i, level, few, centres):
-    """Return the number k for which LARGEST / 2^k is the largest radius at which no direction of a group failed.
+    """Return the k of the largest radius at which no direction of a group failed; the radii are LARGEST / 2^k.
 
-    level: the same number for the largest radius that the group tried. few: True if the group tried four directions at
+    level: the k of the largest radius that the group tried. few: True if the group tried four directions at
     four radii, False if it tried all directions at one radius.
 
     Returns
     -------
     int
-        The number k. If a direction failed at every tried radius, LARGEST / 2^k is half the smallest tried radius.
+        k. If at every tried radius some direction failed, it is the k of half the smallest tried radius.
     """
     radii = FEW if few else 1
     for halvings in range(radii):
         good = True
         for j in range(GROUP):
-            if direction_of(j, few)[1] == halvings:
+            if direction_and_halvings(j, few)[1] == halvings:
                 good = good and meets_capture_conditions(b, work, group * GROUP + j, i, centres)
         if good:
             return level + halvings
@@ -206,7 +207,7 @@ def write_radii(memory, work, centres, cells, paths):
         if groups == 0:
             break
         if begun:
-            force = needed_stage(b, groups)
+            force = force_kind(b, groups)
         fly_once(memory, work, groups, force, paths)
 
 

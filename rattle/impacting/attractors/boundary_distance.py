@@ -1,9 +1,9 @@
 """Compute the boundary distance of quiet motion: the least speed after an impact that leads to another attractor.
 
 Quiet motion is the line v = 0 of all phases τ, so the distance is the least v of all states that do not become quiet.
-It is computed in four steps. The classifier of `rattle.attractors.table` first decides a set of states (τ, v) up to the
-largest speed: half of them uniform in v, half uniform in ln v, so that slow states are well represented. Then preimages
-of the basins that this set found are computed, because all preimages of a basin belong to the basin, however thin they
+It is computed in four steps. The classifier of `rattle.attractors.table` first decides a set of states (τ, v) with
+v ≤ v_max: half of them uniform in v, half uniform in ln v, so that slow states are well represented. Then preimages of
+the basins that this set found are computed, because all preimages of a basin belong to the basin, however thin they
 are. Further sets of states, uniform in ln v, cover the strip between the capture speed and the least speed found so
 far. Finally a pattern search starts from the slowest states found. Every state that counts was itself followed to its
 attractor.
@@ -30,7 +30,7 @@ from rattle.numerics.sampling import sobol_points
 from rattle.orbits.iterates import fold
 from rattle.parameters import Parameters
 
-# number of states of a set, which is uniform in v or in ln v; largest number of further sets of slower states
+# number of states of each set that is uniform in v or in ln v; largest number of sets of slower states after the first
 SAMPLED, ROUNDS = 1024, 8
 # number of states at the edges of all capture regions of a cell; fewest and most states at the edge of one region
 EDGES, FEWEST_EDGES, MOST_EDGES = 512, 8, 64
@@ -52,15 +52,14 @@ FIRST_SCALE, LAST_SCALE = 2.0**-4, 2.0**-20
 # exceeds the least speed of the cell by more than this many sizes of the pattern
 SHRINK, MOST_LAG = 1.0 / 16.0, 8.0
 MOST_PATTERNS = 60  # most patterns of one search
-# at strong damping, least and largest limit of impacts of states other than those that are classified first
+# at strong damping, least and largest number of impacts for which states after the first set are followed
 LEAST_IMPACTS, MOST_IMPACTS = 512, 4096
-# limit of impacts of states other than those that are classified first, as a multiple of the largest number of impacts
-# that a state classified first took to reach a periodic orbit or, if unresolved samples of the cell count as chaotic,
-# quiet motion
+# a later state is followed for this many times the largest number of impacts that a state of the first set took to
+# reach a periodic orbit; in cells whose unresolved samples count as chaotic, to reach a periodic orbit or quiet motion
 LIMIT_MULTIPLE = 2
 # at the end the slowest states that seem chaotic are followed for this many times the cell's limit of impacts
 CONFIRMING_FACTOR = 8
-# least speed of sets that are uniform in ln v, in natural speeds; it is used if the capture speed is smaller
+# sets that are uniform in ln v begin at the capture speed, but at least at this speed, in natural speeds
 LOWEST = 1e-6 / 7.0
 
 Array = NDArray[np.float64]
@@ -106,7 +105,7 @@ class _QuietCells:
     def __init__(self, delta: Array, epsilon: Array, beta: Array, v_max: Array) -> None:
         n = delta.size
         usual = sampled_speeds(None, delta, epsilon, beta)
-        # least speed of sets that are uniform in ln v: the capture speed, but at least LOWEST
+        # the speed at which sets that are uniform in ln v begin: the capture speed, but at least LOWEST natural speeds
         self.floor = np.clip(capture_speeds(delta, epsilon, beta), LOWEST * usual, 0.5 * v_max)
         self.v_max, self.ceiling = v_max, CEILING * usual
         # factors by which the cells' limits of impacts are larger than at strong damping
@@ -121,8 +120,8 @@ class _QuietCells:
         self.chaos = np.array([cell in self.classifier.chaos for cell in range(n)])
         settled = np.where((status == Outcome.PERIODIC) | (status == Outcome.QUIET), impacts, 0).max(axis=1)
         most = MOST_IMPACTS * self.longer
-        # if LIMIT_MULTIPLE times the impacts that samples take to settle exceed `most`, unresolved samples do not count
-        # as chaotic: they may still become quiet
+        # if LIMIT_MULTIPLE times the impacts that samples take to settle exceed the largest limit, unresolved samples
+        # may still become quiet, so they do not count as chaotic
         self.chaos &= LIMIT_MULTIPLE * settled <= most
         captured = np.where(status == Outcome.PERIODIC, impacts, 0).max(axis=1)
         self.most = np.clip(LIMIT_MULTIPLE * np.where(self.chaos, settled, captured), LEAST_IMPACTS * self.longer, most)
@@ -182,7 +181,7 @@ class _QuietCells:
             self.tau[:, i], self.v[:, i] = tau[each, one], v[each, one]
             v = np.where(np.abs(wrapped(tau - self.tau[:, i, None])) < APART, np.inf, v)
 
-    def new_edges(self) -> tuple[NDArray[np.int64], Array, Array]:
+    def states_at_new_edges(self) -> tuple[NDArray[np.int64], Array, Array]:
         """Return states (cell, τ, v) at the edges of the capture regions that were found since the last call."""
         balls = self.classifier.balls
         cell, p = np.nonzero((np.arange(balls.tau.shape[1]) >= self.balls[:, None]) & (balls.orbit >= 0))
@@ -199,19 +198,19 @@ class _QuietCells:
     def keep_preimages(self, away: NDArray[np.bool_], tau: Array, v: Array) -> None:
         """Compute preimages of states that leave quiet motion, and keep the slowest that leave quiet motion too.
 
-        tau, v (n, k): states of each cell. away (n, k): flags of the states that leave quiet motion. With each of these
-        states COPIES slower states close to it are used. If a cell then has more than STATES states, only every second,
-        third, … state that leaves quiet motion is used. Preimages are also computed of states at the edges of the
-        capture regions that were found since the last call.
+        tau, v (n, k): states of each cell. away (n, k): flags of the states that leave quiet motion. Each flagged state
+        is used with COPIES slower states close to it. If these are more than STATES in a cell, only every second,
+        third, … flagged state of the cell is used. Preimages are also computed of states at the edges of the capture
+        regions that were found since the last call.
         """
         number = away.sum(axis=1)[:, None]
-        # of a cell's states every `every`-th is kept, so that states and copies are at most STATES
+        # one flagged state of every `every` is used in a cell, so that with their copies they are at most STATES
         every = -(-number * (1 + COPIES) // STATES)
         some = np.flatnonzero(away & (np.cumsum(away, axis=1) % np.maximum(every, 1) == 0))
         near = sobol_points(1 + COPIES)[:, :, None] * NEAR
         near_tau, near_v = fold(tau.flat[some] + near[:, 0]), v.flat[some] * (1.0 - near[:, 1])
         states = np.tile(some // v.shape[1], 1 + COPIES), near_tau.ravel(), near_v.ravel()
-        cell, tau, v = (np.append(x, y) for x, y in zip(states, self.new_edges(), strict=True))
+        cell, tau, v = (np.append(x, y) for x, y in zip(states, self.states_at_new_edges(), strict=True))
         delta, epsilon, beta = (x[cell] for x in self.classifier.cells[:3])
         steps, ceiling = (PREIMAGES * self.longer[cell]).astype(np.int64), self.ceiling[cell]
         tau, v = slowest_preimages(tau, v, steps, ceiling, delta, epsilon, beta)
@@ -264,8 +263,8 @@ class _QuietCells:
     def confirm_chaos(self) -> None:
         """Follow the slowest states, in cells with `chaos`, for CONFIRMING_FACTOR times the cell's limit of impacts.
 
-        A state that now becomes quiet is dropped. Its speed then counts as the speed of an undecided state, because
-        other states that seem chaotic may become quiet as late.
+        A state that becomes quiet in this longer time is dropped, and its speed counts as that of an undecided state:
+        other states that seem chaotic may become quiet, too, if they are followed for longer.
         """
         row, column = np.nonzero(self.chaos[:, None] & np.isfinite(self.v))
         transient = ~self.leaves_quiet(row, self.tau[row, column], self.v[row, column], CONFIRMING_FACTOR)

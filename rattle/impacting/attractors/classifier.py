@@ -100,14 +100,20 @@ class ImpactingClassifier(Classifier):
 
     @classmethod
     def cells_of_orbits(cls, parameters: Parameters) -> ImpactingCells:
-        """Return the record of cells for periodic orbits, without the test for quiet motion: preparing it is slow."""
+        """Return the record of cells for periodic orbits. It lacks the test for quiet motion, slow to prepare."""
         return elastic_cells(parameters.delta, parameters.epsilon, parameters.beta, np.zeros(parameters.size))
 
     @staticmethod
     def states_after(
         parameters: Parameters, tau: NDArray[np.float64], v: NDArray[np.float64], returns: int
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
-        """Return τ and v after a number of returns to Σ⁺, and flags of states at rest: False, as bounces never end."""
+        """Return τ and v after a number of returns to Σ⁺, and flags of states at rest.
+
+        Returns
+        -------
+        tuple[ndarray, ndarray, ndarray]
+            τ, v and the flags. All flags are False: elastic bounces become ever lower, but never end.
+        """
         moved = iterate(parameters.delta, parameters.epsilon, tau, v, returns, parameters.beta)
         return moved.tau, moved.v, np.zeros(tau.size, np.bool_)
 

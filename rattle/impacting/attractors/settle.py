@@ -21,10 +21,10 @@ from rattle.flight.lanes.block import (
     GROUPS,
     NONE,
     clear_block,
+    force_kind,
     has_ended,
     is_near_overflow,
-    load,
-    needed_stage,
+    load_trajectory,
     normalise_tangent,
     prepare_flights,
 )
@@ -70,7 +70,7 @@ def is_quiet(b, i, largest_invariant):
 
 
 @inline
-def fate_of_lane(b, i, cell, cells, balls):
+def outcome_of_lane(b, i, cell, cells, balls):
     """Return the outcome of lane i, which is on Σ⁺ and follows a sample of cell number `cell`.
 
     Returns
@@ -89,7 +89,7 @@ def start_sample(b, i, k, cells, samples):
     """Put sample k on lane i, which follows it until the sample's limit of impacts."""
     c = samples.cell[k]
     limit = float(samples.limit[k] - samples.impacts[k])
-    load(b, i, samples.tau[k], samples.v[k], cells.delta[c], cells.epsilon[c], cells.beta[c], limit)
+    load_trajectory(b, i, samples.tau[k], samples.v[k], cells.delta[c], cells.epsilon[c], cells.beta[c], limit)
     b.restitution[i], b.capture[i] = cells.restitution[c], cells.capture[c]
     b.unit[i] = speed_unit(cells.delta[c], cells.epsilon[c], cells.beta[c])
 
@@ -104,7 +104,7 @@ def finish_sample(b, i, k, status, orbit, samples):
 
 
 @inline
-def check_recurrence(b, i, k, samples):
+def has_recurred(b, i, k, samples):
     """Return whether lane i is back at its reference state, and sample k has made `samples.pause[k]` impacts or more.
 
     If both hold, `samples.gap[k]` becomes the number of impacts on Σ⁺ since the reference state. Otherwise, after
@@ -138,7 +138,7 @@ def check_lane(b, i, k, cells, samples, balls):
     """
     over = has_ended(b, i)
     if b.wall[i] > 0.0:
-        status, orbit = fate_of_lane(b, i, samples.cell[k], cells, balls)
+        status, orbit = outcome_of_lane(b, i, samples.cell[k], cells, balls)
         if status != Outcome.UNRESOLVED:
             return status, orbit, True
     if b.stuck[i] == IN_CONTACT and b.capture[i] > 0.0:
@@ -146,7 +146,7 @@ def check_lane(b, i, k, cells, samples, balls):
         return Outcome.RECURRENT, -1, True
     if b.stuck[i] > 0.0:
         return Outcome.FAILED, -1, True
-    if b.wall[i] > 0.0 and check_recurrence(b, i, k, samples):
+    if b.wall[i] > 0.0 and has_recurred(b, i, k, samples):
         return Outcome.RECURRENT, -1, True
     return Outcome.UNRESOLVED, -1, over
 
@@ -155,10 +155,12 @@ def check_lane(b, i, k, cells, samples, balls):
 def check_lanes(b, groups, fresh, which, cells, samples, balls):
     """Check every lane in use, and put new samples on lanes whose samples ended.
 
+    which (k,): the numbers of the samples to follow. fresh: how many of them were put on lanes before this call.
+
     Returns
     -------
     int
-        How many of the samples `which` have been put on lanes so far.
+        How many of them were put on lanes by the end of this call.
     """
     for i in range(GROUP * groups):
         k = b.who[i]
@@ -176,7 +178,7 @@ def check_lanes(b, groups, fresh, which, cells, samples, balls):
 
 @kernel
 def settle(memory, which, flights, cells, samples, balls, paths):
-    """Follow the samples `which` until each has an outcome or reaches its limit of impacts.
+    """Follow the samples whose numbers are in `which` until each has an outcome or reaches its limit of impacts.
 
     `flights` flights pass between two checks of the lanes. A sample that reaches its limit without an outcome remains
     UNRESOLVED. `paths` (2,) counts flights whose first impact needs a scan, and flights whose first impact needs the
@@ -187,7 +189,7 @@ def settle(memory, which, flights, cells, samples, balls, paths):
     while groups > 0:
         fresh = check_lanes(b, groups, fresh, which, cells, samples, balls)
         groups = prepare_flights(b, groups, fresh == which.size)
-        advance(memory, groups, flights, needed_stage(b, groups), False, paths)
+        advance(memory, groups, flights, force_kind(b, groups), False, paths)
 
 
 @inline
@@ -231,11 +233,12 @@ def check_probes(b, groups, fresh, which, cells, samples, balls, watch):
 
     The observation of a probe consists of BATCHES successive parts. When a part or the probe ends, or the tangent
     vector is near overflow, the vector's growth since the last record is added to the part's row of `watch.sums`.
+    which (k,): the sample numbers of the probes. fresh: how many probes were put on lanes before this call.
 
     Returns
     -------
     int
-        How many of the probes `which` have been put on lanes so far.
+        How many probes were put on lanes by the end of this call.
     """
     for i in range(GROUP * groups):
         j = b.who[i]
@@ -282,7 +285,7 @@ def measure(memory, which, least, periods, cells, samples, balls, sums, footprin
     while groups > 0:
         fresh = check_probes(b, groups, fresh, which, cells, samples, balls, watch)
         groups = prepare_flights(b, groups, fresh == which.size)
-        force = needed_stage(b, groups)
+        force = force_kind(b, groups)
         for flights in STRIDES:
             advance(memory, groups, flights, force, True, paths)
             mark_visited_cells(b, groups, footprints)

@@ -8,7 +8,17 @@ from numpy.typing import NDArray
 
 from rattle.attractors.chaos import BATCHES
 from rattle.flight.impact_law import impulse_of, velocity_before_reflection
-from rattle.flight.lanes.block import GROUP, GROUPS, LANES, NONE, ONCE, clear_block, load, needed_stage, prepare_flights
+from rattle.flight.lanes.block import (
+    GROUP,
+    GROUPS,
+    LANES,
+    NONE,
+    ONCE,
+    clear_block,
+    force_kind,
+    load_trajectory,
+    prepare_flights,
+)
 from rattle.flight.lanes.stages import advance
 from rattle.impacting.attractors.settle import is_quiet
 from rattle.impacting.map.iterate import working_block
@@ -35,9 +45,9 @@ def add_impacts(b, groups, speeds, squares, impulses, fastest):
 def fly_and_sum(memory, lanes, cell, tau, v, checks, cells, sums, paths):
     """Follow motions (n,) that start at (tau, v), and sum over their impacts; motion i ends after checks[i] checks.
 
-    CHUNK flights pass between two checks. `sums` (n, BATCHES, COLUMNS), zero at the start, has the columns of
-    `rattle.intensity.visit.sum_impacts`. The checks of a motion are divided into BATCHES equal parts, and row j of the
-    motion's sums holds the impacts of part j. The sums of a motion that becomes quiet or stays in contact are NaN.
+    A check, after every CHUNK flights, also ends a motion that becomes quiet or stays in contact; its sums are NaN.
+    `sums` (n, BATCHES, COLUMNS), zero at the start, has the columns of `rattle.intensity.visit.sum_impacts`. The checks
+    of a motion are divided into BATCHES equal parts, and row j of the motion's sums holds the impacts of part j.
     `lanes` (4, LANES) is scratch memory. `paths` (2,) counts flights whose first impact needs a scan, and flights whose
     first impact needs the slower safe search.
     """
@@ -68,11 +78,11 @@ def fly_and_sum(memory, lanes, cell, tau, v, checks, cells, sums, paths):
                     b.who[i], b.limit[i] = -1, -1.0
             if b.who[i] < 0 and fresh < cell.size:
                 c = cell[fresh]
-                load(b, i, tau[fresh], v[fresh], cells.delta[c], cells.epsilon[c], cells.beta[c], math.inf)
+                load_trajectory(b, i, tau[fresh], v[fresh], cells.delta[c], cells.epsilon[c], cells.beta[c], math.inf)
                 b.who[i] = fresh
                 fresh += 1
         groups = prepare_flights(b, groups, fresh == cell.size)
-        force = needed_stage(b, groups)
+        force = force_kind(b, groups)
         lanes[:] = 0.0
         for _ in range(CHUNK):
             advance(memory, groups, ONCE, force, False, paths)

@@ -86,7 +86,7 @@ class Branch(FollowedBranch):
         pair = {(1, 1, 0): "CA", (1, 1, 1): "BD"}.get(self.label)
         if pair is None:
             return ("",) * len(self)
-        # det J(1) vanishes at saddle-nodes and stays finite at grazes
+        # the sign of det J(1) tells A from C and B from D: it changes at saddle-nodes, and det J(1) is finite at grazes
         index = np.linalg.det(self.itinerary.jacobian(self.unknowns))
         return tuple(pair[int(above)] for above in index > 0.0)
 

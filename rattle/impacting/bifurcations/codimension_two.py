@@ -62,7 +62,7 @@ def _multiplier_two_thirds(delta: float, beta: float) -> float:
 
 
 def _square_root_factor(delta: float, beta: float) -> float:
-    """Return −M = −(det J(1) + det J(−1))/2 at the graze, which vanishes at COD23; NaN if there is no graze."""
+    """Return −M = −(det J(1) + det J(−1))/2 of the grazing motion. It is 0 at COD23, and NaN if there is no graze."""
     sigma = closed_form.next_grazing(closed_form.EDGE, delta, beta)
     if not sigma < 0.5:
         return math.nan
@@ -71,11 +71,11 @@ def _square_root_factor(delta: float, beta: float) -> float:
 
 
 @dataclass(frozen=True)
-class Condition:
-    """A codimension-two point: its condition along the grazing curve, and the curves that meet there.
+class PointCondition:
+    """The condition that a codimension-two point meets on the grazing curve, and the curves that meet at this point.
 
-    curves: the names of these curves, each with one side of the point on which the curve exists: −1 for smaller, +1
-    for larger δ.
+    residual: a function of (δ, β) that falls to 0 at the point. curves: for each name one side of the point on which
+    the curve exists, −1 for smaller and +1 for larger δ.
     """
 
     meaning: str
@@ -84,14 +84,14 @@ class Condition:
 
 
 POINTS = {
-    "COD20": Condition("C flips as it grazes: a multiplier is −1", _flip_at_graze, {"PDC": -1, "G1": -1}),
-    "COD21": Condition("the multipliers of the grazing C become equal, and real", _equal_multipliers, {"G1": -1}),
-    "COD23": Condition(
+    "COD20": PointCondition("C flips as it grazes: a multiplier is −1", _flip_at_graze, {"PDC": -1, "G1": -1}),
+    "COD21": PointCondition("the multipliers of the grazing C become equal, and real", _equal_multipliers, {"G1": -1}),
+    "COD23": PointCondition(
         "SN2 and PD1 end on G1: beyond this point C meets D instead of B",
         _square_root_factor,
         {"SN2": -1, "PD1": -1, "G1": -1},
     ),
-    "COD22": Condition(
+    "COD22": PointCondition(
         "SN1 ends where A and C are born grazing: G1 becomes G2",
         _scaled_cosine,
         {"SN1": -1, "G1": -1, "G2": 1},
@@ -126,8 +126,8 @@ class CodimensionTwo:
 def codimension_two(beta: float = 0.6) -> tuple[CodimensionTwo, ...]:
     """Return the codimension-two points COD20, COD21, COD23 and COD22 (by rising δ at β = 0.6) of a half-backlash.
 
-    Positions are accurate to about 1e-12. Orders of contact come from a fit over three decades of distance. COD21 and
-    COD22 are in the paper (section 5.2), COD20 and COD23 are not.
+    Positions are accurate to about 1e-12. The order in which two curves touch or cross at a point is fitted over three
+    decades of the distance in δ. COD21 and COD22 are in the paper (section 5.2), COD20 and COD23 are not.
 
     Returns
     -------
@@ -191,7 +191,7 @@ def _tangency(curves: dict[str, int], delta: float, epsilon: float, beta: float)
     orders = {}
     for one, other in combinations(curves, 2):
         if {one, other} == {"G1", "G2"}:
-            continue  # G1 and G2 are parts of one smooth curve
+            continue  # G1 and G2 are parts of one smooth curve: they have no order of contact
         offsets = curves[other] * distances
         try:
             gaps = _curve_near(one, delta, epsilon, beta, offsets) - _curve_near(other, delta, epsilon, beta, offsets)
@@ -220,7 +220,7 @@ def _curve_near(name: str, delta: float, epsilon: float, beta: float, offsets: A
     problem = condition(definition.itinerary(beta), definition.kind, definition.impact)
     starts = definition.starts(delta, beta)
     if not starts:
-        raise RattleError(f"the curve {name} cannot be followed: no point of it is known at delta = {delta}")
+        raise RattleError(f"the curve {name} cannot be followed: closed forms give no point of it at delta = {delta}")
     x = _solution_at_delta(problem, min(starts, key=lambda x: abs(float(x[-1]) - epsilon)), delta)
     rising = np.zeros(x.size)
     rising[-2] = 1.0
@@ -238,7 +238,7 @@ def _solution_at_delta(problem: ContinuationProblem, guess: Array, delta: float)
     """Return the solution near a guess at this damping. Raises RattleError if Newton's method finds none."""
     x = solution_with_value(problem, guess, -2, delta)
     if x is None:
-        raise RattleError(f"Newton's method does not find the bifurcation curve at delta = {delta}")
+        raise RattleError(f"Newton's method finds no point of the bifurcation curve at delta = {delta}")
     return x
 
 

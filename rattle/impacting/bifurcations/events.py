@@ -25,9 +25,9 @@ from rattle.impacting.orbits.equations import Itinerary, smooth_multipliers
 from rattle.impacting.orbits.periodic import PeriodicOrbit, first_failure, is_admissible, orbit_of
 from rattle.numerics.complex_step import Array
 
-# where a branch turns back, its motion counts as a motion of half the period if the times of the impacts in its two
-# halves, less half the period, differ by less than this; the flip of that shorter motion must be no farther than this,
-# in δ and in ε, from the point at which the branch turns back
+# the two halves of a motion count as equal if their impact times, less half the period, differ by less than this: the
+# motion then repeats a motion of half its period. If a branch turns back at such a motion, the flip of the shorter
+# motion must lie within this distance, in δ and in ε, of the point at which the branch turns back.
 SAME_HALVES = 0.02
 # a test function is checked for two zeros within a step if the parabola through three points falls below this share of
 # the value at the middle point
@@ -130,7 +130,8 @@ def find_events(
         for j in np.flatnonzero((values[k] < 0) != (values[k + 1] < 0)):
             kind, impact, test = tests[j]
             y = root_between(problem, a, b, partial(test, b - a), NEWTON_START)
-            if y is None and kind is Kind.SADDLE_NODE:  # where branches cross, Newton's method fails
+            # where branches cross, Newton's method fails; the candidate is then the middle of the step
+            if y is None and kind is Kind.SADDLE_NODE:
                 y = 0.5 * (a + b)
             if y is not None:
                 found.append(Candidate(y, kind, itinerary, line.unknowns_at(y), impact))

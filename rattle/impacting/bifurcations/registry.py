@@ -77,7 +77,7 @@ def _first_flip(delta: float, beta: float) -> Sequence[Array]:
 
 
 def _later_flips(delta: float, beta: float) -> Sequence[Array]:
-    """Return the flips of D on PD2: D becomes stable at a flip before the fold of PD2, unstable at a flip beyond it."""
+    """Return the flips of D on PD2: all flips at this damping but the one of `_first_flip`, by rising ε along D."""
     return starts.two_impact_flips(delta, beta)[len(_first_flip(delta, beta)) :]
 
 

@@ -12,9 +12,10 @@ from rattle.impacting.orbits.equations import Itinerary
 from rattle.impacting.orbits.limits import flip_formula, sine_offset, sn1_formula
 from rattle.numerics.complex_step import Array
 
-# number of members between the two neighbours of a zero in each refinement; most refinements
+# number of members that a refinement lays from one neighbour of a zero to the other; most refinements
 FINER, FINEST = 33, 12
-# difference of the two neighbours of a zero, in times and relative in ε, below which they need no further refinement
+# a zero needs no further refinement if the members on either side of it differ by less than this: in impact times, in
+# forcing periods, and in ε, as a share of ε
 CLOSE = 0.02
 
 
@@ -54,8 +55,8 @@ def family_members(sigma: Array, delta: float, beta: float) -> StartFamily:
 
 @lru_cache(maxsize=256)
 def two_impact_family(delta: float, beta: float) -> StartFamily:
-    """Return the P(1,1,1) motions (B and D) at one damping, at the nodes σ > 0 of `closed_form.nodes`."""
-    sigma, epsilon = closed_form.nodes(delta, beta)
+    """Return the P(1,1,1) motions (B and D) at one damping, at the nodes σ > 0 of `closed_form.nodes_of_family`."""
+    sigma, epsilon = closed_form.nodes_of_family(delta, beta)
     return family_members(sigma[(sigma > 0.0) & np.isfinite(epsilon)], delta, beta)
 
 
@@ -117,7 +118,7 @@ def two_impact_flips(delta: float, beta: float) -> tuple[Array, ...]:
 
 
 def loses_stability(x: Array, beta: float) -> bool:
-    """Return whether D loses stability, as ε grows, at a flip of D: x holds the flip's unknowns, δ and ε."""
+    """Return whether D loses stability, as ε grows, at the flip of D whose times, δ and ε are x (4,)."""
     at = two_impact_family(float(x[-2]), beta)
     # ε grows with σ along D, and `flip` is negative where D is stable
     return bool(at.flip[np.searchsorted(at.sigma, x[1] - x[0] - 0.5) - 1] < 0)

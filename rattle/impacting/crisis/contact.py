@@ -24,7 +24,8 @@ from rattle.orbits.saddles import Array, LocalManifold, eigenvectors, local_mani
 GRID, ZOOMS = 41, 13  # number of points of a grid in s; number of refinements of the grid around its minimum
 # distance in s from the contact, relative to s, of the two points on either side whose itineraries are compared
 SAME = 1e-9
-# points of W^u(A) more than this number of impacts away from the local series are interpolated; number of nodes
+# points of W^u(A) more than this number of impacts away from the local series are interpolated; number of nodes of the
+# interpolation
 LONG, NODES = 30, 16
 NEWTON = 4  # number of Newton steps to the position of a state along W^s(A)
 MOST_ROUNDS = 40  # most moves of an interval until it holds a root
@@ -89,7 +90,7 @@ class SaddleManifolds:
         """Return the signed distance of states (2, n) from W^s(A), and their positions t along W^s(A).
 
         The distance is measured along the unstable eigenvector; near A, |t| is the arclength from A, relative to the
-        size of the local series. Both are infinite for states beyond the series.
+        size of the local series. Both are inf for states farther along W^s(A) than this series reaches (|t| > 1).
 
         Returns
         -------
@@ -182,7 +183,7 @@ def solve_contact(delta: float, beta: float, gap: float, window: tuple[float, fl
     n : int
         Impacts on Σ⁺ after which the piece returns to A.
     bracket : float
-        Expected error of the guess `gap`, relative to it.
+        Expected error of the guess `gap`, relative to `gap`.
 
     Returns
     -------
@@ -302,7 +303,10 @@ def square_root_coefficient(crisis: Crisis) -> float:
     word = here.distances_after(around, n)[1]
     edges = np.flatnonzero(word[1:] != word[:-1])
     if not edges.size:
-        raise RattleError(f"W^u(A) has no corner within 5 % of the contact at delta = {crisis.delta}")
+        raise RattleError(
+            f"W^u(A) has no corner where it touches W^s(A), or within 5 % of this position along W^u(A), "
+            f"at delta = {crisis.delta}"
+        )
     i = int(edges[np.argmin(np.abs(around[edges] - s))])
     low, high, first = around[i], around[i + 1], word[i]
     while low < (middle := 0.5 * (low + high)) < high:

@@ -26,10 +26,10 @@ from rattle.orbits.saddles import Array
 START = 0.98  # the curve begins at this multiple of the δ of COD22
 CLOSEST = 1e-5  # least ε − SN1 to which the curve is followed close to COD22, relative to SN1
 RATIO = 0.75  # ratio of successive ε − SN1 close to COD22
-# half-width of the window in s around a guess of s, relative to the guess; expected relative error of a guess of
-# ε − SN1, and close to COD22 of a guess of the distance in δ from COD22
+# half-width of the window in which s is searched, relative to the guess of s; expected relative error of the guess of
+# the other unknown, which is ε − SN1 or, close to COD22, the distance in δ from COD22
 WINDOW, BRACKET = 0.05, 0.01
-DOMAIN = 0.3  # widest window of s, as a share of a fundamental domain
+DOMAIN = 0.3  # largest half-width of the window of s, as a share of a fundamental domain, both in ln s
 # distance below the contact, relative to ε − SN1, at which no piece of W^u(A) may escape; number of samples per unit of
 # ln s with which W^u(A) is followed there
 MARGIN, CHECK_DENSITY = 1e-3, 4000
@@ -101,7 +101,9 @@ def _steps_of_next_crisis(last: Crisis) -> int:
 
 
 def contact_at_delta(known: list[Crisis], delta: float) -> Crisis:
-    """Return the crisis at a damping that continues the curve of the known crises; the last of them is the nearest.
+    """Return the crisis at a damping, guessed from the crises that are found so far.
+
+    known: these crises in the order of the curve; the last of them is the nearest to the new one.
 
     Returns
     -------
@@ -121,9 +123,10 @@ def contact_at_delta(known: list[Crisis], delta: float) -> Crisis:
 
 
 def contact_at_gap(known: list[Crisis], gap: float, end: float) -> Crisis:
-    """Return the crisis at ε = SN1 + gap that continues the known crises towards COD22, whose damping is `end`.
+    """Return the crisis at ε = SN1 + gap, close to COD22, guessed from the crises that are found so far.
 
-    δ is extrapolated, because δ − end is nearly proportional to √gap.
+    known: these crises in the order of the curve; the last of them is the nearest to COD22. end: δ of COD22. The guess
+    of δ is extrapolated from them, because δ − end is nearly proportional to √gap.
 
     Returns
     -------
@@ -157,7 +160,7 @@ def _follow_down(start: Crisis, low: float, resolution: float, end: float) -> tu
         try:
             found = contact_at_delta(known, delta)
             if has_escaping_piece(delta, found.beta, found.gap * (1.0 - MARGIN), CHECK_DENSITY):
-                raise RattleError("another piece of W^u(A) touches W^s(A) first")
+                raise RattleError("another piece of W^u(A) touches W^s(A) at a smaller epsilon")
         except RattleError as error:
             step /= 4.0
             if step < SMALLEST * end:
@@ -200,7 +203,7 @@ def _follow_up(start: Crisis, top: float, end: float) -> tuple[list[Crisis], str
 def _shape_changes(points: list[Crisis]) -> list[Crisis]:
     """Return the crises between these points at which the contact changes between corner and tangency.
 
-    There the coefficient of `square_root_coefficient` vanishes.
+    `square_root_coefficient` is 0 at such a crisis.
 
     Returns
     -------

@@ -37,7 +37,8 @@ FIRST_RETURNS, RETURNS = 64, 256
 # at strong damping, a parameter point is undecided if a sample may need more impacts than this to become quiet; at weak
 # damping the limit is larger, in proportion to `most_impacts_to_rest`
 MOST_IMPACTS = 8192
-# impacts that are ignored as a transient; impacts after these over which the Lyapunov exponent is measured
+# number of impacts of a sample that are ignored as a transient; number of impacts after these over which its Lyapunov
+# exponent is measured
 TRANSIENT_IMPACTS, LYAPUNOV_IMPACTS = 20_000, 4_000
 CHAOS_SAMPLES = 32  # number of samples whose Lyapunov exponents are measured
 # distances below the crisis, relative to ε − SN1, at which chaos is tested; no narrow window of periodic motion holds
@@ -46,7 +47,8 @@ BELOW = (1e-4, 1e-3, 1e-5)
 # distance above the crisis, relative to ε − SN1, at which chaos is tested; few chaotic transients last there
 ABOVE = 0.01
 CHAOTIC = 0.02  # least first Lyapunov exponent of chaos, per forcing period
-# least share of chaotic samples below a crisis; largest share above it
+# W^u(A) counts as going to a chaotic attractor if more than this share of its samples is chaotic: just below a contact
+# with W^s(A); just above it
 LEAST_CHAOTIC_SHARE, MOST_CHAOTIC_SHARE = 0.2, 0.05
 
 
@@ -61,7 +63,7 @@ class Saddles(NamedTuple):
     multiplier: Array
 
     def select(self, chosen: Flags) -> "Saddles":
-        """Return the saddles at the chosen points."""
+        """Return the saddles at the points whose flags in `chosen` (n,) are True."""
         return Saddles(*(x[chosen] for x in self))
 
     @property
@@ -91,19 +93,19 @@ class Saddles(NamedTuple):
 
     @property
     def _impacts_to_leave(self) -> Array:
-        """Impacts (n,) that a sample needs to go from the fundamental domain to a distance of 1 from A."""
+        """Number of impacts (n,) that a sample needs to go from the fundamental domain to a distance of 1 from A."""
         with np.errstate(divide="ignore", invalid="ignore"):
             return np.asarray(np.log(1.0 / NEAREST) / np.log(self.multiplier), np.float64)
 
     def _impacts_until_quiet(self, returns: int) -> Array:
-        """Return the impacts (n,) within which a sample becomes quiet.
+        """Return the number of impacts (n,) within which a sample becomes quiet.
 
         returns: the number of impacts that a sample may make, at strong damping, between leaving A and crossing W^s(A).
 
         Returns
         -------
         Array
-            The sum of the impacts to leave A, to cross W^s(A), and to become quiet after that.
+            The sum of the numbers of impacts to leave A, to cross W^s(A), and to become quiet after that.
         """
         rest = impacts_to_rest(self.delta, self.epsilon, self.beta)
         return np.asarray(self._impacts_to_leave + returns * _limit_factor(self.delta) + 2.0 * rest, np.float64)
@@ -122,7 +124,7 @@ def _limit_factor(delta: Array) -> Array:
     return most_impacts_to_rest(delta) / LONGEST_REST
 
 
-def saddles(delta: Array, epsilon: Array, beta: Array) -> Saddles:
+def saddles_at(delta: Array, epsilon: Array, beta: Array) -> Saddles:
     """Return the saddle A at flat arrays of parameters."""
     orbits = period_one(delta, epsilon, beta)
     multiplier = np.real(orbits.multipliers[0, 0])
@@ -165,7 +167,7 @@ class FollowedManifold:
 
 def has_escaping_part(delta: float, epsilon: Array, beta: float) -> Flags:
     """Return flags (n,) of eccentricities at which a part of W^u(A) becomes quiet; False where not `is_decidable`."""
-    a = saddles(np.full(epsilon.size, delta), epsilon, np.full(epsilon.size, beta))
+    a = saddles_at(np.full(epsilon.size, delta), epsilon, np.full(epsilon.size, beta))
     found = a.is_decidable
     if found.any():
         a = a.select(found)
@@ -175,7 +177,7 @@ def has_escaping_part(delta: float, epsilon: Array, beta: float) -> Flags:
 
 def saddle_at(delta: float, epsilon: float, beta: float) -> Saddles:
     """Return the saddle A at one point. Raises RattleError unless the point is `Saddles.is_decidable`."""
-    a = saddles(*(np.array([x]) for x in (delta, epsilon, beta)))
+    a = saddles_at(*(np.array([x]) for x in (delta, epsilon, beta)))
     if not a.is_decidable[0]:
         raise RattleError(
             f"W^u(A) cannot be followed at delta = {delta}, epsilon = {epsilon}, beta = {beta}: the saddle A or quiet "

@@ -24,8 +24,8 @@ from rattle.impacting.orbits.period_one import period_one
 from rattle.orbits.saddles import Array
 
 STEP = 0.04  # relative step in ε − SN1, where SN1 is the ε of the curve SN1 at the damping
-# the first ε − SN1 is LOWEST · SN1 times the square of the relative distance in δ from COD22; the square counts as
-# SMALLEST if it is smaller than that
+# the first ε − SN1 that is tried is LOWEST · SN1 · x², where x is the distance in δ from COD22 relative to δ of COD22;
+# x² counts as at least SMALLEST and at most 0.02
 LOWEST, SMALLEST = 0.5, 2e-5
 # last ε − SN1 that is tried, relative to SN1; below the damping WEAK the search ends at the quiet limit, far above SN1
 HIGHEST = 2.0
@@ -163,9 +163,9 @@ def _returns_of_orbit(delta: float, beta: float, gap: float, s: float) -> tuple[
     Returns
     -------
     tuple[int, list[int]]
-        (met, entries). If the orbit makes k impacts on Σ⁺ before it first meets Σ⁻, met is k − 1, or 0 if k is 0; it
-        is −1 if the orbit never meets Σ⁻. After meeting Σ⁻ the orbit may come back close to W^s(A) near A. entries:
-        for each time at which it comes back, the number of impacts on Σ⁺ since impact number `met`.
+        (met, entries). met: the number of impacts on Σ⁺ before the orbit first meets Σ⁻, less 1 but at least 0; −1 if
+        the orbit never meets Σ⁻. entries: later the orbit may come back close to W^s(A) near A, several times; for
+        each of these times the number of impacts on Σ⁺ since impact number `met`.
     """
     here = saddle_manifolds_at(delta, float(sn1_formula(delta)) + gap, beta)
     states, met, entries, inside, farthest = here.unstable_manifold.image(np.array([s]), 0)[1], -1, [], True, 0.0
@@ -174,7 +174,8 @@ def _returns_of_orbit(delta: float, beta: float, gap: float, s: float) -> tuple[
         if not ok.all():
             break
         if met < 0 and bounces[0] > 0:
-            # j impacts on Σ⁺ come before Σ⁻ is met; on the other side of a corner of W^u(A) nearby only j − 1 may come
+            # the orbit makes j impacts on Σ⁺ before it meets Σ⁻, but an orbit on the other side of a nearby corner of
+            # W^u(A) may make only j − 1
             met = max(j - 1, 0)
         height = float(here.signed_distances(states)[0][0])
         farthest = max(farthest, float(np.hypot(*(states - here.at))[0]))
@@ -300,8 +301,8 @@ def boundary_crisis(delta: float, beta: float = 0.6) -> Crisis:
     gaps = _gaps_to_try(delta, beta)
     if gaps.size < 2:
         raise RattleError(
-            f"too little of the range of epsilon below the quiet limit has the saddle A at delta = {delta}, "
-            f"beta = {beta}: choose another delta"
+            f"the saddle A exists at fewer than two of the tried values of epsilon at delta = {delta}, beta = {beta}: "
+            "choose another delta"
         )
     gone = np.asarray(has_escaping_part(delta, float(sn1_formula(delta)) + gaps, beta), np.bool_)
     reasons = []

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rattle.errors import broadcast_parameters
-from rattle.impacting.crisis.escape import SAMPLES, FollowedManifold, saddles
+from rattle.impacting.crisis.escape import SAMPLES, FollowedManifold, saddles_at
 
 CRISIS_SIDES = ("not_computed", "no_saddle", "inside", "escapes", "undecided")
 NO_SADDLE, INSIDE, ESCAPES, UNSURE = range(1, 5)
@@ -41,7 +41,7 @@ def crisis_side(delta: ArrayLike, epsilon: ArrayLike, beta: ArrayLike = 0.6) -> 
         If a parameter is outside its domain.
     """
     broadcast = broadcast_parameters(delta, epsilon, beta)
-    a = saddles(*(np.array(x, order="C").ravel() for x in broadcast))
+    a = saddles_at(*(np.array(x, order="C").ravel() for x in broadcast))
     side, known = np.where(a.exists, UNSURE, NO_SADDLE).astype(np.int8), a.is_decidable
     if known.any():
         a = a.select(known)

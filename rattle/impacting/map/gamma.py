@@ -17,8 +17,8 @@ from rattle.flight.law import folded
 from rattle.numerics.compile import kernel
 
 FIRST_POINTS = 256
-# no points are inserted between two times of touch that differ by less: if their states are still farther apart than
-# the spacing, Γ breaks there
+# no points are inserted between two times of touch that differ by less than this: if their states are still farther
+# apart than the spacing, Γ breaks there
 CLOSEST = 1e-13
 FINEST = 1e-4  # least allowed spacing of points
 

@@ -13,10 +13,10 @@ from rattle.flight.lanes.block import (
     GROUPS,
     NONE,
     clear_block,
+    force_kind,
     has_ended,
     is_near_overflow,
-    load,
-    needed_stage,
+    load_trajectory,
     new_block,
     normalise_tangent,
     prepare_flights,
@@ -45,9 +45,9 @@ def working_block() -> Any:
     return _memory.block
 
 
-def _make_driver(tangent: bool) -> Any:
+def _build_iterate_lanes(tangent: bool) -> Any:
     @kernel
-    def drive(memory, tau, v, n, delta, epsilon, beta, paths):
+    def iterate_lanes(memory, tau, v, n, delta, epsilon, beta, paths):
         """Return Π^n of each element of flat arrays. A lane that finishes an element gets the next element.
 
         `paths` (2,), raised in place, counts flights whose first impact needs a scan, and flights whose first impact
@@ -81,19 +81,19 @@ def _make_driver(tangent: bool) -> Any:
                     n_plus[k], n_minus[k], status[k] = b.n_plus[i], b.n_minus[i], b.stuck[i]
                     b.who[i] = -1
                 if fresh < size:
-                    load(b, i, tau[fresh], v[fresh], delta[fresh], epsilon[fresh], beta[fresh], n[fresh])
+                    load_trajectory(b, i, tau[fresh], v[fresh], delta[fresh], epsilon[fresh], beta[fresh], n[fresh])
                     b.who[i] = fresh
                     fresh += 1
             groups = prepare_flights(b, groups, fresh == size)
-            advance(memory, groups, FLIGHTS, needed_stage(b, groups), tangent, paths)
+            advance(memory, groups, FLIGHTS, force_kind(b, groups), tangent, paths)
         return status, out_tau, out_v, n_plus, n_minus, growth
 
     # the name by which a compiling process finds the kernel
-    drive.name = "_drive_tangent" if tangent else "_drive_plain"
-    return drive
+    iterate_lanes.name = "_iterate_lanes_tangent" if tangent else "_iterate_lanes_plain"
+    return iterate_lanes
 
 
-_drive_plain, _drive_tangent = _make_driver(False), _make_driver(True)
+_iterate_lanes_plain, _iterate_lanes_tangent = _build_iterate_lanes(False), _build_iterate_lanes(True)
 
 
 def iterate(
@@ -110,7 +110,7 @@ def iterate(
         States and numbers of impacts.
     """
     flat, shape = checked_states(delta, epsilon, tau, v, n, beta)
-    _status, *out, _growth = _drive_plain(working_block(), *flat, np.zeros(2, np.int64))
+    _status, *out, _growth = _iterate_lanes_plain(working_block(), *flat, np.zeros(2, np.int64))
     return Iterates(*(x.reshape(shape) for x in out))
 
 
@@ -133,7 +133,7 @@ def iterate_tangent(
         If an argument is outside its domain.
     """
     flat, shape = checked_states(delta, epsilon, tau, v, n, beta)
-    _status, *out, growth = _drive_tangent(working_block(), *flat, np.zeros(2, np.int64))
+    _status, *out, growth = _iterate_lanes_tangent(working_block(), *flat, np.zeros(2, np.int64))
     return Stretched.from_growth(out, growth, shape)
 
 
@@ -152,5 +152,5 @@ def flight_counts(
     """
     flat, _shape = checked_states(delta, epsilon, tau, v, n, beta)
     counted = np.zeros(2, np.int64)
-    _status, _tau, _v, n_plus, n_minus, _growth = _drive_plain(working_block(), *flat, counted)
+    _status, _tau, _v, n_plus, n_minus, _growth = _iterate_lanes_plain(working_block(), *flat, counted)
     return int(n_plus.sum() + n_minus.sum()), int(counted[SCANNED]), int(counted[SAFE])

@@ -23,7 +23,8 @@ from rattle.numerics.compile import kernel
 
 Array = NDArray[np.float64]
 
-# number of sampled phases; number of independent maxima, so that the loop over phases can use vector instructions
+# number of phases at which the contact force is sampled; number of maxima that are kept side by side, so that the loop
+# over phases can use vector instructions
 PHASES, ABREAST = 2048, 16
 SINES, COSINES = sampled_phases(PHASES)
 LARGEST_ETA = 0.5  # largest η (see the top of this file) for which the measured bound is used
@@ -52,13 +53,13 @@ def largest_eta(delta):
 
 @kernel
 def compiled_capture_invariant(delta, epsilon, beta, largest):
-    """Return the result of `capture_invariant`, inside kernels. `largest` (ABREAST,) is scratch memory."""
+    """Return the result of `capture_invariant`, inside kernels. `largest` (ABREAST,) is scratch memory for maxima."""
     smallest = DRIFT * delta - contact_force_swing(delta, epsilon)
     if smallest <= 0.0:
         return 0.0
     rate = max(math.pi, delta)
     for j in range(ABREAST):
-        largest[j] = 0.0  # the maximum of (η/I^(1/3))³ over the phases number j, j + ABREAST, j + 2 ABREAST, …
+        largest[j] = 0.0  # becomes the maximum of (η/I^(1/3))³ over the phases number j, j + ABREAST, j + 2 ABREAST, …
     for i in range(0, PHASES, ABREAST):
         for j in range(ABREAST):
             cosine, sine = COSINES[i + j], SINES[i + j]
@@ -75,7 +76,7 @@ def compiled_capture_invariant(delta, epsilon, beta, largest):
 
 @kernel
 def fill_invariants(delta, epsilon, beta, largest, found):
-    """Write the result of `capture_invariant` for n cells to `found` (n,). `largest` (ABREAST,) is scratch memory."""
+    """Write the results of `capture_invariant` to `found` (n,). `largest` (ABREAST,) is scratch memory for maxima."""
     for i in range(delta.size):
         found[i] = compiled_capture_invariant(delta[i], epsilon[i], beta[i], largest)
 

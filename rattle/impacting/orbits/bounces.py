@@ -46,8 +46,8 @@ def fill_shares(work, x):
 def space_bounces(work, n, offset, least):
     """Set the times in `work` to a guess of n bounces in a period that all have the same v³/g.
 
-    least: the phase of least contact force. offset: the place of the first bounce relative to this phase, from −1 (one
-    bounce earlier) to 0 (at this phase).
+    least: the phase of least contact force. offset: the place of the first bounce, counted in bounces from this phase:
+    0 puts the first bounce at this phase, and −1 puts the second one there.
     """
     shares, i = work.shares, 0
     for j in range(n):

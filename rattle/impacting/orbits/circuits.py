@@ -21,7 +21,8 @@ from rattle.impacting.orbits.impact_times import (
 from rattle.numerics.compile import inline, kernel
 
 MOST_CORRECTIONS = 6
-# longest last correction, in forcing periods; the error that remains is of the order of its square
+# corrections to a curve end with one shorter than this, in forcing periods; the remaining error is of the order of its
+# square
 CORRECTED = 3e-4
 FARTHEST = 0.3  # longest correction from the guess to the first point of a circuit, in forcing periods
 SHORTEST = 1e-4  # shortest step along a circuit; a circuit that needs a shorter step is given up
@@ -119,7 +120,7 @@ def compare_step_with_curve(work, n):
 
 
 @kernel
-def keep_zero_between(work, n, lo, hi, f_lo, f_hi, farthest, delta, epsilon, beta):
+def keep_stable_orbit_between(work, n, lo, hi, f_lo, f_hi, farthest, delta, epsilon, beta):
     """Find the orbit between the distances lo and hi, where R_0 changes sign; add it to `work.found` if it is stable.
 
     The search runs along the curve of motions that satisfy all impact equations but the first. R_0 is the residual of
@@ -161,7 +162,9 @@ def find_sign_change(work, n, hi, f_lo, slope_lo, f_hi, slope_hi, delta, epsilon
     for _ in range(MOST_ZOOMS):
         if not slope_lo * f_lo < 0.0 < slope_hi * f_hi:
             break
-        if hi - lo < 0.5 * whole:  # R_0 is convex or concave here, so it stays on one side of its tangents
+        # on so short an interval R_0 counts as convex or concave, so it has no zero if the tangents at both ends meet
+        # before they reach 0
+        if hi - lo < 0.5 * whole:
             s = (f_hi - f_lo + slope_lo * lo - slope_hi * hi) / (slope_lo - slope_hi)
             if (f_lo + slope_lo * (s - lo)) * f_lo > 0.0:
                 break
@@ -194,7 +197,7 @@ def is_resolved(s, f0, slope0, f1, slope1):
 
 
 @kernel
-def has_closed(work, n, s):
+def passes_start(work, n, s):
     """Return whether the next step along a curve, of length s, passes the curve's start: then the curve is closed."""
     ahead, square = 0.0, 0.0
     for i in range(n):
@@ -255,14 +258,14 @@ def walk_circuit(work, n, span, longest, delta, epsilon, beta):
             work.next_point[i], work.next_direction[i] = work.times[i], work.response[i] / length
         if (f0 > 0.0) != (f1 > 0.0):
             zeros += 1
-            keep_zero_between(work, n, 0.0, s, f0, f1, s, delta, epsilon, beta)
+            keep_stable_orbit_between(work, n, 0.0, s, f0, f1, s, delta, epsilon, beta)
         else:
             crosses, at, f = find_sign_change(work, n, s, f0, slope0, f1, slope1, delta, epsilon, beta)
             if crosses:
                 zeros += 2
-                keep_zero_between(work, n, 0.0, at, f0, f, s, delta, epsilon, beta)
-                keep_zero_between(work, n, at, s, f, f1, s, delta, epsilon, beta)
-        if step > 2 and has_closed(work, n, s):
+                keep_stable_orbit_between(work, n, 0.0, at, f0, f, s, delta, epsilon, beta)
+                keep_stable_orbit_between(work, n, at, s, f, f1, s, delta, epsilon, beta)
+        if step > 2 and passes_start(work, n, s):
             return CLOSED, zeros
         if abs(work.next_point[0] - work.start[0]) >= span:
             return WOUND, zeros

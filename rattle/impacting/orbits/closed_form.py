@@ -79,7 +79,7 @@ def closure_numerators(sigma, delta, beta):
     determinant = a11 * a22 - a12 * a21
     x, y = b1 * a22 - a12 * b2, a11 * b2 - a21 * b1
     y_s = -(y * cosy + x * siny)
-    p_excess = FOUR_PI * (k_r * determinant + er * y_s - y) / le  # numerator of p − 4π
+    p_excess = FOUR_PI * (k_r * determinant + er * y_s - y) / le  # (p − 4π) · determinant
     v = p_excess + TWO_PI * y
     u = p_excess * es - FOUR_PI * ls * determinant + TWO_PI * y_s
     return x, y, v, u, determinant
@@ -93,14 +93,14 @@ def family_eccentricity(sigma, delta, beta):
 
 
 @kernel
-def residual(kind, level, sigma, delta, beta):
-    """Return a function of σ along the family of P(1,1,1), whose impact on Σ⁻ comes 1/2 + σ periods after that on Σ⁺.
+def family_residual(kind, level, sigma, delta, beta):
+    """Return one of two numbers of the P(1,1,1) whose impact on Σ⁻ comes 1/2 + σ periods after that on Σ⁺.
 
     Returns
     -------
     float
-        kind 0: the eccentricity ε of the motion, less `level`. kind 1: the numerator of its speed at Σ⁻, which has no
-        pole; `level` is not used.
+        If kind is 0, the eccentricity ε of the motion minus `level`. If kind is 1, the numerator of its speed at Σ⁻,
+        which has no pole; `level` is then not used.
     """
     if kind == 0:
         return family_eccentricity(sigma, delta, beta) - level
@@ -109,7 +109,7 @@ def residual(kind, level, sigma, delta, beta):
 
 @kernel
 def solve_bracketed(kind, level, lo, hi, delta, beta):
-    """Return the σ between lo and hi at which `residual`(kind, level, σ, …) is 0, to rounding.
+    """Return the σ between lo and hi at which `family_residual`(kind, level, σ, …) is 0, to rounding.
 
     The residual must have different signs at lo and hi. A secant step that leaves the bracket is replaced by bisection.
 
@@ -118,13 +118,13 @@ def solve_bracketed(kind, level, lo, hi, delta, beta):
     float
         The root σ.
     """
-    f_lo, f_hi = residual(kind, level, lo, delta, beta), residual(kind, level, hi, delta, beta)
+    f_lo, f_hi = family_residual(kind, level, lo, delta, beta), family_residual(kind, level, hi, delta, beta)
     side, last = 0, math.nan
     for _ in range(200):
         sigma = (lo * f_hi - hi * f_lo) / (f_hi - f_lo)
         if not (min(lo, hi) < sigma < max(lo, hi)):
             sigma = 0.5 * (lo + hi)
-        f = residual(kind, level, sigma, delta, beta)
+        f = family_residual(kind, level, sigma, delta, beta)
         if f == 0.0 or abs(sigma - last) <= 1e-16 * abs(sigma):
             return sigma
         last = sigma
@@ -152,7 +152,7 @@ def turning_point(lo, hi, sign, delta, beta):
 
 @kernel
 def fill_nodes(delta, beta, sigma, e):
-    """Write σ and ε of the family's `nodes` to `sigma` and `e` (MOST_NODES,), and return the number of nodes."""
+    """Write σ and ε of `nodes_of_family` to `sigma` and `e` (MOST_NODES,), and return the number of nodes."""
     n = NODES_PER_SIDE
     for i in range(n):
         gap = EDGE * (0.5 * (1.0 - 1e-6) / EDGE) ** (i / (n - 1.0))
@@ -177,7 +177,7 @@ def fill_nodes(delta, beta, sigma, e):
     return size
 
 
-def nodes(delta: float, beta: float) -> tuple[Array, Array]:
+def nodes_of_family(delta: float, beta: float) -> tuple[Array, Array]:
     """Return nodes of the family of P(1,1,1): rising σ, and ε(σ), which is monotone between neighbouring nodes.
 
     The nodes are geometrically spaced on both sides of the pole σ = 0. The turning points of ε(σ) are nodes too.
@@ -244,7 +244,7 @@ def double_impact_orbit(sigma, delta, epsilon, beta):
         return False, tau, v, 0.0
     sin0, cos0 = y / epsilon, x / epsilon
     omc, siny, _defect = versines(sigma)
-    # sine and cosine of 2πs, half a turn from those of 2πσ
+    # sine and cosine of 2π(τ + s), at the impact on Σ⁻; as s = 1/2 + σ, those of 2πs are minus those of 2πσ
     sin1, cos1 = sin0 * omc - sin0 - cos0 * siny, cos0 * omc - cos0 + sin0 * siny
     d1, d2 = -math.expm1(-delta * s), -math.expm1(-delta * r)
     down = flight_from_sine_cosine(-v, sin0, cos0, delta, epsilon, DRIFT)
@@ -255,7 +255,7 @@ def double_impact_orbit(sigma, delta, epsilon, beta):
 
 
 @kernel
-def record_root(orbit, admissible, tau, v, trace, exists, phase, speed, traces, i):
+def record_orbit(orbit, admissible, tau, v, trace, exists, phase, speed, traces, i):
     """Write an orbit of cell i to the arrays if it is admissible and the first orbit of its letter A to D in the cell.
 
     `orbit` is the number of the letter. The orbits of a cell are passed in the order of falling σ, from 1/2 on. The
@@ -279,9 +279,9 @@ def fill_period_one(order, delta, epsilon, beta, offset, sigma, e, exists, phase
     for i in order:
         d, eps, b = delta[i], epsilon[i], beta[i]
         ok, tau, v, trace = single_impact_orbit(-1.0, d, eps, b, offset[i])
-        record_root(A, ok, tau, v, trace, exists, phase, speed, traces, i)
+        record_orbit(A, ok, tau, v, trace, exists, phase, speed, traces, i)
         ok, tau, v, trace = single_impact_orbit(1.0, d, eps, b, offset[i])
-        record_root(C, ok, tau, v, trace, exists, phase, speed, traces, i)
+        record_orbit(C, ok, tau, v, trace, exists, phase, speed, traces, i)
         if last < 0 or d != delta[last] or b != beta[last]:
             n = fill_nodes(d, b, sigma, e)
         last = i
@@ -289,7 +289,7 @@ def fill_period_one(order, delta, epsilon, beta, offset, sigma, e, exists, phase
             if (e[j] - eps) * (e[j + 1] - eps) <= 0.0 and not sigma[j] < 0.0 < sigma[j + 1]:
                 root = solve_bracketed(0, eps, sigma[j], sigma[j + 1], d, b)
                 ok, tau, v, trace = double_impact_orbit(root, d, eps, b)
-                record_root(D if e[j + 1] > e[j] else B, ok, tau, v, trace, exists, phase, speed, traces, i)
+                record_orbit(D if e[j + 1] > e[j] else B, ok, tau, v, trace, exists, phase, speed, traces, i)
 
 
 def period_one_cells(

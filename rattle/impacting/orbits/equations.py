@@ -40,8 +40,9 @@ from rattle.orbits.periodic_motions import Equations
 def fill_equations(x, gaps, m, multiplier, flights, residual, matrix):
     """Write the flights (6, k, n), residuals R (k, n) and Jacobians J(λ) (k, n, n) of motions x (k, n + 2).
 
-    x holds n times, δ and ε of each motion, `gaps` (n,) the distance of each flight, and λ is `multiplier`. The arrays
-    are zero at the start. If J is not needed, `matrix` has the shape (k, 0, 0).
+    A row of x holds the n impact times of a motion, δ and ε. gaps (n,): the distances of the flights from wall to wall,
+    0 or ±2β. multiplier: λ. `flights`, `residual` and `matrix` must hold zeros before the call. If J is not needed,
+    `matrix` has the shape (k, 0, 0).
     """
     k, n, size = x.shape[0], gaps.size, matrix.shape[1]
     for j in range(k):
@@ -64,7 +65,7 @@ def fill_equations(x, gaps, m, multiplier, flights, residual, matrix):
             after, later = (i + 1, 1.0 + 0j) if i < n - 1 else (0, multiplier)
             pull = flights[PULL, j, i]
             matrix[j, i, i] += impact_mismatch(flights[W1_T1, j, i - 1], flights[W0_T0, j, i])
-            matrix[j, i, after] -= pull * flights[W1, j, i] * later  # ∂w₀/∂t₁
+            matrix[j, i, after] -= pull * flights[W1, j, i] * later  # −pull · w₁ is ∂w₀/∂t₁
             matrix[j, after, i] += arrival_term(np.divide(flights[DECAY, j, i] * pull * flights[W0, j, i], later))
 
 
@@ -127,7 +128,7 @@ class Itinerary(Equations):
         with np.errstate(divide="ignore", invalid="ignore"):
             after = -flights.pull * flights.w1
             for i in range(self.n):
-                # solve dw₀ = w0_t0 dt₀ + after dt₁ for dt₁, and insert it into dw₁ = before dt₀ + w1_t1 dt₁
+                # solve dw₀ = w0_t0 dt₀ + after dt₁ for dt₁, and insert dt₁ into dw₁ = decay pull w₀ dt₀ + w1_t1 dt₁
                 t_t, t_w = -flights.w0_t0[i] / after[i], 1.0 / after[i]
                 w_t = flights.decay[i] * flights.pull[i] * flights.w0[i] + flights.w1_t1[i] * t_t
                 w_w = flights.w1_t1[i] * t_w

@@ -27,7 +27,8 @@ from rattle.numerics.compile import inline, kernel
 
 SAME_TIME = 1e-6  # largest difference of two times of flight, in forcing periods, that counts as the same flight
 SOLVED = 1e-11  # length of a Newton step, in forcing periods, after which the solution is exact to rounding
-# a Newton step shorter than this, in forcing periods, is the last one if it is longer than half the step before
+# a Newton step shorter than this, in forcing periods, is also the last one if it is at least half as long as the step
+# before it: rounding then prevents a better solution
 NEARLY = 1e-7
 NEWTON_STEPS = 12
 SHARE_LEFT = 0.4  # least share of a flight's duration that remains after one step of Newton's method
@@ -55,7 +56,7 @@ WORK = np.dtype(
 
 
 def workspace() -> np.void:
-    """Return scratch memory for one search."""
+    """Return scratch memory for a search for orbits, one record of WORK."""
     return np.zeros(1, WORK)[0]
 
 

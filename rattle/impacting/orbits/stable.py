@@ -80,7 +80,7 @@ def find_alternating_orbits(least, work, delta, epsilon, beta):
         # the gap: it must arrive at Σ⁻ with a speed above 0
         crosses = 4.0 * k * k * beta > math.pi * delta
         idle = idle + 1 if crosses and zeros == 0 else 0
-        if idle == 2:  # motions with more crossings are faster and dissipate more, so none of them is stable
+        if idle == 2:  # no orbit for two k in turn: motions with more crossings dissipate even more, so none is stable
             break
 
 

@@ -11,7 +11,7 @@ from depth import either
 
 import rattle
 from rattle.flight.forcing import DRIFT
-from rattle.flight.lanes.block import FIELDS, LANES, TABLES, clear_block, load, move, new_block
+from rattle.flight.lanes.block import FIELDS, LANES, TABLES, clear_block, load_trajectory, move_trajectory, new_block
 from rattle.impacting.map import impact_map
 from rattle.impacting.map.iterate import flight_counts
 
@@ -34,13 +34,13 @@ def _loaded(memory):
     b = memory[0]
     clear_block(b)
     for i in range(LANES):
-        load(b, i, 0.01 * i, 1.0 + i, 0.3 + 0.01 * i, 0.05 * i, 0.6, 7.0)
+        load_trajectory(b, i, 0.01 * i, 1.0 + i, 0.3 + 0.01 * i, 0.05 * i, 0.6, 7.0)
         b.who[i], b.unit[i], b.time[i] = i, 2.0 + i, 3.0 + i
 
 
 @compiled
 def _moved(memory, i, j):
-    move(memory[0], i, j)
+    move_trajectory(memory[0], i, j)
 
 
 def test_what_is_moved_to_another_lane_is_all_that_it_carries():
