@@ -1,4 +1,4 @@
-"""Run the drawings of one picture of a page one by one; of those requested meanwhile, only the newest."""
+"""Run the drawings of one picture of a page one by one. A new request replaces an earlier one that still waits."""
 
 from __future__ import annotations
 

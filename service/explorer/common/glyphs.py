@@ -39,7 +39,9 @@ POINT = ("x", "y", "marker", "name", "dx", "dy", "to_x", "to_y")
 
 @dataclass(frozen=True)
 class Scale:
-    """Renderers of a map on one colour scale. A map has a linear and a logarithmic one: a renderer keeps its mapper.
+    """Renderers of a map on one colour scale, linear or logarithmic.
+
+    A map has renderers on both scales and shows one set, because a renderer cannot change its colour mapper.
 
     mapper: the colour mapper that `cells`, `fine` and `bar` share. cells: renderer of the survey's cells. fine:
     renderer of finer cells in a window. bar: the colour bar.
@@ -133,7 +135,7 @@ def place_bars(plot: Any, bars: Sequence[Any], is_below: bool) -> None:
     for bar in bars:
         bar.update(width="auto" if is_below else BAR_WIDTH, height=BAR_WIDTH if is_below else "auto")
     right, below = ([each for each in side if each not in bars] for side in (plot.right, plot.below))
-    # a bar is added to its new side before it leaves the old one: Bokeh would drop the view of a bar on neither side
+    # a bar joins its new side before it leaves the old one, because Bokeh drops the view of a bar that is on no side
     if is_below:
         plot.below = [*below, *bars]
         plot.right = right

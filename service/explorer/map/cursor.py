@@ -27,13 +27,15 @@ from gear_rattle.service.explorer.state.events import (
 )
 from gear_rattle.service.explorer.state.store import Store, window_of
 
-# A step of the cursor is one cell. In a window with fewer than FEWEST_CELLS cells across it is 1/STEPS of the window.
+# A step of the cursor is one cell, or 1/STEPS of the window if the window is less than FEWEST_CELLS cells wide or high.
 FEWEST_CELLS = 8
 STEPS = 40
 FAR_STEP = 0.1  # length of a step with Shift, as a share of the window
 MOST_STEPS_AT_ONCE = 1000  # most steps in one message of the browser; a key that is held down sends many steps
 ZOOM_FACTOR = 0.5  # factor of the window's width and height when a viewer zooms in by the keyboard
-EDGE_SHARE = 0.25  # distance of the cursor from the edge of a window that moves to it, as a share of the window
+EDGE_SHARE = (
+    0.25  # if the window moves to contain the cursor, the cursor's distance from its edge, as a share of the window
+)
 LARGEST_ZOOM_OUT = 3.0  # greatest width of a window after zooming out, in widths of the survey
 WINDOWS = {"back": "Back to the window before", "forward": "Forward to the window after"}
 POINT_COMMAND = "point "  # start of the command that opens a point; δ and ε of the point follow

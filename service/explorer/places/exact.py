@@ -192,14 +192,14 @@ class ExactMaps:
 
 
 def _closed_form_dataset(cells: Cells, names: Collection[str] = ()) -> xr.Dataset:
-    """Return the closed forms of cells as a dataset of the form that `open_survey` returns.
+    """Return the variables in closed form, computed at all cells, as a dataset like that of `open_survey`.
 
-    names: names of the variables, () for all variables.
+    names: names of the variables to compute, () for all variables in closed form.
 
     Returns
     -------
     xr.Dataset
-        Closed forms, with the coordinates δ and ε.
+        Variables, with the coordinates δ and ε.
     """
     every = [each for each in variables_of_groups(CLOSED_FORMS, REQUEST.model) if each.per_cell]
     quantities = [each for each in every if not names or each.name in names]

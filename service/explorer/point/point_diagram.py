@@ -42,7 +42,7 @@ MOST_THIN = 0.5  # a range of speeds is dense if its excess mass is larger than 
 ROUNDING_STEPS = 1e-7, 1e-3  # parameter and speed of states are rounded to these steps; equal states count once
 # pixels: height of the figure, height of its speed axis, width that is assumed until a browser sends the true one
 HEIGHT, INNER, NARROW = 360, 270, 300
-# event names: number of rows, height of a row and width of a letter in pixels, largest number of names
+# of event names: rows above the data; height of a row, in pixels; width of a letter, in pixels; most names
 NAME_ROWS, ROW, LETTER, MOST_NAMES = 4, 15, 6.2, 12
 
 
@@ -164,8 +164,8 @@ class DiagramPicture:
 class EventName(NamedTuple):
     """Name of an event, as text in one of the rows above the data, with a line down to the event.
 
-    x, v: parameter and impact speed of the event. row: number of the row, 0 for the lowest. align: end of the text,
-    "left" or "right", that is at the line.
+    x, v: parameter and impact speed of the event. row: number of the row, 0 for the lowest. align: "left" if the text
+    begins at the line, "right" if it ends there.
     """
 
     x: float
@@ -196,8 +196,8 @@ def speed_range(found: DiagramLines) -> Pair:
 def dense_speed_range(found: DiagramLines) -> Pair | None:
     """Return the range of speeds in which the states of attractors are dense, with a margin; None if there is none.
 
-    A chaotic attractor or a cascade has many states at each parameter, and a periodic motion few. The excess mass of a
-    range is its share of the distinct states less its share of the range of all speeds.
+    States are dense where a chaotic attractor or a cascade of period doublings has many states at each parameter. The
+    excess mass of a range is its share of the distinct states less its share of the range of all speeds.
 
     Returns
     -------
@@ -259,7 +259,7 @@ def placed_event_names(found: DiagramLines, across: float, shown: Pair = (-np.in
 
 
 def _event_in_words(marks: EventImpacts, i: int) -> str:
-    """Return the event of impact `i` in words: the curve of the plane on which it lies, its kind, its motion."""
+    """Return in words the event of impact number `i`: its curve of the (δ, ε) plane, its kind, and its motion."""
     name = f"{marks.name[i]}, " if marks.name[i] else ""
     return f"{name}{MEANINGS[marks.kind[i]]} of {marks.motion[i]}"
 

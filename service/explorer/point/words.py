@@ -175,7 +175,7 @@ def machine_in_words(machine: Machine, gear: AnyGear) -> str:
 
 
 def likelihood_in_words(gear: AnyGear, found: SampledAttractors, period: str = PERIOD) -> str:
-    """Return how likely the gear is to run quietly, and what it does otherwise."""
+    """Return in sentences how likely the gear is to run quietly, and with which motions it rattles otherwise."""
     pairs = list(zip(found.attractors, found.letters, strict=True))
     quiet, undecided = (next((x for x, _ in pairs if x.kind == kind), None) for kind in ("quiet", "undecided"))
     rattling = [(each, letter) for each, letter in pairs if each.kind in ("periodic", "chaotic")]
@@ -276,7 +276,15 @@ def orbits_table(found: PeriodOneOrbits) -> str:
 
 
 def notebook_link(gear: AnyGear, direction: str, span: float | None, to: Pair | None) -> str:
-    """Return a link in HTML to a notebook that computes this point and the diagram that the page shows of it."""
+    """Return a link in HTML to a notebook that computes a point, and its diagram as the page shows the diagram.
+
+    direction, span, to: the choice of the diagram, as in `PointState`.
+
+    Returns
+    -------
+    str
+        The link.
+    """
     at = gear.parameters.point()
     along = {"direction": direction, "span": span} if to is None else {"to_delta": to[0], "to_epsilon": to[1]}
     harmonics = [("harmonic", each) for each in harmonic_texts(gear.parameters.harmonics)]
@@ -336,12 +344,18 @@ def end_in_words(end: ExtentEnd, is_upper: bool, scale: float = 1.0) -> str:
     if end.kind == LOST:
         return f"{at}: could not be followed farther"
     if end.kind == SWEPT:
-        return f"{at} (swept); {side} it the sweep found {end.beyond}"
+        return f"{at} (swept); {side} it the sweep found {end.motion_beyond}"
     if end.kind == FLIP and end.remains:
         what = "loses stability by period doubling" if is_upper else "becomes stable by period doubling"
     else:
         what = (ENDS if is_upper else BEGINS)[end.kind]
-    more = f" ({end.curve})" if end.curve else f" ({side}, {end.beyond})" if end.beyond and end.kind == GRAZING else ""
+    more = (
+        f" ({end.curve})"
+        if end.curve
+        else f" ({side}, {end.motion_beyond})"
+        if end.motion_beyond and end.kind == GRAZING
+        else ""
+    )
     return f"{at}: {what}{more}"
 
 

@@ -12,7 +12,8 @@ from gear_rattle.service.explorer.map.colouring import shown_values, valueless_c
 from gear_rattle.service.explorer.map.planes import MapBlock, MapPlane
 from gear_rattle.workers.pictures.maps import scale_of, title_of
 
-#: Largest numbers of values along δ and ε that are read around a line. If there are more cells, several share a value.
+#: Most values along δ and along ε that are read in the box around a line. If the box has more cells, several cells
+#: share a value.
 ROOM = (1024, 1024)
 OUTSIDE = "outside of the survey"
 Ends = tuple[Pair, Pair]
@@ -51,7 +52,7 @@ def crossed_cells(box: Ranges, shape: tuple[int, int], ends: Ends) -> tuple[np.n
     Returns
     -------
     tuple[np.ndarray, np.ndarray, np.ndarray]
-        Positions (k + 1,) from 0 to 1, and row and column (k,) of the cell between each two; −1 outside of all cells.
+        Positions (k + 1,) from 0 to 1; row (k,) and column (k,) of the cell from each position to the next, −1 outside.
     """
     (x, y), (to_x, to_y) = ends
     ways = tuple(zip((x, y), (to_x, to_y), box, shape[::-1], strict=True))

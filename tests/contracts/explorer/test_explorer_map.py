@@ -231,7 +231,7 @@ def test_values_beyond_the_limits_are_marked(
     values = speeds.values[np.isfinite(speeds.values)]
     low, high = (found.low, found.high) if limits == "full" else limits
     beyond = float((values < np.float32(low)).mean()), float((values > np.float32(high)).mean())
-    assert found.beyond == pytest.approx(beyond)
+    assert found.shares_beyond == pytest.approx(beyond)
     assert [share > 0 for share in beyond] == [below, above]
     drawn = new_map()
     drawn.draw_cells(speeds.block(), found)
