@@ -27,7 +27,7 @@ from rattle.plot import STYLES
 BAR_WIDTH, BAR_PADDING = 12, 6  # pixels
 #: Text and baseline of the arrow at each end of a colour bar.
 ENDS = {"left": ("◀", "middle"), "right": ("▶", "middle"), "bottom": ("▼", "top"), "top": ("▲", "bottom")}
-CLEAR = "#00000000"
+TRANSPARENT = "#00000000"
 VEIL = f"{round(COVERED * 0xFF):02x}"
 ELLIPSE = "#d40078"
 BAND_NAME = "limit_band"
@@ -90,12 +90,12 @@ def image_renderer(source: ColumnDataSource, mapper: Any, **properties: Any) -> 
 
 def transparent_mapper() -> Any:
     """Return a colour mapper that makes every value transparent, until its palette is replaced."""
-    return LinearColorMapper(palette=[CLEAR], low=0, high=1, nan_color=CLEAR)
+    return LinearColorMapper(palette=[TRANSPARENT], low=0, high=1, nan_color=TRANSPARENT)
 
 
 def veil_renderer(source: ColumnDataSource, paper: str) -> Any:
     """Return an image renderer that covers pixels of value 1 with the translucent background colour `paper`."""
-    mapper = LinearColorMapper(palette=[CLEAR, paper + VEIL], low=-0.5, high=1.5, nan_color=CLEAR)
+    mapper = LinearColorMapper(palette=[TRANSPARENT, paper + VEIL], low=-0.5, high=1.5, nan_color=TRANSPARENT)
     return image_renderer(source, mapper, name="veil")
 
 
@@ -111,7 +111,7 @@ def colour_scales(values: ColumnDataSource, fine: ColumnDataSource, **bar: Any) 
     """
     found = {}
     for log, kind in ((False, LinearColorMapper), (True, LogColorMapper)):
-        mapper = kind(palette=["#000000"], low=1, high=2, nan_color=CLEAR)
+        mapper = kind(palette=["#000000"], low=1, high=2, nan_color=TRANSPARENT)
         cells, finer = (
             image_renderer(source, mapper, visible=False, name=f"{name}{log:d}")
             for name, source in (("cells", values), ("fine", fine))

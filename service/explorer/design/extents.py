@@ -24,10 +24,10 @@ MOST_FOLLOWED, MOST_IMPACTS = 12, 64
 STEPS = 150  # steps of a sweep over the whole range of ε
 # A sweep of chaos follows STATES states of a trajectory, with RETURNS iterates of the return map from state to state.
 STATES, RETURNS = 16, 37
-WINDOW = 4  # a sweep of chaos passes periodic windows that are at most this many steps wide
-# A sweep halves a step that loses the attractor. It stops halving in two cases: the step is at most LEAST of a full
-# step; or it is at most FINEST of a full step and at most NEAR of the distance in ε from the gear.
-FINEST, NEAR, LEAST = 1 / 32, 1 / 8, 1e-9
+WINDOW_STEPS = 4  # a sweep of chaos passes periodic windows that are at most this many steps wide
+# A sweep halves a step that loses the attractor. It stops halving in two cases: the step is at most SMALLEST_STEP of a
+# full step; or it is at most FINEST_STEP of a full step and at most NEAR_SHARE of the distance in ε from the gear.
+FINEST_STEP, NEAR_SHARE, SMALLEST_STEP = 1 / 32, 1 / 8, 1e-9
 
 #: Kinds of an end, see `ExtentEnd`: first the events of a branch, with the names of `rattle`; then all other kinds.
 SADDLE_NODE, FLIP, GRAZING = "SN", "PD", "GR"
@@ -218,7 +218,7 @@ def _sweep(gear: AnyGear, attractor: rattle.Attractor, end: float, within: Pair)
         if same is not None:
             at, known, step = there, same, min(2.0 * step, longest)
             continue
-        if step > max(LEAST * longest, min(FINEST * longest, NEAR * abs(at - gear.epsilon))):
+        if step > max(SMALLEST_STEP * longest, min(FINEST_STEP * longest, NEAR_SHARE * abs(at - gear.epsilon))):
             step /= 2.0
             continue
         passed = _chaos_after_window(gear, attractor, found, there, way * longest, end)
@@ -259,7 +259,8 @@ def _chaos_after_window(
     """Follow the motion in a periodic window of chaos, and return where chaos begins again.
 
     attractor: the attractor that a sweep followed up to the window. found: the attractors at ε = `at`, where the sweep
-    entered the window. The first of them is followed in at most WINDOW steps of ε, each of size `step`, up to `end`.
+    entered the window, of which the first is followed in at most WINDOW_STEPS steps of ε, each of size `step`, up to
+    `end`.
 
     Returns
     -------
@@ -269,7 +270,7 @@ def _chaos_after_window(
     """
     if attractor.kind != "chaotic":
         return None
-    for _ in range(WINDOW):
+    for _ in range(WINDOW_STEPS):
         there = at + step
         if found[0].kind != "periodic" or (there - end) * step > 0:
             return None

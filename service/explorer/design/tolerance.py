@@ -25,8 +25,8 @@ COUNT, MOST_JUDGED = 8, 256
 # Fields of a machine that `population_numbers` does not copy. `rattle.population` takes "rpm" in place of the speed, a
 # distribution in place of the eccentricity, and "error_20" and the like in place of the errors; no machine of the page
 # has driven_errors.
-NOT_GIVEN = ("speed", "eccentricity", "errors", "driven_errors")
-LEAST = 0.1  # least speed and damping of a gear, relative to the mean
+NOT_COPIED = ("speed", "eccentricity", "errors", "driven_errors")
+LEAST_OF_MEAN = 0.1  # least speed and damping of a gear, relative to the mean
 
 
 class Yield(NamedTuple):
@@ -56,9 +56,9 @@ def tolerance_outline(delta: float, epsilon: float, machine: Machine | None, wid
     if machine is None:
         x, y = delta + first, epsilon + second
     else:
-        x = delta * machine.rpm / np.maximum(machine.rpm + first, LEAST * machine.rpm)
+        x = delta * machine.rpm / np.maximum(machine.rpm + first, LEAST_OF_MEAN * machine.rpm)
         y = epsilon + second / machine.units.length
-    return np.column_stack([np.maximum(x, LEAST * delta), np.maximum(y, 0.0)])
+    return np.column_stack([np.maximum(x, LEAST_OF_MEAN * delta), np.maximum(y, 0.0)])
 
 
 def population_numbers(gear: AnyGear, machine: Machine | None, widths: Tolerance) -> dict[str, Any]:
@@ -84,9 +84,9 @@ def population_numbers(gear: AnyGear, machine: Machine | None, widths: Tolerance
         pair = {"delta": gear.delta, "epsilon": gear.epsilon}
     else:
         pair = {"rpm": machine.rpm, "eccentricity": machine.eccentricity}
-        names = (each.name for each in fields(machine) if each.name not in NOT_GIVEN)
+        names = (each.name for each in fields(machine) if each.name not in NOT_COPIED)
         others = {name: getattr(machine, name) for name in names} | _amplitudes_by_order("error", machine.errors)
-    for name, width, low in zip(pair, widths, (LEAST, 0.0), strict=False):
+    for name, width, low in zip(pair, widths, (LEAST_OF_MEAN, 0.0), strict=False):
         pair[name] = _number_with_tolerance(pair[name], width, low)
     return {**others, **pair}
 

@@ -52,9 +52,10 @@ class FamilyDescription:
     """Description of one family.
 
     row: the family's numbers in the survey's table of families, by name. cell_share: share of the computed cells that
-    have the family. sample_share: share of all samples that go to the family. borders: {name of a curve that makes
-    or ends motions of the family's label: number of pairs of neighbouring cells, one with the family and one without,
-    between which the curve passes}. extents: the longest row and the longest column of the family's cells.
+    have the family. sample_share: share of all samples that go to the family. borders: by the name of each curve on
+    which motions of the family's label begin or end, the number of pairs of neighbouring cells, one with the family and
+    one without it, between which the curve passes. extents: the longest row and the longest column of the family's
+    cells.
     """
 
     name: str

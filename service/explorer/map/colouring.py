@@ -23,9 +23,9 @@ from gear_rattle.workers.pictures.maps import (
 )
 
 SHADES = 256
-#: The map shows the name of a family whose width is at least the share WIDE of the map. The name is left out if the
-#: name of a wider family is nearer than NAME: 130 pixels along δ and 24 pixels along ε.
-WIDE, NAME = 0.02, (130, 24)
+#: The map shows the name of a family whose width is at least the share LEAST_WIDTH of the map. The name is left out if
+#: the name of a wider family is nearer than NAME_SIZE: 130 pixels along δ and 24 pixels along ε.
+LEAST_WIDTH, NAME_SIZE = 0.02, (130, 24)
 
 
 @dataclass(frozen=True)
@@ -162,11 +162,11 @@ def family_places(block: MapBlock, labels: Mapping[float, str], room: Room) -> d
         Points by name, the widest family first.
     """
     rows, columns = block.values.shape
-    least = max(WIDE * min(rows, columns), 1.5)
+    least = max(LEAST_WIDTH * min(rows, columns), 1.5)
     large = [code for code in labels if 0 < code < OTHERS and (block.values == code).sum() > 3 * (least - 1) ** 2]
     named = {int(code): _short_name(labels[code]) for code in large}
     # size of a name as shares of the map's width and height
-    long, tall = (pixels / max(size, 1) for pixels, size in zip(NAME, room, strict=True))
+    long, tall = (pixels / max(size, 1) for pixels, size in zip(NAME_SIZE, room, strict=True))
     places: dict[str, Pair] = {}
     taken: list[Pair] = []
     for code, (i, j, wide) in sorted(widest_cells(block.values, named).items(), key=lambda each: -each[1][2]):

@@ -160,9 +160,10 @@ def _span_containing(span: Pair, value: float) -> Pair:
 
 
 def zoomed_window(window: Ranges, at: Pair, factor: float, box: Ranges) -> Ranges:
-    """Return the window, scaled by a factor about the cursor `at`.
+    """Return the window, scaled by a factor about the cursor `at`, which keeps its position on the screen.
 
-    box: the ranges of the survey. The window becomes at most LARGEST_ZOOM_OUT times as wide and as high.
+    factor: below 1 to zoom in, above 1 to zoom out. box: the ranges of the survey. The window becomes
+    at most LARGEST_ZOOM_OUT times as wide and as high as `box`.
 
     Returns
     -------

@@ -202,7 +202,7 @@ class MapFigure:
             self._dispatch(WindowMoved(window))
 
     def show_window(self, window: Ranges) -> None:
-        """Show a window. If the browser reported it, do not send it back: the browser may show a newer one already."""
+        """Show a window. A window that the browser reported is not sent back, because the browser may have moved on."""
         if self._leader is self and window != self._window:
             self._window = window
             self._axes.show_window(*window)
@@ -299,7 +299,7 @@ class MapFigure:
             mark.visible = share > 0
         self._is_categorical = colours.categorical
         self._reserve_bar_width()
-        reasons = [glyphs.CLEAR, *colours.reason_colours]
+        reasons = [glyphs.TRANSPARENT, *colours.reason_colours]
         self._why_mapper.update(palette=reasons, low=-0.5, high=len(reasons) - 0.5)
         self._show_scale()
 

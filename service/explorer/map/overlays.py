@@ -241,11 +241,11 @@ def key_entries(model: Model) -> list[dict[str, Any]]:
 
 
 #: Capability that a model must have for a line.
-NEEDS = {CRISIS: Capability.CRISIS, POINTS: Capability.CORNERS}
+NEEDED_CAPABILITY = {CRISIS: Capability.CRISIS, POINTS: Capability.CORNERS}
 
 
 def _is_offered(name: str, model: Model) -> bool:
-    return name not in NEEDS or NEEDS[name] in model.has
+    return name not in NEEDED_CAPABILITY or NEEDED_CAPABILITY[name] in model.has
 
 
 def _line_meaning(name: str, model: Model) -> str:

@@ -31,10 +31,13 @@ from gear_rattle.workers.survey.slices import slice_of
 from gear_rattle.workers.survey.tiles import tiles_of_slice
 from gear_rattle.workers.survey.values.schema import CELL, Group
 
-KEPT, KEPT_CELLS = 24, 24_000_000  # most maps in memory, and most cells of all maps together, at 5 bytes a cell
+MOST_MAPS, MOST_MAP_CELLS = (
+    24,
+    24_000_000,
+)  # of all maps in memory together; a cell takes 5 bytes
 ENLARGED_POINTS = 200  # points along an axis of an enlarged window
 SIDE = 512  # most cells that are drawn along an axis, unless the screen is known to have more pixels
-BAND = 1 << 20  # most cells that are read at once, unless a single row of tiles has more
+MOST_CELLS_AT_ONCE = 1 << 20  # most cells that are read at once, unless a single row of tiles has more
 READING_SECONDS = 1.0  # seconds after which reading pauses, so that the cells read so far are drawn
 Key = tuple[str, str, int, int, bool]
 Room = tuple[int, int]  # pixels along (delta, epsilon)
@@ -113,8 +116,9 @@ class MapPlane:
     def _tiles_to_read(self, fresh: set[int]) -> Iterator[list[int]]:
         """Yield lists of tiles to read at once.
 
-        The tiles are taken in groups of whole rows, of at most BAND cells or one row. If more than half of a group's
-        tiles are fresh, all tiles of the group make one list. Otherwise each fresh tile makes a list of its own.
+        The tiles are taken in groups of whole rows of tiles, with at most MOST_CELLS_AT_ONCE cells or one row. If more
+        than half of a group's tiles are fresh, all tiles of the group make one list. Otherwise each fresh tile makes a
+        list of its own.
 
         fresh: tiles that are written to the store and not read yet.
 
@@ -124,7 +128,7 @@ class MapPlane:
             Indices of tiles.
         """
         _, across = self.request.tile_grid
-        together = across * max(1, BAND // (self.delta.size * self.request.tile_shape[0]))
+        together = across * max(1, MOST_CELLS_AT_ONCE // (self.delta.size * self.request.tile_shape[0]))
         every = list(self._tiles)
         for start in range(0, len(every), together):
             indices = every[start : start + together]
@@ -146,7 +150,7 @@ class MapPlane:
         return box_of_cells(self.delta, self.epsilon)
 
     def is_thinned(self, room: Room = (SIDE, SIDE)) -> bool:
-        """Return whether there are more cells than pixels along an axis. room: pixels along (delta, epsilon)."""
+        """Return whether the map has more cells than pixels along δ or along ε. room: pixels along (delta, epsilon)."""
         return self.delta.size > room[0] or self.epsilon.size > room[1]
 
     def block(self, window: Ranges | None = None, room: Room = (SIDE, SIDE), *, anywhere: bool = False) -> MapBlock:
@@ -357,7 +361,7 @@ class Atlas:
             plane = self._plane_class(job, variable)(self._front, job, variable, index, number)
             with self._lock:
                 plane = self._planes.setdefault(key, plane)
-                while len(self._planes) > 1 and (len(self._planes) > KEPT or self._n_cells > KEPT_CELLS):
+                while len(self._planes) > 1 and (len(self._planes) > MOST_MAPS or self._n_cells > MOST_MAP_CELLS):
                     self._planes.popitem(last=False)
         return plane, plane.update(job)
 

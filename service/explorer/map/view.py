@@ -67,7 +67,7 @@ class MapView(SurveyMap):
         self.lines.show_shades(shades)
 
     def _choose_map(self) -> None:
-        """Choose a map that the survey has: the viewer's choice, if there is one, else the survey's default map."""
+        """Choose the map of a survey that was just chosen or begins to run: the viewer's choice, or the default map."""
         store, view, whole, job = self._store, self._store.view, self._store.whole_request, self._store.job
         if whole is None or not store.has_surveys:
             self._survey_at_choice = None
@@ -206,7 +206,7 @@ class MapView(SurveyMap):
             self.read_cell(read, show)
 
     def _mark_point_and_pins(self) -> None:
-        """Mark the open point with its lines, and the pins. Points of another model than the map's are left out."""
+        """Mark the open point, its ellipse and its diagram's line, and the pins, if their model is the map's."""
         view, model, machine = self._store.view, self._store.model, self._store.machine
         self.figure.mark_pins(points_by_number(view.pins, model))
         if (marked := (view.point, view.machine, view.point_state, model, machine)) != self._marked:

@@ -150,7 +150,7 @@ class Page:
         self._viewer.change(lambda: self.store.update_surveys({each.job.id: each for each in statuses}))
 
     def _add_chosen_survey(self, statuses: Sequence[JobStatus]) -> Sequence[JobStatus]:
-        """Return the statuses. Add that of the chosen survey if it is not among them and the survey exists."""
+        """Return the statuses, and the chosen survey's status if it is not among them and the survey exists."""
         asked = self.store.view.survey
         if not self.store.view.is_example and all(each.job.id != asked for each in statuses):
             with suppress(UnknownSurveyError):
@@ -275,7 +275,7 @@ class Page:
         self._viewer.change(write)
 
     def end(self) -> None:
-        """Release the resources after the browser has left."""
+        """Stop all work of the page, and remove its listeners, after the browser has left."""
         self._shared.news.remove_listener(self._on_statuses)
         self._map.end()
         self._beside.end()

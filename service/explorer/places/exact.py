@@ -28,7 +28,7 @@ from gear_rattle.workers.survey.tiles import cells_of_tile
 from gear_rattle.workers.survey.values.cells import Cells
 from gear_rattle.workers.survey.values.quantities import dimension_labels, variables_of_groups
 
-KEPT = 8  # most maps of unfinished surveys in memory
+MOST_UNFINISHED = 8  # most maps of unfinished surveys in memory
 
 
 class ExactPlane(MapPlane):
@@ -174,7 +174,7 @@ class ExactMaps:
                 slice_ = request.slice_request(request.slice_index(number))
                 self._unfinished[key] = UnfinishedPlane(slice_, job.id, variable, index, computed)
             self._unfinished.move_to_end(key)
-            while len(self._unfinished) > KEPT:
+            while len(self._unfinished) > MOST_UNFINISHED:
                 self._unfinished.popitem(last=False)
             return self._unfinished[key]
 

@@ -12,7 +12,7 @@ from bokeh.models.annotations import Span
 
 from gear_rattle.service.explorer.common.address import Pair
 from gear_rattle.service.explorer.common.changes import handler_in_event_loop
-from gear_rattle.service.explorer.common.figures import BESIDE, ink_of, themed_figure
+from gear_rattle.service.explorer.common.figures import LEFT_BORDER, ink_of, themed_figure
 from gear_rattle.service.explorer.common.glyphs import clear
 from gear_rattle.service.explorer.common.watch import WidgetWatcher
 from gear_rattle.service.explorer.files import asset
@@ -35,10 +35,10 @@ NAMES = {"epsilon": "eccentricity ε", "delta": "damping δ"}
 # colours of the states that upward and downward sweeps found
 UPWARD, DOWNWARD = {"light": "#4a90d9", "dark": "#7fb3e0"}, "#e8862e"
 # diameters in pixels of dots of upward and downward sweeps: where both sweeps find a state, both dots are visible
-DOTS = 3.6, 1.8
-ROOM = 0.04  # margin above and below the speeds, relative to their range
+DOT_SIZES = 3.6, 1.8
+SPEED_MARGIN = 0.04  # margin above and below the speeds, relative to their range
 DENSE, ALL = "dense", "all"  # choices of a viewer: the axis shows the dense range of speeds, or all speeds
-MOST_THIN = 0.5  # a range of speeds is dense if its excess mass is larger than this, see `dense_speed_range`
+DENSE_EXCESS = 0.5  # a range of speeds is dense if its excess mass is larger than this, see `dense_speed_range`
 ROUNDING_STEPS = 1e-7, 1e-3  # parameter and speed of states are rounded to these steps; equal states count once
 # pixels: height of the figure, height of its speed axis, width that is assumed until a browser sends the true one
 HEIGHT, INNER, NARROW = 360, 270, 300
@@ -53,10 +53,10 @@ class DiagramPicture:
         axis = x_range or (0.0, 1.0)
         name, speeds = NAMES["epsilon"], (0.0, 7.0)
         self.figure: Any = themed_figure("diagram", theme, name, "impact speed v", HEIGHT, axis, speeds)
-        self.figure.min_border_left = BESIDE
+        self.figure.min_border_left = LEFT_BORDER
         ink = ink_of(theme)
         self._seen = {}
-        for upward, shade, size in zip((True, False), (UPWARD[theme], DOWNWARD), DOTS, strict=True):
+        for upward, shade, size in zip((True, False), (UPWARD[theme], DOWNWARD), DOT_SIZES, strict=True):
             self._seen[upward] = ColumnDataSource({"x": [], "v": []})
             self.figure.scatter("x", "v", source=self._seen[upward], size=size, color=shade, alpha=0.8)
         self._strokes = ColumnDataSource({"x": [], "v": [], "motion": [], "stable": [], "dash": [], "width": []})
@@ -202,7 +202,7 @@ def dense_speed_range(found: DiagramLines) -> Pair | None:
     Returns
     -------
     tuple[float, float] | None
-        Lowest and highest speed of the range with the largest excess mass; None if this mass is at most MOST_THIN.
+        Lowest and highest speed of the range with the largest excess mass; None if this mass is at most DENSE_EXCESS.
     """
     low, high = speed_range(found)
     distinct = np.unique(np.round(np.column_stack([found.x, found.v]) / ROUNDING_STEPS), axis=0)
@@ -214,11 +214,11 @@ def dense_speed_range(found: DiagramLines) -> Pair | None:
     excess = np.maximum.accumulate(below) + ranks + 1 / v.size - share
     end = int(excess.argmax())
     start = int(below[: end + 1].argmax())
-    return _add_margin(float(v[start]), float(v[end])) if excess[end] > MOST_THIN and end > start else None
+    return _add_margin(float(v[start]), float(v[end])) if excess[end] > DENSE_EXCESS and end > start else None
 
 
 def _add_margin(low: float, high: float) -> Pair:
-    room = ROOM * (high - low or high or 1.0)
+    room = SPEED_MARGIN * (high - low or high or 1.0)
     return low - room, high + room
 
 

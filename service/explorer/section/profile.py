@@ -14,7 +14,7 @@ from gear_rattle.workers.pictures.maps import scale_of, title_of
 
 #: Most values along δ and along ε that are read in the box around a line. If the box has more cells, several cells
 #: share a value.
-ROOM = (1024, 1024)
+MOST_READ = (1024, 1024)
 OUTSIDE = "outside of the survey"
 Ends = tuple[Pair, Pair]
 
@@ -75,7 +75,7 @@ def crossed_cells(box: Ranges, shape: tuple[int, int], ends: Ends) -> tuple[np.n
 def profile_of(plane: MapPlane, ends: Ends) -> Profile:
     """Return the profile of a map along a line between two points (δ, ε). It blocks: use a thread."""
     delta, epsilon = ((min(pair), max(pair)) for pair in zip(*ends, strict=True))
-    block = plane.block((delta, epsilon), ROOM)
+    block = plane.block((delta, epsilon), MOST_READ)
     shape = block.values.shape
     at, row, column = crossed_cells(block.box, (shape[0], shape[1]), ends)
     is_there = row >= 0

@@ -90,7 +90,7 @@ class Store(Listeners):
 
     @property
     def job(self) -> JobRow | None:
-        """Chosen survey; None if no survey is chosen, or if the page does not know it."""
+        """Chosen survey; None if no survey is chosen, or if the page's list of surveys lacks it."""
         status = self.jobs.get(self.view.survey)
         return None if status is None else status.job
 
