@@ -258,9 +258,9 @@ def _chaos_after_window(
 ) -> tuple[float, rattle.Attractor] | None:
     """Follow the motion in a periodic window of chaos, and return where chaos begins again.
 
-    attractor: the attractor that a sweep followed up to the window. found: the attractors at ε = `at`, where the sweep
-    entered the window, of which the first is followed in at most WINDOW_STEPS steps of ε, each of size `step`, up to
-    `end`.
+    The motion is followed in at most WINDOW_STEPS steps of size `step` in ε, from `at` and not beyond `end`. attractor:
+    the attractor that a sweep followed up to the window. found: the attractors at ε = `at`, just inside the window;
+    the motion in the window is the first of them.
 
     Returns
     -------

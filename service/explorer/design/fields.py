@@ -120,10 +120,10 @@ def machine_at(machine: SurveyedMachine | None, model: Model, delta: float, epsi
 
 
 def machine_at_other_point(machine: Machine | None, delta: float, epsilon: float) -> Machine | None:
-    """Return the machine with the same gears at the point (delta, epsilon), where speed and eccentricity are others.
+    """Return a machine of the same gears with the speed and the eccentricity of the point (delta, epsilon).
 
-    The result is None if `machine` is None. It is also None if the machine has a mesh stiffness and δ differs:
-    the other speed would change κ.
+    The result is None if `machine` is None. It is also None if the machine has a mesh stiffness and
+    `delta` is not the machine's δ, because κ depends on the speed.
 
     Returns
     -------

@@ -45,7 +45,7 @@ class ToleranceFields:
     def fill(self, gear: AnyGear, machine: Machine | None, widths: Tolerance | None) -> None:
         """Set the fields for a point: tolerances of speed and eccentricity if it has a machine, else of δ and ε.
 
-        widths: the values of the fields; None for standard deviations of DEFAULT_DEVIATION and the usual probability.
+        widths: the values of the fields; None for the defaults DEFAULT_DEVIATION and USUAL_SHARE.
         """
         first, second, share = self.widgets
         if machine is None:

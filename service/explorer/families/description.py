@@ -34,7 +34,7 @@ class Extent:
     """The longest row or column of adjoining cells that all have the described family.
 
     direction: "delta" for a row, "epsilon" for a column. middle: the point (δ, ε) in its middle. half_span: half its
-    length and one cell more, in δ or ε, so that a diagram that extends so far on either side shows both its ends.
+    length and one cell more, in δ or ε; a diagram that extends so far on either side shows where the family ends.
     """
 
     direction: str
@@ -114,7 +114,7 @@ def first_family_names(found: StoredFamilies) -> list[str]:
 
 
 def family_description(found: StoredFamilies, plane: MapPlane, number: int) -> FamilyDescription:
-    """Return the description of the family `number`, which must exist. plane: the map of its basin fraction.
+    """Return the description of the family `number`, which must exist. plane: the map of the family's basin fraction.
 
     This function blocks: use a thread.
 

@@ -93,9 +93,8 @@ class FamiliesView:
             self._hide_choices()
             self.panel.visible = False
             return
-        if self._shown_family != (
-            shown := (view.survey, view.slice, view.family)
-        ):  # another family, slice or survey was chosen
+        shown = view.survey, view.slice, view.family
+        if self._shown_family != shown:  # another family, slice or survey was chosen
             if self._shown_family[:2] != shown[:2]:
                 self._set_options({}, None)
             self._shown_family = shown

@@ -96,6 +96,6 @@ class ComparisonMaps:
         self._store.dispatch(MapAdded(ComparisonChoice(view.survey, free[0].variable, free[0].index, view.slice)))
 
     def end(self) -> None:
-        """Release the resources of all comparison maps, because the page was closed."""
+        """Stop all work of the comparison maps, because the page was closed."""
         for each in self.maps:
             each.end()

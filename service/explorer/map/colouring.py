@@ -73,7 +73,7 @@ def valueless_cells(plane: MapPlane, block: MapBlock) -> dict[str, tuple[np.ndar
 
 
 def _share_of_code(block: MapBlock, code: int, shown: np.ndarray, computed: int) -> float:
-    """Return the share of the computed cells whose value is a code; a drawn cell may stand for several of them."""
+    """Return the share of the computed cells that have the value `code`. A drawn cell may stand for several cells."""
     if block.shares:
         return block.shares.get(code, 0.0)
     return float((shown == code).sum() / max(computed, 1))
@@ -86,7 +86,7 @@ def shown_values(plane: MapPlane, block: MapBlock) -> np.ndarray:
 
 
 def shown_window(plane: MapPlane, window: Ranges, room: Room) -> tuple[np.ndarray, Ranges]:
-    """Return the values of the cells in a window, and the box that they cover. It blocks: use a thread."""
+    """Return the values of the cells in a window, and the box of these cells. It blocks: use a thread."""
     block = plane.block(window, room)
     return shown_values(plane, block), block.box
 

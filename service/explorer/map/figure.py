@@ -249,7 +249,7 @@ class MapFigure:
         self._reasons.data = {"image": [colours.reasons], **where}
 
     def draw_finer_cells(self, values: np.ndarray, box: Ranges) -> None:
-        """Draw finer cells over the cells of the survey. values: (epsilon, delta). box: the box that they cover."""
+        """Draw finer cells over the cells of the survey. values: (epsilon, delta). box: the box of all `values`."""
         self._frame = np.asarray(values, np.float32), box
         self._show_finer_cells()
 
@@ -262,7 +262,7 @@ class MapFigure:
         self._fine.data = {"image": [shown], **image_position(box)}
 
     def dim_cells(self, mask: np.ndarray, box: Ranges) -> None:
-        """Dim cells. mask: bool (epsilon, delta), True for a cell to dim. box: the box that these cells cover."""
+        """Dim cells. mask: bool (epsilon, delta), True for a cell to dim. box: the box that `mask` covers."""
         self._veiled.data = {"image": [mask.astype(np.uint8)], **image_position(box)}
 
     def undim_cells(self) -> None:
@@ -401,7 +401,7 @@ class MapFigure:
         self._band.visible = LIMIT in names
 
     def mark_point(self, point: Pair | None) -> None:
-        """Mark the open point, or the chosen point of its diagram; None removes the mark."""
+        """Mark `point`, which is the open point or the chosen point of its diagram; None removes the mark."""
         _set_marker(self.cross_at, point)
 
     def mark_pins(self, points: Mapping[str, Pair]) -> None:

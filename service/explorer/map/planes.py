@@ -31,10 +31,8 @@ from gear_rattle.workers.survey.slices import slice_of
 from gear_rattle.workers.survey.tiles import tiles_of_slice
 from gear_rattle.workers.survey.values.schema import CELL, Group
 
-MOST_MAPS, MOST_MAP_CELLS = (
-    24,
-    24_000_000,
-)  # of all maps in memory together; a cell takes 5 bytes
+# most maps in memory, and most cells of all these maps together; a cell takes 5 bytes
+MOST_MAPS, MOST_MAP_CELLS = 24, 24_000_000
 ENLARGED_POINTS = 200  # points along an axis of an enlarged window
 SIDE = 512  # most cells that are drawn along an axis, unless the screen is known to have more pixels
 MOST_CELLS_AT_ONCE = 1 << 20  # most cells that are read at once, unless a single row of tiles has more
@@ -49,8 +47,9 @@ class MapBlock:
     """Drawn cells of a map: `values` (float32) and `status`, both (epsilon, delta), and the `box` that the cells cover.
 
     If a map has more cells than pixels, a drawn cell stands for several cells: it shows a rare code among them, or a
-    number such as their mean. shares: for a map of codes, each code's share of these cells. without: for a map of
-    numbers, the share of these cells that have no number. {} and None if the drawn cells have to be counted instead.
+    number such as their mean. shares: for a map of codes, each code's share of all cells for which the block stands.
+    without: for a map of numbers, the share of these cells that have no number. `shares` is {} and `without` is None
+    where the drawn cells have to be counted instead.
     """
 
     delta: np.ndarray
@@ -312,7 +311,7 @@ def _covered_range(axis: np.ndarray, factor: int, span: slice) -> Pair:
 
 
 def _cell_index(axis: np.ndarray, value: float) -> int | None:
-    """Return the index of the cell along an axis that contains a value, None if no cell contains the value."""
+    """Return the index, along an axis, of the cell that contains a value; None if no cell contains the value."""
     half = (axis[-1] - axis[0]) / (2 * (axis.size - 1))
     if not axis[0] - half <= value <= axis[-1] + half:
         return None
@@ -320,7 +319,7 @@ def _cell_index(axis: np.ndarray, value: float) -> int | None:
 
 
 def cell_indices(axis: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Return for each value the index of the cell along an axis that contains it, −1 outside of all cells."""
+    """Return for each value the index, along an axis, of the cell that contains the value; −1 outside of all cells."""
     step = (axis[-1] - axis[0]) / (axis.size - 1)
     found = np.floor((values - axis[0]) / step + 0.5).astype(int)
     return np.where((found >= 0) & (found < axis.size), found, -1)
@@ -405,7 +404,7 @@ def maps_of(request: SurveyRequest) -> dict[str, Any]:
 def map_options(request: SurveyRequest, *wanted: MapChoice | None) -> tuple[MapChoice, dict[str, str]]:
     """Return the map to select in a menu of a survey's maps, and the options of the menu.
 
-    wanted: the maps to select in order of preference; None is skipped.
+    wanted: the maps that may be selected, the most wanted first; None stands for no map.
 
     Returns
     -------

@@ -120,7 +120,7 @@ class SurveyMap(ABC):
             self._refining.cancel()
 
     def refine(self) -> None:
-        """Draw the survey's cells in the visible window, and then finer cells."""
+        """Draw the survey's cells in the visible window. If they are coarse, have finer cells computed and drawn."""
         self.forget_window()
         self._show_progress("")
         plane, window, chosen = self.plane, self._store.view.window, self._chosen

@@ -134,7 +134,7 @@ class BasinsTab:
         await self._point.work.change(show)
 
     async def _compute_basins_at(self, chosen: Pair, side: int, method: str) -> None:
-        """Compute the basins at a point of the diagram on side × side cells, and show them if it is still chosen."""
+        """Compute basins at a point of the diagram on side × side cells, and show them if the point is still chosen."""
         gear, slow = model_at(self._point.gear).gear(*chosen), method != "cells"
         found = await self._point.work.compute(
             parts.basins_at_other_point, gear, side, method, what="The basins", slow=slow

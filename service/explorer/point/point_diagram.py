@@ -102,7 +102,7 @@ class DiagramPicture:
             clear(source)
 
     def show(self, found: DiagramLines, at: float) -> None:
-        """Draw a diagram, and mark the point whose basins and motion are shown. at: the point's parameter."""
+        """Draw a diagram, and mark the point whose basins and motion are shown. at: its value on the parameter axis."""
         self._found = found
         self.figure.x_range.update(start=found.span[0], end=found.span[1])
         self.figure.xaxis.axis_label = axis_name(found)

@@ -47,7 +47,7 @@ class MotionTab:
             panel.rpm.value = float(f"{point.machine.rpm:.6g}")
 
     def _on_view_change(self) -> None:
-        """Fill the menu of motions. If the open tab shows another motion, show the chosen motion."""
+        """Fill the menu of motions. If the tab of the motion is open, compute and show the chosen motion."""
         point = self._point
         if point.attractors is not None:
             self._offer_motions(point.attractors.attractors)

@@ -122,7 +122,7 @@ def name_with_letter(attractor: rattle.Attractor, letter: str) -> str:
 
 
 def point_in_words(gear: AnyGear) -> str:
-    """Return the parameters of the point and its region in words."""
+    """Return in words the parameters of a gear, and the region of its point in the plane."""
     at = f"Damping δ = {number_text(gear.delta, 6)}, eccentricity ε = {number_text(gear.epsilon, 6)}"
     backlash = f", half-backlash β = {number_text(gear.beta, 6)}"
     model = model_at(gear)
@@ -135,7 +135,7 @@ def point_in_words(gear: AnyGear) -> str:
 
 
 def quiet_limit_in_words(gear: AnyGear, period: str = PERIOD) -> str:
-    """Return in words up to which ε quiet running is possible. Below SN1, also say at which ε P(1,1,0) begins."""
+    """Return in words the ε up to which quiet running is possible; below SN1, also the ε at which P(1,1,0) begins."""
     if gear.epsilon >= gear.quiet_limit:
         quiet = (
             f"The gear cannot run quietly here: above an eccentricity of {number_text(gear.quiet_limit)} the teeth "
@@ -314,7 +314,7 @@ def attractors_table(found: SampledAttractors, palette: Palette) -> str:
 
 
 def bracket_text(value: float, error: float) -> str:
-    """Return "value ± error", the error rounded up at its first digit or to an integer; the value alone if it is 0."""
+    """Return "value ± error", the error rounded up at its first digit or to an integer; "value" for an error of 0."""
     if error == 0.0:
         return number_text(value)
     places = max(0, -math.floor(math.log10(error)))

@@ -67,7 +67,7 @@ class PointTasks:
         self.stopped = False
 
     def start(self, work: Coroutine[Any, Any, None], replaced: asyncio.Task[None] | None = None) -> asyncio.Task[None]:
-        """Start a task, and give up the task that it replaces, if there is one."""
+        """Start a task, and give up the task `replaced`, if there is one."""
         self.give_up(replaced)
         task = asyncio.get_running_loop().create_task(work)
         self.tasks.add(task)

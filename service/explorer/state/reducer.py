@@ -115,7 +115,14 @@ def reduce(view: View, event: Event) -> View:
 
 
 def _show_survey(view: View, survey: str) -> View:
-    """Show another survey without a pointer, and without the window, slice, point and family of a survey before it."""
+    """Show another survey, without a pointer.
+
+    Returns
+    -------
+    View
+        If a survey was chosen before, the view has no window, slice, family and open point. If none was chosen, so that
+        the page showed the example, they stay.
+    """
     if survey == view.survey:
         return view
     if not view.survey:

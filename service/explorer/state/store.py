@@ -108,7 +108,7 @@ class Store(Listeners):
 
     @property
     def request(self) -> SurveyRequest | None:
-        """Request of the shown survey, or of its chosen slice if it has a third axis; None as `whole_request`."""
+        """Request of the shown survey, or of its chosen slice if it has a third axis; None if it is not known."""
         whole = self.whole_request
         return whole if whole is None else whole.slice_request(whole.slice_index(self.view.slice))
 
