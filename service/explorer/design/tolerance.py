@@ -26,7 +26,7 @@ COUNT, MOST_JUDGED = 8, 256
 # distribution in place of the eccentricity, and "error_20" and the like in place of the errors; no machine of the page
 # has driven_errors.
 NOT_COPIED = ("speed", "eccentricity", "errors", "driven_errors")
-LEAST_OF_MEAN = 0.1  # least speed and damping of a gear, relative to the mean
+LEAST_OF_MEAN = 0.1  # least speed and least damping of a gear, each relative to its mean
 
 
 class Yield(NamedTuple):

@@ -103,7 +103,7 @@ class CursorKeys:
             case "forward":
                 dispatch(ForwardChosen())
             case _ if word.startswith(POINT_COMMAND):
-                with suppress(ValueError):  # the text is no point
+                with suppress(ValueError):  # raised if the text after the command is no point
                     dispatch(PointOpened(parse_point(word.removeprefix(POINT_COMMAND))))
 
     def _move_cursor(self, window: Ranges, at: Pair) -> None:

@@ -13,7 +13,8 @@ from gear_rattle.service.explorer.common.figures import ink_of, line_colour, the
 from gear_rattle.service.explorer.common.glyphs import clear
 from gear_rattle.service.explorer.point.words import PERIOD, count_in_words, recurrence_in_words
 
-AXIS_EXTENT = 1.12  # half the extent of the Φ axes, relative to β, the distance of each wall from the middle
+# half the extent of an axis of Φ, relative to β, and of the axis of Φ', relative to the largest speed
+AXIS_EXTENT = 1.12
 
 
 class MotionPictures:

@@ -179,7 +179,7 @@ def likelihood_in_words(gear: AnyGear, found: SampledAttractors, period: str = P
     pairs = list(zip(found.attractors, found.letters, strict=True))
     quiet, undecided = (next((x for x, _ in pairs if x.kind == kind), None) for kind in ("quiet", "undecided"))
     rattling = [(each, letter) for each, letter in pairs if each.kind in ("periodic", "chaotic")]
-    # upper bound of the basin fraction of a motion that no sample reached
+    # upper end of the 95 % interval of the basin fraction of a motion that no sample reached
     below = percent_text(float(rattle.wilson_interval(0, found.starts)[1]))
     sentences = []
     if quiet:
