@@ -20,7 +20,7 @@ COARSE = f"""
     @patch("gear_rattle.service.explorer.point.basins_tab")
     def coarse(basins):
         basins.RESOLUTIONS = ((100, "cells"), (50, "refined"), ({CELLS}, "refined"))
-        basins.PLACE_RESOLUTIONS = ((50, "cells"), ({BESIDE}, "refined"))
+        basins.OTHER_POINT_RESOLUTIONS = ((50, "cells"), ({BESIDE}, "refined"))
 
     @patch("gear_rattle.service.operations.diagrams")
     def few(diagrams):

@@ -42,7 +42,8 @@ THEMES = ("light", "dark")
 MOST_PINS = 8
 UNNAMED_PARAMETER = next(iter(ADDED))  # the additional parameter whose value stands in an address without its name
 HARMONIC_PREFIX = "harmonic:"  # prefix of a harmonic in the text of a pin
-LONGEST_VALUE = 16_000  # characters; longer values of an address are ignored. MOST_PINS pins have 2000 each
+# most characters of a value in an address, 2000 for each of MOST_PINS pins; longer values are ignored
+LONGEST_VALUE = 16_000
 POINT_STATE_PREFIX = "p."
 KEYBOARD = "keyboard"
 EXAMPLE = "example"  # stands in place of a survey's id for the example that comes with the explorer
@@ -89,7 +90,7 @@ class EnteredMachine(NamedTuple):
         return ",".join([*plain, *more])
 
 
-# in addresses the values of this many first fields of a machine stand without their names
+# in addresses the values of the fields before "restitution" stand without their names
 UNNAMED_COUNT = EnteredMachine._fields.index("restitution")
 
 

@@ -25,10 +25,10 @@ _waiting: WeakKeyDictionary[Document, list[Change]] = WeakKeyDictionary()
 
 
 def wait_for_browser(document: Document) -> None:
-    """Delay all changes of a document from now, when its browser connects, until the browser has loaded the document.
+    """Delay all changes of a document from now until its browser has loaded the document.
 
-    Some changes in this time would arrive twice, alone and as part of the document; Panel would hold others back and
-    lose them. Earlier changes are part of the document. Call this function in the event loop.
+    Call this function in the event loop when the browser connects. Without the delay some changes would arrive twice,
+    alone and as part of the document, and Panel would lose others. Earlier changes are part of the document.
     """
     loop = asyncio.get_running_loop()
     _waiting.setdefault(document, [])

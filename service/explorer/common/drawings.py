@@ -1,4 +1,4 @@
-"""Run the drawings of one picture of a page one by one; of those requested meanwhile, only the newest."""
+"""Run the drawings of one picture of a page one by one. A new request replaces an earlier one that still waits."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ Show = Callable[[], object]
 class DrawingRunner:
     """Runs one drawing at a time. A new request waits for the running drawing, whose thread cannot be cancelled.
 
-    If several requests arrive meanwhile, only the newest is drawn. While a survey runs, PAUSE seconds pass between two
-    drawings.
+    If several requests arrive while a drawing runs, only the newest is drawn. While a survey runs, PAUSE seconds pass
+    between two drawings.
 
     Parameters
     ----------
     show_error : Callable[[RattleError], object]
-        Shows an error of a drawing. It is not called if another drawing has been requested meanwhile.
+        Shows an error of a drawing. It is not called if another drawing has been requested since.
     """
 
     def __init__(self, viewer: Viewer, show_error: Callable[[RattleError], object]) -> None:

@@ -15,7 +15,7 @@ Limits = tuple[float, float]
 #: Chromium does not divide a flexible box between sheets.
 PRINTED = "@media print { :host { display: block !important; } }"
 LEAST_CONTRAST = 4.5  # least contrast of a thin line with a dark background, by the formula of WCAG 2
-BESIDE = 62  # pixels to the left of the frames of stacked figures, equal so that their axes are in line
+LEFT_BORDER = 62  # pixels to the left of a figure's frame, the same in stacked figures, so that their axes are in line
 
 
 def themed_figure(

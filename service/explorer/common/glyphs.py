@@ -27,7 +27,7 @@ from rattle.plot import STYLES
 BAR_WIDTH, BAR_PADDING = 12, 6  # pixels
 #: Text and baseline of the arrow at each end of a colour bar.
 ENDS = {"left": ("◀", "middle"), "right": ("▶", "middle"), "bottom": ("▼", "top"), "top": ("▲", "bottom")}
-CLEAR = "#00000000"
+TRANSPARENT = "#00000000"
 VEIL = f"{round(COVERED * 0xFF):02x}"
 ELLIPSE = "#d40078"
 BAND_NAME = "limit_band"
@@ -39,7 +39,9 @@ POINT = ("x", "y", "marker", "name", "dx", "dy", "to_x", "to_y")
 
 @dataclass(frozen=True)
 class Scale:
-    """Renderers of a map on one colour scale. A map has a linear and a logarithmic one: a renderer keeps its mapper.
+    """Renderers of a map on one colour scale, linear or logarithmic.
+
+    A map has renderers on both scales and shows one set, because a renderer cannot change its colour mapper.
 
     mapper: the colour mapper that `cells`, `fine` and `bar` share. cells: renderer of the survey's cells. fine:
     renderer of finer cells in a window. bar: the colour bar.
@@ -88,12 +90,12 @@ def image_renderer(source: ColumnDataSource, mapper: Any, **properties: Any) -> 
 
 def transparent_mapper() -> Any:
     """Return a colour mapper that makes every value transparent, until its palette is replaced."""
-    return LinearColorMapper(palette=[CLEAR], low=0, high=1, nan_color=CLEAR)
+    return LinearColorMapper(palette=[TRANSPARENT], low=0, high=1, nan_color=TRANSPARENT)
 
 
 def veil_renderer(source: ColumnDataSource, paper: str) -> Any:
     """Return an image renderer that covers pixels of value 1 with the translucent background colour `paper`."""
-    mapper = LinearColorMapper(palette=[CLEAR, paper + VEIL], low=-0.5, high=1.5, nan_color=CLEAR)
+    mapper = LinearColorMapper(palette=[TRANSPARENT, paper + VEIL], low=-0.5, high=1.5, nan_color=TRANSPARENT)
     return image_renderer(source, mapper, name="veil")
 
 
@@ -109,7 +111,7 @@ def colour_scales(values: ColumnDataSource, fine: ColumnDataSource, **bar: Any) 
     """
     found = {}
     for log, kind in ((False, LinearColorMapper), (True, LogColorMapper)):
-        mapper = kind(palette=["#000000"], low=1, high=2, nan_color=CLEAR)
+        mapper = kind(palette=["#000000"], low=1, high=2, nan_color=TRANSPARENT)
         cells, finer = (
             image_renderer(source, mapper, visible=False, name=f"{name}{log:d}")
             for name, source in (("cells", values), ("fine", fine))
@@ -133,7 +135,7 @@ def place_bars(plot: Any, bars: Sequence[Any], is_below: bool) -> None:
     for bar in bars:
         bar.update(width="auto" if is_below else BAR_WIDTH, height=BAR_WIDTH if is_below else "auto")
     right, below = ([each for each in side if each not in bars] for side in (plot.right, plot.below))
-    # a bar is added to its new side before it leaves the old one: Bokeh would drop the view of a bar on neither side
+    # a bar joins its new side before it leaves the old one, because Bokeh drops the view of a bar that is on no side
     if is_below:
         plot.below = [*below, *bars]
         plot.right = right

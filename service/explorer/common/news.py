@@ -1,4 +1,4 @@
-"""Publish the status of surveys to all open pages: after a change, by one reading of the database for all pages."""
+"""Publish the status of surveys to all open pages after each change: the database is read once for all pages."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from gear_rattle.service.errors import UnavailableError
 from gear_rattle.service.operations.surveys import list_jobs
 from gear_rattle.service.state import Front
 
-LISTED = 100  # the list of surveys holds at most this many, the newest ones
+LISTED = 100  # most surveys in the list of a page: the newest ones
 PAUSE_SECONDS = 0.5  # seconds after a reading of the database until the next; a new listener ends this pause
 RATE_SECONDS = 20.0  # seconds over which the rate of a running survey is measured
 
@@ -27,13 +27,13 @@ RATE_SECONDS = 20.0  # seconds over which the rate of a running survey is measur
 class JobStatus:
     """Status of a survey.
 
-    rate: computed cells per second, None if not known. left: predicted seconds until its last tile is computed, None
-    if not known or if the survey is not running.
+    rate: computed cells per second, None if not known. seconds_left: predicted seconds until the survey's last tile is
+    computed, None if not known or if the survey is not running.
     """
 
     job: JobRow
     rate: float | None
-    left: float | None
+    seconds_left: float | None
 
 
 Listener = Callable[[Sequence[JobStatus]], None]

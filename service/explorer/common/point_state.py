@@ -42,7 +42,7 @@ def _parse_attractor(text: str) -> int:
     return bounded_number(int(text), 0, MOST_ATTRACTORS - 1)
 
 
-def _parse_start(text: str) -> Pair:
+def _parse_initial_condition(text: str) -> Pair:
     tau, v = parse_pair(text)
     if not 0 <= tau < 1 or v <= 0:
         raise ValueError(f"An initial condition needs a phase from 0 to below 1 and a speed above 0, not {text!r}.")
@@ -132,7 +132,7 @@ class PointState:
             The state. A field whose text is missing or cannot be read has its default.
         """
         found = read_fields(cls, texts)
-        start = read_text({"start": f"{texts.get('tau')},{texts.get('v')}"}, "start", _parse_start, None)
+        start = read_text({"start": f"{texts.get('tau')},{texts.get('v')}"}, "start", _parse_initial_condition, None)
         if start is not None:
             found.pop("attractor", None)
         return cls(**found, start=start)

@@ -137,7 +137,7 @@ class Viewer:
             self.tell("A part of this page could not be shown because of an error of the service, which is in its log.")
 
     def change(self, act: Callable[[], object]) -> None:
-        """Schedule a call of `act`, which changes the document, at a time without another change of it.
+        """Schedule a call of `act`, which changes the document, at a time without another change of the document.
 
         Nothing is scheduled after the page was closed.
         """

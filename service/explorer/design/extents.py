@@ -19,15 +19,15 @@ from rattle.models import AnyGear, Capability, model_at
 from rattle.plot import legend_name
 from rattle.stiff import StiffOrbit, stiff_branch
 
-# largest number of attractors that are followed; largest number of impacts of a motion that is followed on a branch
+# most attractors of a point that are followed; most impacts of a periodic motion that is followed along its branch
 MOST_FOLLOWED, MOST_IMPACTS = 12, 64
 STEPS = 150  # steps of a sweep over the whole range of ε
 # A sweep of chaos follows STATES states of a trajectory, with RETURNS iterates of the return map from state to state.
 STATES, RETURNS = 16, 37
-WINDOW = 4  # a sweep of chaos passes periodic windows that are at most this many steps wide
-# A sweep halves a step that loses the attractor. It stops when the step is at most LEAST full steps, and also when the
-# step is at most FINEST full steps and at most the share NEAR of the distance from the gear's ε.
-FINEST, NEAR, LEAST = 1 / 32, 1 / 8, 1e-9
+WINDOW_STEPS = 4  # a sweep of chaos passes periodic windows that are at most this many steps wide
+# A sweep halves a step that loses the attractor. It stops halving in two cases: the step is at most SMALLEST_STEP of a
+# full step; or it is at most FINEST_STEP of a full step and at most NEAR_SHARE of the distance in ε from the gear.
+FINEST_STEP, NEAR_SHARE, SMALLEST_STEP = 1 / 32, 1 / 8, 1e-9
 
 #: Kinds of an end, see `ExtentEnd`: first the events of a branch, with the names of `rattle`; then all other kinds.
 SADDLE_NODE, FLIP, GRAZING = "SN", "PD", "GR"
@@ -40,8 +40,8 @@ class ExtentEnd(NamedTuple):
     kind: SN, PD or GR for an event of the branch; "crisis" for a boundary crisis; "quiet limit" for the end of quiet
     running; "swept" if a sweep only bracketed the end; "range" if the motion attracts up to the end of the range that
     was searched; "lost" if the motion could not be followed farther. error: half the width of the bracket, 0 if the end
-    is exact. curve: the curve of the (δ, ε) plane on which the event lies, or "". beyond: the name of the motion on the
-    far side of the end, which the sweep reached or the event leads to; "" if unknown. remains: True for a period
+    is exact. curve: the curve of the (δ, ε) plane on which the event lies, or "". motion_beyond: the name of the motion
+    on the far side of the end, which the sweep reached or the event leads to; "" if unknown. remains: True for a period
     doubling on whose far side the motion still exists, but does not attract.
     """
 
@@ -49,7 +49,7 @@ class ExtentEnd(NamedTuple):
     epsilon: float
     error: float = 0.0
     curve: str = ""
-    beyond: str = ""
+    motion_beyond: str = ""
     remains: bool = False
 
 
@@ -64,8 +64,8 @@ class MotionExtent(NamedTuple):
 def followed_range(gear: AnyGear, map_range: Pair | None) -> Pair:
     """Return the range of ε in which motions are followed.
 
-    It begins at 0 and ends at the largest of these: the end of the map, twice the quiet limit, and 1.05 times the ε of
-    the gear. map_range: range of ε of the map, None if there is no map.
+    It begins at 0 and ends at the largest of three eccentricities: the upper end of `map_range`, twice the quiet limit,
+    and 1.05 times the ε of the gear. map_range: range of ε of the map, None if there is no map.
 
     Returns
     -------
@@ -121,7 +121,7 @@ def add_crisis(
 
 
 def has_swept_chaos(attractors: Sequence[rattle.Attractor], extents: Sequence[MotionExtent | None]) -> bool:
-    """Return whether a sweep bracketed the upper end in ε of at least one chaotic attractor, see `add_crisis`."""
+    """Return whether a sweep bracketed the upper end in ε of any chaotic attractor, as `add_crisis` needs."""
     pairs = zip(attractors, extents, strict=False)  # attractors beyond MOST_FOLLOWED have no extent
     return any(one.kind == "chaotic" and each is not None and each.high.kind == SWEPT for one, each in pairs)
 
@@ -151,7 +151,8 @@ def _branch_of(gear: AnyGear, attractor: rattle.Attractor, within: Pair) -> Any:
 
 def _extent_of_branch(branch: Any, within: Pair) -> MotionExtent:
     """Return the extent of the attracting part of a branch around the point from which the branch was followed."""
-    # Only a branch of the stiff gear has `grazes`. It ends there: before its first point (index −1) or after its last.
+    # Only a branch of the stiff gear has `grazes`: the branch ends at each of them, which lies before its first point
+    # (index −1) or after its last point.
     grazes = [(each, each.after or -1) for each in getattr(branch, "grazes", ())]
     events = [(each, _index_of_point_before(each, branch)) for each in branch.events if each.admissible] + grazes
     attracts = branch.stable & branch.admissible
@@ -186,7 +187,7 @@ def _end_at(event: Any, branch: Any, remains: bool) -> ExtentEnd:
         str(event.kind),
         float(event.parameters[1]),
         curve=branch.curve_of(event) or "",
-        beyond="" if next_motion is None else legend_name(next_motion.label),
+        motion_beyond="" if next_motion is None else legend_name(next_motion.label),
         remains=remains and event.kind == FLIP and event.itinerary.m == branch.m,
     )
 
@@ -217,12 +218,12 @@ def _sweep(gear: AnyGear, attractor: rattle.Attractor, end: float, within: Pair)
         if same is not None:
             at, known, step = there, same, min(2.0 * step, longest)
             continue
-        if step > max(LEAST * longest, min(FINEST * longest, NEAR * abs(at - gear.epsilon))):
+        if step > max(SMALLEST_STEP * longest, min(FINEST_STEP * longest, NEAR_SHARE * abs(at - gear.epsilon))):
             step /= 2.0
             continue
         passed = _chaos_after_window(gear, attractor, found, there, way * longest, end)
         if passed is None:
-            return ExtentEnd(SWEPT, (at + there) / 2, abs(there - at) / 2, beyond=legend_name(found[0])), windows
+            return ExtentEnd(SWEPT, (at + there) / 2, abs(there - at) / 2, motion_beyond=legend_name(found[0])), windows
         (at, known), step, windows = passed, longest, windows + 1
     return ExtentEnd(RANGE, end), windows
 
@@ -257,8 +258,9 @@ def _chaos_after_window(
 ) -> tuple[float, rattle.Attractor] | None:
     """Follow the motion in a periodic window of chaos, and return where chaos begins again.
 
-    attractor: the attractor that a sweep followed up to the window. found: the attractors at ε = `at`, where the sweep
-    entered the window. The first of them is followed in at most WINDOW steps of ε, each of size `step`, up to `end`.
+    The motion is followed in at most WINDOW_STEPS steps of size `step` in ε, from `at` and not beyond `end`. attractor:
+    the attractor that a sweep followed up to the window. found: the attractors at ε = `at`, just inside the window;
+    the motion in the window is the first of them.
 
     Returns
     -------
@@ -268,7 +270,7 @@ def _chaos_after_window(
     """
     if attractor.kind != "chaotic":
         return None
-    for _ in range(WINDOW):
+    for _ in range(WINDOW_STEPS):
         there = at + step
         if found[0].kind != "periodic" or (there - end) * step > 0:
             return None

@@ -18,7 +18,7 @@ DIGITS = 12  # significant digits of a number that is converted from SI units
 
 
 class NumberEntry(NamedTuple):
-    """A number of a machine, and the field in which it is entered.
+    """One of the numbers that describe a machine, such as its backlash, and the field in which it is entered.
 
     name, unit: the label of the field. per: factor from the library's unit (SI, but rpm for speed) to `unit`, such as
     1e6 from m to µm. first: the first value of the field; None if the field may be empty. is_count: True for a count,
@@ -106,7 +106,7 @@ def machine_ranges(machine: SurveyedMachine, delta: Pair, epsilon: Pair) -> dict
 
 
 def machine_at(machine: SurveyedMachine | None, model: Model, delta: float, epsilon: float) -> Machine | None:
-    """Return a survey's machine at a point; None for a survey without a machine, or if none is possible there."""
+    """Return a survey's machine at a point; None for a survey without a machine, or if no machine is possible there."""
     if machine is None:
         return None
     eccentricity = float(machine.eccentricity(epsilon))
@@ -120,10 +120,10 @@ def machine_at(machine: SurveyedMachine | None, model: Model, delta: float, epsi
 
 
 def machine_at_other_point(machine: Machine | None, delta: float, epsilon: float) -> Machine | None:
-    """Return the machine of a point at another point: the same gears at another speed and eccentricity.
+    """Return a machine of the same gears with the speed and the eccentricity of the point (delta, epsilon).
 
-    The result is None if the point has no machine. It is also None if the machine has a mesh stiffness and δ differs:
-    the other speed would change κ.
+    The result is None if `machine` is None. It is also None if the machine has a mesh stiffness and
+    `delta` is not the machine's δ, because κ depends on the speed.
 
     Returns
     -------
@@ -142,7 +142,10 @@ def _in_rows_of_two(widgets: list[Any], *above: Any) -> pn.Column:
 
 
 class MachineFields:
-    """Fields for numbers of a machine and for its drive: `needed` has the required fields, `optional` the others."""
+    """Fields for the numbers of a machine, and a menu of its drive: a constant torque or an imposed speed.
+
+    needed: column of the required fields and the menu. optional: column of the other fields.
+    """
 
     def __init__(self, names: Iterable[str], sheet: str) -> None:
         style: dict[str, Any] = {"sizing_mode": "stretch_width", "margin": (3, 4), "stylesheets": [sheet]}
@@ -169,7 +172,7 @@ class MachineFields:
         return given | {"drive": self._drive.value}
 
     def show(self, machine: Mapping[str, Any]) -> None:
-        """Fill the fields for a machine. machine: the drive, and numbers by name in the library's units."""
+        """Fill the fields for a machine. machine: its numbers by name, in the library's units, and its "drive"."""
         for name, widget in self._numbers.items():
             value = machine.get(name)
             widget.value = None if value is None else NUMBERS[name].to_field_unit(value)

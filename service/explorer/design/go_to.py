@@ -61,7 +61,7 @@ class GoToPanel:
         return self._store.model == MODELS[DEFAULT_MODEL]()
 
     def _go_to_bookmark(self) -> None:
-        """Go to the chosen bookmark, or show an error if the map is of another gear than the bookmarks."""
+        """Go to the chosen bookmark; show an error instead if the map has another model or β than the bookmarks."""
         place: Bookmark | str = self.named.value
         if isinstance(place, str):
             self._show_bookmark()

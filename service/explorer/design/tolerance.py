@@ -22,14 +22,19 @@ RADIUS = math.sqrt(-2.0 * math.log(1.0 - SHARE_INSIDE))  # radius of the ellipse
 SIDES = 96  # number of sides of the polygon that is drawn for the ellipse
 # initial conditions of each gear; largest number of gears from which the share of passing gears is estimated
 COUNT, MOST_JUDGED = 8, 256
-# Fields of a machine that `population_numbers` does not copy: `rattle.population` takes the speed as rpm, the
-# eccentricity with its tolerance and the errors as error_20 and the like; no machine of the page has driven_errors.
-NOT_GIVEN = ("speed", "eccentricity", "errors", "driven_errors")
-LEAST = 0.1  # least speed and damping of a gear, relative to the mean
+# Fields of a machine that `population_numbers` does not copy. `rattle.population` takes "rpm" in place of the speed, a
+# distribution in place of the eccentricity, and "error_20" and the like in place of the errors; no machine of the page
+# has driven_errors.
+NOT_COPIED = ("speed", "eccentricity", "errors", "driven_errors")
+LEAST_OF_MEAN = 0.1  # least speed and least damping of a gear, each relative to its mean
 
 
 class Yield(NamedTuple):
-    """Number of gears in a population, their probability of quiet running, and the share of gears that pass."""
+    """Yield of a population of `gears` gears.
+
+    quiet: the probability that a random gear runs quietly from a random start. passing: the share of gears that pass,
+    because each runs quietly with at least the required probability.
+    """
 
     gears: int
     quiet: Estimate
@@ -51,9 +56,9 @@ def tolerance_outline(delta: float, epsilon: float, machine: Machine | None, wid
     if machine is None:
         x, y = delta + first, epsilon + second
     else:
-        x = delta * machine.rpm / np.maximum(machine.rpm + first, LEAST * machine.rpm)
+        x = delta * machine.rpm / np.maximum(machine.rpm + first, LEAST_OF_MEAN * machine.rpm)
         y = epsilon + second / machine.units.length
-    return np.column_stack([np.maximum(x, LEAST * delta), np.maximum(y, 0.0)])
+    return np.column_stack([np.maximum(x, LEAST_OF_MEAN * delta), np.maximum(y, 0.0)])
 
 
 def population_numbers(gear: AnyGear, machine: Machine | None, widths: Tolerance) -> dict[str, Any]:
@@ -79,9 +84,9 @@ def population_numbers(gear: AnyGear, machine: Machine | None, widths: Tolerance
         pair = {"delta": gear.delta, "epsilon": gear.epsilon}
     else:
         pair = {"rpm": machine.rpm, "eccentricity": machine.eccentricity}
-        names = (each.name for each in fields(machine) if each.name not in NOT_GIVEN)
+        names = (each.name for each in fields(machine) if each.name not in NOT_COPIED)
         others = {name: getattr(machine, name) for name in names} | _amplitudes_by_order("error", machine.errors)
-    for name, width, low in zip(pair, widths, (LEAST, 0.0), strict=False):
+    for name, width, low in zip(pair, widths, (LEAST_OF_MEAN, 0.0), strict=False):
         pair[name] = _number_with_tolerance(pair[name], width, low)
     return {**others, **pair}
 
@@ -97,7 +102,7 @@ def _amplitudes_by_order(name: str, harmonics: Sequence[Harmonic]) -> dict[str, 
 
 
 def _number_with_tolerance(mean: float, width: float, low: float) -> Any:
-    """Return a normal distribution with lower limit low · mean; the number `mean` if the deviation `width` is 0."""
+    """Return a normal distribution cut off below low · mean; the number `mean` if the standard deviation width is 0."""
     return Normal(mean, width, low=low * mean) if width > 0.0 else mean
 
 

@@ -16,11 +16,15 @@ from gear_rattle.workers.pictures.look import USUAL_SHARE
 from rattle import Machine
 from rattle.models import AnyGear
 
-DEFAULT_DEVIATION = 0.1  # default standard deviation, relative to the number of the point that varies
+DEFAULT_DEVIATION = 0.1  # default standard deviation of a number, as a share of the number's value at the point
 
 
 class ToleranceFields:
-    """Fields for two standard deviations and the required probability of quiet running, and a button for the yield."""
+    """Fields for the tolerances of a point, and a button that requests its yield.
+
+    The fields are the standard deviations of δ and ε, or of a machine's speed and eccentricity, and the probability of
+    quiet running that a gear needs to pass.
+    """
 
     def __init__(self, dispatch: Callable[[Event], None], sheets: list[str]) -> None:
         self._dispatch = dispatch
@@ -41,7 +45,7 @@ class ToleranceFields:
     def fill(self, gear: AnyGear, machine: Machine | None, widths: Tolerance | None) -> None:
         """Set the fields for a point: tolerances of speed and eccentricity if it has a machine, else of δ and ε.
 
-        widths: the values of the fields; None for the defaults.
+        widths: the values of the fields; None for the defaults DEFAULT_DEVIATION and USUAL_SHARE.
         """
         first, second, share = self.widgets
         if machine is None:

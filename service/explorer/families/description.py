@@ -1,4 +1,4 @@
-"""Describe the families of a survey: the list of their names, and the shares, extent and borders of one family."""
+"""Name the families of a survey, and describe one: its shares of cells and samples, its extents, its borders."""
 
 from __future__ import annotations
 
@@ -33,18 +33,18 @@ NOT_ALONE = "Some cells have two of its attractors: continuation through other c
 class Extent:
     """The longest row or column of adjoining cells that all have the described family.
 
-    direction: "delta" for a row, "epsilon" for a column. middle: the point (δ, ε) in its middle. either_way: half its
-    length and one cell more, in δ or ε, so that a diagram along it shows both ends.
+    direction: "delta" for a row, "epsilon" for a column. middle: the point (δ, ε) in its middle. half_span: half its
+    length and one cell more, in δ or ε; a diagram that extends so far on either side shows where the family ends.
     """
 
     direction: str
     middle: Pair
-    either_way: float
+    half_span: float
 
     @property
     def state(self) -> PointState:
         """State of the tabs for the point `middle`, whose diagram then runs along the row or column of cells."""
-        return PointState(direction=self.direction, span=float(f"{self.either_way:.12g}"))
+        return PointState(direction=self.direction, span=float(f"{self.half_span:.12g}"))
 
 
 @dataclass(frozen=True)
@@ -52,9 +52,10 @@ class FamilyDescription:
     """Description of one family.
 
     row: the family's numbers in the survey's table of families, by name. cell_share: share of the computed cells that
-    have the family. sample_share: share of all samples that go to the family. borders: {name of a curve that makes
-    or ends motions of the family's label: number of pairs of neighbouring cells, one with the family and one without,
-    between which the curve passes}. extents: the longest row and the longest column of the family's cells.
+    have the family. sample_share: share of all samples that go to the family. borders: by the name of each curve on
+    which motions of the family's label begin or end, the number of pairs of neighbouring cells, one with the family and
+    one without it, between which the curve passes. extents: the longest row and the longest column of the family's
+    cells.
     """
 
     name: str
@@ -96,13 +97,13 @@ def stored_families(place: Path | Bucket, request: SurveyRequest, number: int) -
     )
 
 
-def require_family(found: StoredFamilies, which: int) -> None:
+def require_family(found: StoredFamilies, number: int) -> None:
     """Raise SurveyError if there is no family of this number."""
-    if which >= (size := found.table.sizes["family"]):
+    if number >= (size := found.table.sizes["family"]):
         if not size:
-            raise SurveyError(f"This survey has no families, so none of number {which}: choose another survey.")
+            raise SurveyError(f"This survey has no families, so there is no family {number}: choose another survey.")
         raise SurveyError(
-            f"There are families 0 to {size - 1} in this survey, but no family {which}: choose another family."
+            f"There are families 0 to {size - 1} in this survey, but no family {number}: choose another family."
         )
 
 
@@ -112,11 +113,19 @@ def first_family_names(found: StoredFamilies) -> list[str]:
         return family_names(*found, MOST_LISTED)
 
 
-def family_description(found: StoredFamilies, plane: MapPlane, which: int) -> FamilyDescription:
-    """Return the description of an existing family; it blocks: use a thread. plane: the map of its basin fraction."""
+def family_description(found: StoredFamilies, plane: MapPlane, number: int) -> FamilyDescription:
+    """Return the description of the family `number`, which must exist. plane: the map of the family's basin fraction.
+
+    This function blocks: use a thread.
+
+    Returns
+    -------
+    FamilyDescription
+        The description.
+    """
     with report_damage("the families"):
-        names = family_names(*found, which + 1)
-        here = found.table.isel(family=which)
+        names = family_names(*found, number + 1)
+        here = found.table.isel(family=number)
         row = {str(name): float(here[name]) for name in here.data_vars if not here[name].dims}
         curves = [str(each) for each in here["curve"].values]
         borders = dict(zip(curves, (int(each) for each in here["edges_on"].values), strict=True))
@@ -124,7 +133,7 @@ def family_description(found: StoredFamilies, plane: MapPlane, which: int) -> Fa
     done = (status > 0) & (status != FAILED)
     extents = (_longest_extent(share > 0, plane, "delta"), _longest_extent(share > 0, plane, "epsilon"))
     return FamilyDescription(
-        names[which],
+        names[number],
         row,
         row["cells"] / max(int((status > 0).sum()), 1),
         float(share[done].mean(dtype=float)) if done.any() else 0.0,

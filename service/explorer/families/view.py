@@ -43,9 +43,9 @@ DIAGRAM_LABELS = {"delta": "Its diagram along δ", "epsilon": "Its diagram along
 class FamilyData(NamedTuple):
     """Data of a survey's families, read from its store. They do not depend on the window of the map.
 
-    names: the names of the first families. family, plane: the description of the chosen family and the map of its basin
-    fraction; None if no family is chosen, or if the survey has no family of the chosen number. why: a message for the
-    viewer if the survey has no family of the chosen number, else "".
+    names: the names of the MOST_LISTED families with the most cells. family, plane: the description of the chosen
+    family, and the map of its basin fraction; None if no family is chosen, or if the survey has no family of the chosen
+    number. why: a message for the viewer if the survey has no family of the chosen number, else "".
     """
 
     names: list[str]
@@ -55,7 +55,7 @@ class FamilyData(NamedTuple):
 
 
 class FamiliesView:
-    """Show a chosen family. which: the menu of families. panel: the description of the chosen family, below the map.
+    """Show a chosen family. menu: the menu of families. panel: the description of the chosen family, below the map.
 
     Parameters
     ----------
@@ -66,9 +66,9 @@ class FamiliesView:
     def __init__(self, shared: SharedState, viewer: Viewer, store: Store, figure: MapFigure, sheet: str) -> None:
         self._shared, self._viewer, self._store, self._figure = shared, viewer, store, figure
         styled: dict[str, Any] = {"stylesheets": [sheet], "margin": (2, 8, 2, 0)}
-        self.which = pn.widgets.Select(label="Family", options={NO_FAMILY: ""}, width=165, visible=False, **styled)
+        self.menu = pn.widgets.Select(label="Family", options={NO_FAMILY: ""}, width=165, visible=False, **styled)
         self._watch = WidgetWatcher()
-        self._watch.call_on_change(self.which, self._on_chosen)
+        self._watch.call_on_change(self.menu, self._on_chosen)
         self._along = {
             name: pn.widgets.Button(label=label, visible=False, **styled) for name, label in DIAGRAM_LABELS.items()
         }
@@ -82,7 +82,7 @@ class FamiliesView:
         self._extents: dict[str, Extent] = {}
         self.drawings = DrawingRunner(viewer, self._show_error)
         # id of the survey, number of the slice, and number of the family that are shown; None for no family
-        self._of: tuple[str, int, int | None] = ("", 0, None)
+        self._shown_family: tuple[str, int, int | None] = ("", 0, None)
         self._known: tuple[tuple[Any, ...], FamilyData] | None = None
         store.subscribe(self._on_view_change, "survey", "slice", "family", "delta", "epsilon", "seen", JOBS)
 
@@ -93,16 +93,17 @@ class FamiliesView:
             self._hide_choices()
             self.panel.visible = False
             return
-        if self._of != (of := (view.survey, view.slice, view.family)):  # another family, slice or survey was chosen
-            if self._of[:2] != of[:2]:
+        shown = view.survey, view.slice, view.family
+        if self._shown_family != shown:  # another family, slice or survey was chosen
+            if self._shown_family[:2] != shown[:2]:
                 self._set_options({}, None)
-            self._of = of
+            self._shown_family = shown
             self._clear_description()
-        wanted = (*of, view.window, self._figure.pixels if view.window else ())
+        wanted = (*shown, view.window, self._figure.pixels if view.window else ())
         self.drawings.request(wanted, [job], partial(self._draw, view, job))
 
     async def _draw(self, view: View, job: JobRow) -> AsyncGenerator[Show, None]:
-        window, is_too_close, pixels = view.window, self._figure.is_too_close, self._figure.pixels
+        window, has_too_large_cells, pixels = view.window, self._figure.has_too_large_cells, self._figure.pixels
         key = view.slice, view.family, job.id, job.state, job.cells_done
         before = self._known[1] if self._known is not None and self._known[0] == key else None
 
@@ -110,7 +111,7 @@ class FamiliesView:
             known = before or self._read_families(view, job)
             if known.plane is None:
                 return known, None
-            if window and is_too_close:
+            if window and has_too_large_cells:
                 return known, known.plane.enlarged_block(window)
             return known, known.plane.block(window, pixels, anywhere=True)
 
@@ -152,7 +153,7 @@ class FamiliesView:
     def _set_options(self, options: dict[str, str], number: int | None) -> None:
         value = "" if number is None else str(number)
         with self._watch.paused():
-            self.which.param.update(options={NO_FAMILY: ""} | options, value=value, visible=True)
+            self.menu.param.update(options={NO_FAMILY: ""} | options, value=value, visible=True)
 
     def _show_error(self, error: RattleError) -> None:
         self._hide_choices()
@@ -161,7 +162,7 @@ class FamiliesView:
 
     def _hide_choices(self) -> None:
         self._clear_description()
-        self.which.visible = False
+        self.menu.visible = False
 
     def _show_message(self, why: str) -> None:
         self.said.html = f'<p class="faint" role="status">{escape(why)}</p>' if why else ""
@@ -174,7 +175,7 @@ class FamiliesView:
         self._figure.undim_cells()
 
     def _on_chosen(self) -> None:
-        chosen = str(self.which.value)
+        chosen = str(self.menu.value)
         self._store.dispatch(FamilyChosen(int(chosen) if chosen else None))
 
     def open_diagram(self, direction: str) -> None:

@@ -19,7 +19,10 @@ from gear_rattle.service.explorer.state.store import JOBS, Store
 
 
 class ComparisonMaps:
-    """Comparison maps of a page. places: panels for all maps that can be added, empty at first. add: button.
+    """Comparison maps of a page.
+
+    panels: a panel for each of the MOST_FURTHER maps that a viewer can add, empty until the map is added. add_button:
+    the button that adds a map.
 
     Parameters
     ----------
@@ -33,12 +36,12 @@ class ComparisonMaps:
         self._shared, self._viewer, self._store = shared, viewer, store
         self._first, self._theme, self._sheet = first, theme, sheet
         self.maps: list[ComparisonMap] = []
-        self.places = [pn.Column(sizing_mode="stretch_both", margin=0) for _ in range(MOST_FURTHER)]
-        self.add = pn.widgets.Button(
+        self.panels = [pn.Column(sizing_mode="stretch_both", margin=0) for _ in range(MOST_FURTHER)]
+        self.add_button = pn.widgets.Button(
             label="Add a second map", css_classes=["beside-map"], stylesheets=[sheet], margin=(2, 8, 2, 0),
             visible=False,
         )  # fmt: skip
-        on_press(self.add, self._add_map)
+        on_press(self.add_button, self._add_map)
         self._named: tuple[tuple[str, str], ...] = ()
         self.surveys: Mapping[str, str] = {}
         store.subscribe(
@@ -59,18 +62,18 @@ class ComparisonMaps:
     def _on_view_change(self) -> None:
         """Add or remove comparison maps until they are those of the view, and let each show its survey and variable."""
         view = self._store.view
-        self.add.visible = not view.is_example and len(view.further) < MOST_FURTHER
+        self.add_button.visible = not view.is_example and len(view.further) < MOST_FURTHER
         if not self._store.has_surveys:
             return
         while len(self.maps) > len(view.further):
             self.maps.pop().end()
-            self.places[len(self.maps)].param.update(objects=[], css_classes=[])
+            self.panels[len(self.maps)].param.update(objects=[], css_classes=[])
         while len(self.maps) < len(view.further):
-            place = len(self.maps)
-            figure = MapFigure(self._theme, self._store.dispatch, self._first, f"further{place + 2}")
-            made = ComparisonMap(self._shared, self._viewer, self._store, figure, self._sheet, place)
+            index = len(self.maps)
+            figure = MapFigure(self._theme, self._store.dispatch, self._first, f"further{index + 2}")
+            made = ComparisonMap(self._shared, self._viewer, self._store, figure, self._sheet, index)
             self.maps.append(made)
-            self.places[place].param.update(objects=[made.panel], css_classes=["shown"])
+            self.panels[index].param.update(objects=[made.panel], css_classes=["shown"])
         jobs = [status.job for status in self._store.jobs.values()]
         named = tuple((each.id, each.name) for each in jobs if each.is_readable)
         if self.maps and named != self._named:
@@ -83,7 +86,7 @@ class ComparisonMaps:
             each.show_pointer()
 
     def _add_map(self) -> None:
-        """Add a map of the survey that the first map shows: of a variable that is not shown yet, if there is one."""
+        """Add a map of the first map's survey: of a variable that the page does not show yet, if there is one."""
         view, request = self._store.view, self._store.request
         if request is None or view.is_example:
             return
@@ -93,6 +96,6 @@ class ComparisonMaps:
         self._store.dispatch(MapAdded(ComparisonChoice(view.survey, free[0].variable, free[0].index, view.slice)))
 
     def end(self) -> None:
-        """Release the resources of all comparison maps, because the page was closed."""
+        """Stop all work of the comparison maps, because the page was closed."""
         for each in self.maps:
             each.end()

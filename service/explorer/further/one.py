@@ -42,24 +42,24 @@ MINUS = "first map less this one"
 
 
 class ComparisonMap(SurveyMap):
-    """Comparison map number `place`, from 0. A viewer chooses its survey and variable in the widgets above it."""
+    """Comparison map number `index`, 0 for the second map of the page. Widgets above it choose survey and variable."""
 
     def __init__(
-        self, shared: SharedState, viewer: Viewer, store: Store, figure: MapFigure, sheet: str, place: int
+        self, shared: SharedState, viewer: Viewer, store: Store, figure: MapFigure, sheet: str, index: int
     ) -> None:
         super().__init__(shared, viewer, store, figure, Heading(sheet), Text("", sheet))
-        self._place = place
+        self._index = index
         self.lines = MapLines(viewer, figure)
         self.key, self.links = Text("", sheet), Text("", sheet)
         self._watch = WidgetWatcher()
         styled: dict[str, Any] = {"stylesheets": [sheet], "margin": (2, 8, 2, 0)}
-        self.survey = pn.widgets.Select(label=f"Survey of map {place + 2}", options={}, width=175, **styled)
-        self.variable = pn.widgets.Select(label=f"Map {place + 2}", options={}, width=175, **styled)
+        self.survey = pn.widgets.Select(label=f"Survey of map {index + 2}", options={}, width=175, **styled)
+        self.variable = pn.widgets.Select(label=f"Map {index + 2}", options={}, width=175, **styled)
         self.minus = pn.widgets.CheckBoxGroup(options=[MINUS], **{**styled, "margin": (2, 8, 8, 4)})
         for widget in (self.survey, self.variable, self.minus):
             self._watch.call_on_change(widget, self._on_chosen)
-        remove = pn.widgets.Button(label=f"Remove map {place + 2}", **styled)
-        on_press(remove, partial(store.dispatch, MapRemoved(place)))
+        remove = pn.widgets.Button(label=f"Remove map {index + 2}", **styled)
+        on_press(remove, partial(store.dispatch, MapRemoved(index)))
         choices = pn.FlexBox(
             self.survey, self.variable, self.minus, remove, margin=0, sizing_mode="stretch_width",
             align_items="flex-end",
@@ -69,13 +69,13 @@ class ComparisonMap(SurveyMap):
             choices, self.title.pane, plot, self.key.pane, self.links.pane, self.said.pane,
             sizing_mode="stretch_both", margin=0, css_classes=[SHOWN],
         )  # fmt: skip
-        self._further: ComparisonChoice | None = None  # choice of the map in the figure; None before the first drawing
+        self._drawn_choice: ComparisonChoice | None = None  # choice of the drawn map; None before the first drawing
         self._window: Ranges | None = None
 
     def show_view(self, surveys: Mapping[str, str]) -> None:
         """Show the survey and variable that the view has for this map. surveys: options of the menu of surveys."""
         view, jobs = self._store.view, self._store.jobs
-        choice = view.further[self._place]
+        choice = view.further[self._index]
         job, first = (jobs[each].job if each in jobs else None for each in (choice.survey, view.survey))
         if job is None or not job.is_readable:
             self._show_no_map(GONE)
@@ -91,7 +91,7 @@ class ComparisonMap(SurveyMap):
             self._show_window_and_lines(self.plane)
 
     def _show_choices(self, choice: ComparisonChoice, job: JobRow, surveys: Mapping[str, str]) -> ComparisonChoice:
-        """Set the menus to a choice, and return it. If the survey lacks the chosen map, its first map is chosen."""
+        """Set the menus to a choice, and return it. If the survey lacks the chosen map, choose its first map."""
         request = request_of_job(job)
         number = sum(request.slice_index(choice.slice))
         chosen, options = map_options(request, MapChoice(choice.variable, choice.index))
@@ -105,7 +105,7 @@ class ComparisonMap(SurveyMap):
         survey, _, number = str(self.survey.value).partition(",")
         chosen = MapChoice.read(str(self.variable.value))
         choice = ComparisonChoice(survey, chosen.variable, chosen.index, int(number), bool(self.minus.value))
-        self._store.dispatch(MapChanged(self._place, choice))
+        self._store.dispatch(MapChanged(self._index, choice))
 
     async def _draw(
         self, choice: ComparisonChoice, view: View, job: JobRow, first: JobRow | None = None
@@ -125,7 +125,7 @@ class ComparisonMap(SurveyMap):
         plane, block, colours = await self._viewer.run_in_thread(read)
 
         def show() -> None:
-            self._further = choice
+            self._drawn_choice = choice
             self.figure.show_axes_of(plane.request.machine)
             self.title.show(escape(_title_of(plane, colours, job, first, request_of_job(job))))
             self._window = self._store.window
@@ -157,7 +157,7 @@ class ComparisonMap(SurveyMap):
             self.refine()
         self.figure.mark_pins(points_by_number(view.pins, model))
         self.links.html = self._picture_links(plane, view)
-        lines = view.lines if self._further is None else view.lines_over(self._further.variable)
+        lines = view.lines if self._drawn_choice is None else view.lines_over(self._drawn_choice.variable)
         self.lines.draw([name for name in lines if name not in LINES_OF_ALL_WINDOWS], model, window)
 
     def show_pointer(self) -> None:
@@ -170,7 +170,7 @@ class ComparisonMap(SurveyMap):
 
     def _picture_links(self, plane: MapPlane, first: View) -> str:
         """Return links to pictures of this map, in HTML; "" for a difference, which has no pictures."""
-        choice, colours = self._further, self.colours
+        choice, colours = self._drawn_choice, self.colours
         if choice is None or colours is None or isinstance(plane, Difference):
             return ""
         seen = drawn_settings(colours, self.figure.pixels if first.window else None)
@@ -182,7 +182,7 @@ class ComparisonMap(SurveyMap):
         return f"<p class=faint>Picture: {picture_links(choice.survey, choice.variable, query)}</p>"
 
     def show_shades(self, shades: Sequence[Shade]) -> None:
-        """Show the meanings and the shares of the colours in the key below the map."""
+        """Show in the key below the map the meaning of each colour and the share of the cells that have the colour."""
         self.key.html = key_html(shades)
 
 

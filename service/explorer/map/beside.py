@@ -26,9 +26,9 @@ ANSWER_FIRST = f"@media (max-width: 1199px) {{ :host(.{POINT_CLASS}) > .go-to-pl
 
 
 class RightSide:
-    """Right side of the page: from top to bottom the panel `above`, the open point, and the panel `under`.
+    """Right side of the page: the panel `above`, below it the open point, and below the point the panel `under`.
 
-    below: the profile of a survey, which is shown inside the view of the open point, below its diagram.
+    profile_place: panel for the profile of a survey. It stands inside the open point's panel, below its diagram.
 
     Attributes
     ----------
@@ -42,14 +42,14 @@ class RightSide:
         viewer: Viewer,
         store: Store,
         theme: str,
-        below: FigurePlace,
+        profile_place: FigurePlace,
         above: pn.Column,
         under: pn.Column,
     ) -> None:
         self._shared, self._viewer, self._store = shared, viewer, store
-        self._theme, self._below = theme, below
+        self._theme, self._profile_place = theme, profile_place
         self.point: PointView | None = None
-        self._of: tuple[object, ...] = ()  # (δ, ε), machine and model of the open point
+        self._open_key: tuple[object, ...] = ()  # (δ, ε), machine and model of the open point
         self._answering: asyncio.Task[None] | None = None
         self._points: PointPanel | None = None
         self._column = pn.Column(sizing_mode="stretch_width", margin=0, stylesheets=[PRINTED])
@@ -62,14 +62,14 @@ class RightSide:
         view, opened = self._store.view, open_machine_and_model(self._store)
         if view.point is None:
             self._close_point()
-        elif opened is not None and (of := (view.point, *opened)) != self._of:
-            self._of = of
+        elif opened is not None and (key := (view.point, *opened)) != self._open_key:
+            self._open_key = key
             self._open_point(view, *opened)
 
     def _open_point(self, view: View, machine: Machine | None, model: Model) -> None:
         assert view.point is not None
         self.end()
-        points = self._points or PointPanel(self._theme, self._store.dispatch, self._below)
+        points = self._points or PointPanel(self._theme, self._store.dispatch, self._profile_place)
         self.point = point = PointView(points, self._viewer.front, self._store, *view.point, model, machine)
         self.panel.css_classes = [POINT_CLASS]
         self._column.visible = True
@@ -99,7 +99,7 @@ class RightSide:
 
     def _close_point(self) -> None:
         self.end()
-        self._of = ()
+        self._open_key = ()
         self._column.visible = False
         if self._points is not None:
             self._points.clear()

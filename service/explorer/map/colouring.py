@@ -23,9 +23,9 @@ from gear_rattle.workers.pictures.maps import (
 )
 
 SHADES = 256
-#: The map shows the name of a family whose width is at least the share WIDE of the map. The name is left out if the
-#: name of a wider family is nearer than NAME: 130 pixels along δ and 24 pixels along ε.
-WIDE, NAME = 0.02, (130, 24)
+#: The map shows the name of a family whose width is at least the share LEAST_WIDTH of the map. The name is left out if
+#: the name of a wider family is nearer than NAME_SIZE: 130 pixels along δ and 24 pixels along ε.
+LEAST_WIDTH, NAME_SIZE = 0.02, (130, 24)
 
 
 @dataclass(frozen=True)
@@ -63,7 +63,7 @@ class Colouring:
     note: str = ""
     # names of regions or families, each with the point (δ, ε) where it is written
     names: Mapping[str, Pair] = field(default_factory=dict)
-    beyond: Pair = (0.0, 0.0)  # shares of the values below `low` and above `high`
+    shares_beyond: Pair = (0.0, 0.0)  # shares of the values below `low` and above `high`
 
 
 def valueless_cells(plane: MapPlane, block: MapBlock) -> dict[str, tuple[np.ndarray, str]]:
@@ -73,7 +73,7 @@ def valueless_cells(plane: MapPlane, block: MapBlock) -> dict[str, tuple[np.ndar
 
 
 def _share_of_code(block: MapBlock, code: int, shown: np.ndarray, computed: int) -> float:
-    """Return the share of the computed cells that have a code. A drawn cell may stand for several computed cells."""
+    """Return the share of the computed cells that have the value `code`. A drawn cell may stand for several cells."""
     if block.shares:
         return block.shares.get(code, 0.0)
     return float((shown == code).sum() / max(computed, 1))
@@ -86,7 +86,7 @@ def shown_values(plane: MapPlane, block: MapBlock) -> np.ndarray:
 
 
 def shown_window(plane: MapPlane, window: Ranges, room: Room) -> tuple[np.ndarray, Ranges]:
-    """Return the values of the cells in a window, and the box that they cover. It blocks: use a thread."""
+    """Return the values of the cells in a window, and the box of these cells. It blocks: use a thread."""
     block = plane.block(window, room)
     return shown_values(plane, block), block.box
 
@@ -139,7 +139,8 @@ def colouring(plane: MapPlane, block: MapBlock, limits: Limits | Pair, log: bool
     notes = [note, *(f"{share:.2%} of the values are {side} the scale" for share, side in sides if share)]
     note = "; ".join(each for each in notes if each)
     return Colouring(
-        title_of(plane.plane), palette, low, high, log, False, shades, reasons, reason_colours, note, beyond=beyond
+        title_of(plane.plane), palette, low, high, log, False, shades, reasons, reason_colours, note,
+        shares_beyond=beyond,
     )  # fmt: skip
 
 
@@ -151,9 +152,9 @@ def _placed_names(variable: str, block: MapBlock, labels: Mapping[float, str], r
 
 
 def family_places(block: MapBlock, labels: Mapping[float, str], room: Room) -> dict[str, Pair]:
-    """Return {name of a wide family: point (δ, ε) where the name is written}, without names that would overlap.
+    """Return {name of a family: point (δ, ε) where the name is written} of families that are wide enough on the map.
 
-    room: pixels of the map along (delta, epsilon).
+    A name that would overlap the name of a wider family is left out. room: pixels of the map along (delta, epsilon).
 
     Returns
     -------
@@ -161,11 +162,11 @@ def family_places(block: MapBlock, labels: Mapping[float, str], room: Room) -> d
         Points by name, the widest family first.
     """
     rows, columns = block.values.shape
-    least = max(WIDE * min(rows, columns), 1.5)
+    least = max(LEAST_WIDTH * min(rows, columns), 1.5)
     large = [code for code in labels if 0 < code < OTHERS and (block.values == code).sum() > 3 * (least - 1) ** 2]
     named = {int(code): _short_name(labels[code]) for code in large}
     # size of a name as shares of the map's width and height
-    long, tall = (pixels / max(size, 1) for pixels, size in zip(NAME, room, strict=True))
+    long, tall = (pixels / max(size, 1) for pixels, size in zip(NAME_SIZE, room, strict=True))
     places: dict[str, Pair] = {}
     taken: list[Pair] = []
     for code, (i, j, wide) in sorted(widest_cells(block.values, named).items(), key=lambda each: -each[1][2]):
@@ -186,7 +187,7 @@ def _short_name(label: str) -> str:
 
 
 def _shares_beyond_limits(values: np.ndarray, low: float, high: float) -> Pair:
-    """Return the shares of values below `low` and above `high`. Both limits are rounded to float32, like values."""
+    """Return the share of values below `low` and the share above `high`, both rounded to float32 like the values."""
     if not values.size:
         return 0.0, 0.0
     least, most = np.float32(low), np.float32(high)

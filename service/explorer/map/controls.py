@@ -190,7 +190,7 @@ class MapControls:
         self._store.dispatch(SliceChosen(int(self.slice.value or 0)))
 
     def _on_rule(self) -> None:
-        """Dispatch the chosen rule for the colour range, and the scale.
+        """Dispatch the chosen rule for the colour range together with the chosen scale, linear or logarithmic.
 
         The rule OWN stands for limits that a viewer enters; until then the limits are those of the drawn map.
         """

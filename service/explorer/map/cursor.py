@@ -27,13 +27,15 @@ from gear_rattle.service.explorer.state.events import (
 )
 from gear_rattle.service.explorer.state.store import Store, window_of
 
-# A step of the cursor is one cell. In a window with fewer than FEWEST_CELLS cells across it is 1/STEPS of the window.
+# A step of the cursor is one cell; along an axis on which the window has fewer than FEWEST_CELLS cells, it is 1/STEPS
+# of the window.
 FEWEST_CELLS = 8
 STEPS = 40
 FAR_STEP = 0.1  # length of a step with Shift, as a share of the window
 MOST_STEPS_AT_ONCE = 1000  # most steps in one message of the browser; a key that is held down sends many steps
 ZOOM_FACTOR = 0.5  # factor of the window's width and height when a viewer zooms in by the keyboard
-EDGE_SHARE = 0.25  # distance of the cursor from the edge of a window that moves to it, as a share of the window
+# if the window moves to contain the cursor, the cursor's distance from the window's edge, as a share of the window
+EDGE_SHARE = 0.25
 LARGEST_ZOOM_OUT = 3.0  # greatest width of a window after zooming out, in widths of the survey
 WINDOWS = {"back": "Back to the window before", "forward": "Forward to the window after"}
 POINT_COMMAND = "point "  # start of the command that opens a point; δ and ε of the point follow
@@ -101,7 +103,7 @@ class CursorKeys:
             case "forward":
                 dispatch(ForwardChosen())
             case _ if word.startswith(POINT_COMMAND):
-                with suppress(ValueError):  # the text is no point
+                with suppress(ValueError):  # raised if the text after the command is no point
                     dispatch(PointOpened(parse_point(word.removeprefix(POINT_COMMAND))))
 
     def _move_cursor(self, window: Ranges, at: Pair) -> None:
@@ -111,7 +113,7 @@ class CursorKeys:
 
 
 def window_middle(window: Ranges) -> Pair:
-    """Return the middle of a window, where the cursor starts."""
+    """Return the middle of a window, where the cursor starts if no point is open."""
     (left, right), (bottom, top) = window
     return (left + right) / 2, (bottom + top) / 2
 
@@ -158,9 +160,10 @@ def _span_containing(span: Pair, value: float) -> Pair:
 
 
 def zoomed_window(window: Ranges, at: Pair, factor: float, box: Ranges) -> Ranges:
-    """Return the window, scaled by a factor about the cursor `at`.
+    """Return the window, scaled by a factor about the cursor `at`, which keeps its position on the screen.
 
-    box: the ranges of the survey. The window becomes at most LARGEST_ZOOM_OUT times as wide and as high.
+    factor: below 1 to zoom in, above 1 to zoom out. box: the ranges of the survey. The window becomes at most
+    LARGEST_ZOOM_OUT times as wide and as high as `box`.
 
     Returns
     -------

@@ -80,7 +80,7 @@ class MapFigure:
         self._axes = axes.MapAxes(plot, is_follower=leader is not None)
         self._apply_theme(theme)
         self._values, self._fine, self._reasons = (glyphs.empty_source(glyphs.IMAGE) for _ in range(3))
-        self._others = glyphs.empty_source(glyphs.IMAGE)
+        self._veiled = glyphs.empty_source(glyphs.IMAGE)
         self._why_mapper = glyphs.transparent_mapper()
         self._why = glyphs.image_renderer(self._reasons, self._why_mapper)
         self._scales = glyphs.colour_scales(self._values, self._fine, **_bar_style(theme))
@@ -99,7 +99,7 @@ class MapFigure:
         plot.renderers = [
             self._why,
             *images,
-            glyphs.veil_renderer(self._others, INK[theme][1]),
+            glyphs.veil_renderer(self._veiled, INK[theme][1]),
             self._band,
             *lines,
             *glyphs.outline_renderers(self.ellipse_at),
@@ -110,8 +110,8 @@ class MapFigure:
             *glyphs.pin_renderers(self.pins_at),
         ]
         glyphs.share_models(plot.renderers)
-        self._beyond = glyphs.range_arrows(INK[theme][0])
-        for mark in self._beyond:
+        self._range_arrows = glyphs.range_arrows(INK[theme][0])
+        for mark in self._range_arrows:
             plot.add_layout(mark, "right")  # not "center", where the frame would cut off the arrow
         self._is_narrow, self._is_categorical = False, True
         self._place_bars()
@@ -181,7 +181,7 @@ class MapFigure:
 
     def _place_bars(self) -> None:
         glyphs.place_bars(self.figure, [scale.bar for scale in self._scales.values()], self._is_narrow)
-        glyphs.mark_ends(self._beyond, self._scales[self._log].bar, self._is_narrow)
+        glyphs.mark_ends(self._range_arrows, self._scales[self._log].bar, self._is_narrow)
         self._reserve_bar_width()
 
     def _reserve_bar_width(self) -> None:
@@ -196,13 +196,13 @@ class MapFigure:
         )
 
     def _report_window(self, window: Ranges) -> None:
-        """Dispatch the window that the browser shows, only once if several maps share and report this window."""
+        """Dispatch the window that the browser shows; if several maps share and report the window, dispatch it once."""
         if window != self._leader._window:
             self._leader._window = window
             self._dispatch(WindowMoved(window))
 
     def show_window(self, window: Ranges) -> None:
-        """Show a window. If the browser reported it, do not send it back: the browser may show a newer one already."""
+        """Show a window. A window that the browser reported is not sent back, because the browser may have moved on."""
         if self._leader is self and window != self._window:
             self._window = window
             self._axes.show_window(*window)
@@ -220,8 +220,8 @@ class MapFigure:
             scale.fine.visible = log == self._log
 
     @property
-    def is_too_close(self) -> bool:
-        """True if the cells of the survey are too large on the screen to be drawn."""
+    def has_too_large_cells(self) -> bool:
+        """True if the window is so narrow that the survey's cells are too large on the screen to be drawn."""
         return not self._fits
 
     @property
@@ -249,7 +249,7 @@ class MapFigure:
         self._reasons.data = {"image": [colours.reasons], **where}
 
     def draw_finer_cells(self, values: np.ndarray, box: Ranges) -> None:
-        """Draw finer cells over the cells of the survey. values: (epsilon, delta). box: the box that they cover."""
+        """Draw finer cells over the cells of the survey. values: (epsilon, delta). box: the box of all `values`."""
         self._frame = np.asarray(values, np.float32), box
         self._show_finer_cells()
 
@@ -261,13 +261,13 @@ class MapFigure:
         shown = np.where(values > 0, values, np.float32(np.nan)) if self._log else values
         self._fine.data = {"image": [shown], **image_position(box)}
 
-    def dim_cells(self, others: np.ndarray, box: Ranges) -> None:
-        """Dim cells. others: (epsilon, delta), True for a cell to dim. box: the box of the cells in `others`."""
-        self._others.data = {"image": [others.astype(np.uint8)], **image_position(box)}
+    def dim_cells(self, mask: np.ndarray, box: Ranges) -> None:
+        """Dim cells. mask: bool (epsilon, delta), True for a cell to dim. box: the box that `mask` covers."""
+        self._veiled.data = {"image": [mask.astype(np.uint8)], **image_position(box)}
 
     def undim_cells(self) -> None:
         """Show dimmed cells as before."""
-        glyphs.clear(self._others)
+        glyphs.clear(self._veiled)
 
     def remove_finer_cells(self) -> None:
         """Remove the finer cells."""
@@ -281,7 +281,7 @@ class MapFigure:
             glyphs.clear(source)
         for scale in self._scales.values():
             scale.bar.visible = False
-        for mark in self._beyond:
+        for mark in self._range_arrows:
             mark.visible = False
         self._is_categorical = True
         self._reserve_bar_width()
@@ -289,17 +289,17 @@ class MapFigure:
     def _apply_colours(self, colours: Colouring) -> None:
         if self._log != colours.log:
             self._log = colours.log
-            glyphs.mark_ends(self._beyond, self._scales[self._log].bar, self._is_narrow)
+            glyphs.mark_ends(self._range_arrows, self._scales[self._log].bar, self._is_narrow)
             self._show_finer_cells()
         palette = list(colours.palette)
         self._scales[colours.log].mapper.update(palette=palette, low=colours.low, high=colours.high)
         for log, scale in self._scales.items():
             scale.bar.visible = log == colours.log and not colours.categorical
-        for mark, share in zip(self._beyond, colours.beyond, strict=True):
+        for mark, share in zip(self._range_arrows, colours.shares_beyond, strict=True):
             mark.visible = share > 0
         self._is_categorical = colours.categorical
         self._reserve_bar_width()
-        reasons = [glyphs.CLEAR, *colours.reason_colours]
+        reasons = [glyphs.TRANSPARENT, *colours.reason_colours]
         self._why_mapper.update(palette=reasons, low=-0.5, high=len(reasons) - 0.5)
         self._show_scale()
 
@@ -309,7 +309,7 @@ class MapFigure:
         source.data = {"xs": [piece[:, 0] for piece in pieces], "ys": [piece[:, 1] for piece in pieces]}
 
     def draw_limit_band(self, x: np.ndarray, low: np.ndarray, high: np.ndarray) -> None:
-        """Draw the intervals of the design limit as one area: in ε from low (k,) to high (k,), at damping x (k,)."""
+        """Draw the intervals of the design limit as one area, from ε = low (k,) to high (k,) at the dampings x (k,)."""
         self._sure.data = {"x": x, "low": low, "high": high}
 
     def mark_points(self, points: Sequence[tuple[str, float, float]]) -> None:
@@ -386,7 +386,7 @@ class MapFigure:
         return self.figure.x_range, self.figure.y_range
 
     def remove_lines(self) -> None:
-        """Remove all curves, codimension-two points and intervals of the design limit."""
+        """Remove all curves, the codimension-two points, and the area of the design limit."""
         self._corners = []
         for source in (self._points, self._sure, *(source for source, _ in self._lines.values())):
             glyphs.clear(source)
@@ -401,7 +401,7 @@ class MapFigure:
         self._band.visible = LIMIT in names
 
     def mark_point(self, point: Pair | None) -> None:
-        """Mark the open point, or the chosen point of its diagram; None removes the mark."""
+        """Mark `point`, which is the open point or the chosen point of its diagram; None removes the mark."""
         _set_marker(self.cross_at, point)
 
     def mark_pins(self, points: Mapping[str, Pair]) -> None:

@@ -39,7 +39,7 @@ class MapLines:
 
     def __init__(self, viewer: Viewer, figure: MapFigure) -> None:
         self._viewer, self._figure = viewer, figure
-        self._of: tuple[Hashable, ...] = ()  # model, and the other values on which all lines depend
+        self._common_dependencies: tuple[Hashable, ...] = ()  # model, and the other values on which all lines depend
         self._tasks: dict[str, tuple[Hashable, asyncio.Task[None]]] = {}
 
     def draw(self, names: Sequence[str], model: Model, window: Ranges, *dependencies: Hashable) -> None:
@@ -51,9 +51,9 @@ class MapLines:
             Further values on which all lines depend, such as the id of the survey. If such a value or the model has
             changed since the last call, all lines are removed first.
         """
-        if self._of != (model, *dependencies):
+        if self._common_dependencies != (model, *dependencies):
             self.clear()
-            self._of = model, *dependencies
+            self._common_dependencies = model, *dependencies
         self._figure.show_overlays(names)
         for name in names:
             if _is_offered(name, model):
@@ -73,7 +73,7 @@ class MapLines:
         """Remove all lines, and cancel their computations."""
         while self._tasks:
             self._tasks.popitem()[1][1].cancel()
-        self._of = ()
+        self._common_dependencies = ()
         self._figure.remove_lines()
 
     def _change_lines(self, name: str, change: Callable[[], object]) -> None:
@@ -134,7 +134,7 @@ class KeyedLines(MapLines):
 
     def _on_chosen(self) -> None:
         chosen = tuple(name for name in OVERLAYS if name in self.key.chosen)
-        # they are equal if the page has set the choice, and the browser only reports it back
+        # if the page has set the choice, the browser only reports it back: it equals the view's lines
         if chosen != self._store.view.lines:
             self._store.dispatch(OverlaysChosen(chosen))
 
@@ -142,7 +142,7 @@ class KeyedLines(MapLines):
         self._store.dispatch(ShareSet(float(self.share.value or USUAL_SHARE)))
 
     def show_shades(self, shades: Sequence[Shade]) -> None:
-        """Show in the key the meanings and the shares of colours."""
+        """Show in the key the meaning of each colour and the share of the cells that have the colour."""
         self.key.shades = [{"label": each.label, "colour": each.colour, "share": each.share} for each in shades]
 
     def _list_lines(self) -> None:
@@ -241,11 +241,11 @@ def key_entries(model: Model) -> list[dict[str, Any]]:
 
 
 #: Capability that a model must have for a line.
-NEEDS = {CRISIS: Capability.CRISIS, POINTS: Capability.CORNERS}
+NEEDED_CAPABILITY = {CRISIS: Capability.CRISIS, POINTS: Capability.CORNERS}
 
 
 def _is_offered(name: str, model: Model) -> bool:
-    return name not in NEEDS or NEEDS[name] in model.has
+    return name not in NEEDED_CAPABILITY or NEEDED_CAPABILITY[name] in model.has
 
 
 def _line_meaning(name: str, model: Model) -> str:
@@ -271,14 +271,14 @@ def _missing_capability(model: Model) -> str:
 
 
 def curve_pieces(name: str, model: Model, delta: Pair, epsilon: Pair) -> tuple[list[np.ndarray], str]:
-    """Return the pieces (k, 2) of a curve inside a window, and a reason if the curve cannot be traced.
+    """Return the pieces of a curve inside a window, each an array (k, 2) of points (δ, ε); or why there are none.
 
-    It blocks: use a thread.
+    This function blocks: use a thread. A curve that lies outside of the window has no pieces and no reason.
 
     Returns
     -------
     tuple[list[np.ndarray], str]
-        Pieces, and the reason why there are no pieces; "" if the curve could be traced.
+        Pieces, and the reason why the curve cannot be traced; "" if it could be traced.
     """
     if name not in model.curve_names:
         return [], _missing_capability(model)

@@ -31,10 +31,11 @@ from gear_rattle.workers.survey.slices import slice_of
 from gear_rattle.workers.survey.tiles import tiles_of_slice
 from gear_rattle.workers.survey.values.schema import CELL, Group
 
-KEPT, KEPT_CELLS = 24, 24_000_000  # most maps in memory, and most cells of all maps together, at 5 bytes a cell
+# most maps in memory, and most cells of all these maps together; a cell takes 5 bytes
+MOST_MAPS, MOST_MAP_CELLS = 24, 24_000_000
 ENLARGED_POINTS = 200  # points along an axis of an enlarged window
 SIDE = 512  # most cells that are drawn along an axis, unless the screen is known to have more pixels
-BAND = 1 << 20  # most cells that are read at once from several rows of tiles
+MOST_CELLS_AT_ONCE = 1 << 20  # most cells that are read at once, unless a single row of tiles has more
 READING_SECONDS = 1.0  # seconds after which reading pauses, so that the cells read so far are drawn
 Key = tuple[str, str, int, int, bool]
 Room = tuple[int, int]  # pixels along (delta, epsilon)
@@ -46,7 +47,9 @@ class MapBlock:
     """Drawn cells of a map: `values` (float32) and `status`, both (epsilon, delta), and the `box` that the cells cover.
 
     If a map has more cells than pixels, a drawn cell stands for several cells: it shows a rare code among them, or a
-    number such as their mean. `gear_rattle.workers.pictures.levels.DisplayedCells` explains `shares` and `without`.
+    number such as their mean. shares: for a map of codes, each code's share of all cells for which the block stands.
+    without: for a map of numbers, the share of these cells that have no number. `shares` is {} and `without` is None
+    where the drawn cells have to be counted instead.
     """
 
     delta: np.ndarray
@@ -66,18 +69,24 @@ class MapBlock:
 class MapPlane:
     """Map of a survey: the `values` (float32) and the `status` of its cells, both (epsilon, delta).
 
-    index: number of the slot or the orbit, for a variable that has a map for each. The argument `number` is the number
-    of the slice, 0 without a third axis; the attribute `number` is the number of the survey's job in the database.
+    number: number of the survey's job in the database.
+
+    Parameters
+    ----------
+    index : int
+        Number of the slot or the orbit, for a variable that has a map for each; otherwise 0.
+    slice_number : int
+        Number of the slice; 0 for a survey without a third axis.
     """
 
     is_kept = True  # True if all cells are kept in memory
 
-    def __init__(self, front: Front, job: JobRow, variable: str, index: int, number: int = 0) -> None:
+    def __init__(self, front: Front, job: JobRow, variable: str, index: int, slice_number: int = 0) -> None:
         _, place = front.job_with_results(job.id)
         self.id, self.number = job.id, job.number
         self._front = front
         request = SurveyRequest.model_validate(job.request)
-        self._place, self._along = place, request.slice_index(number)
+        self._place, self._along = place, request.slice_index(slice_number)
         self._dataset = open_maps(partial(open_survey, place), variable, *self._along)
         self.plane, self._index = plane_of(self._dataset, variable, index), index
         self.request = request.slice_request(self._along)
@@ -106,8 +115,11 @@ class MapPlane:
     def _tiles_to_read(self, fresh: set[int]) -> Iterator[list[int]]:
         """Yield lists of tiles to read at once.
 
-        fresh: tiles that are written and not read yet. If more than half of the tiles of some rows are fresh, all tiles
-        of these rows make one list. Otherwise each fresh tile of these rows makes a list.
+        The tiles are taken in groups of whole rows of tiles, with at most MOST_CELLS_AT_ONCE cells or one row. If more
+        than half of a group's tiles are fresh, all tiles of the group make one list. Otherwise each fresh tile makes a
+        list of its own.
+
+        fresh: tiles that are written to the store and not read yet.
 
         Yields
         ------
@@ -115,7 +127,7 @@ class MapPlane:
             Indices of tiles.
         """
         _, across = self.request.tile_grid
-        together = across * max(1, BAND // (self.delta.size * self.request.tile_shape[0]))
+        together = across * max(1, MOST_CELLS_AT_ONCE // (self.delta.size * self.request.tile_shape[0]))
         every = list(self._tiles)
         for start in range(0, len(every), together):
             indices = every[start : start + together]
@@ -137,17 +149,21 @@ class MapPlane:
         return box_of_cells(self.delta, self.epsilon)
 
     def is_thinned(self, room: Room = (SIDE, SIDE)) -> bool:
-        """Return whether there are more cells than pixels along an axis. room: pixels along (delta, epsilon)."""
+        """Return whether the map has more cells than pixels along δ or along ε. room: pixels along (delta, epsilon)."""
         return self.delta.size > room[0] or self.epsilon.size > room[1]
 
     def block(self, window: Ranges | None = None, room: Room = (SIDE, SIDE), *, anywhere: bool = False) -> MapBlock:
-        """Return the cells to be drawn in a window, None for the whole survey, on `room` pixels (delta, epsilon).
+        """Return the cells to draw in a window. A drawn cell stands for several cells if there are too few pixels.
 
         Parameters
         ----------
+        window : Ranges | None
+            Ranges of δ and of ε; None for the whole survey.
+        room : (int, int)
+            Pixels along δ and along ε.
         anywhere : bool
-            What a drawn cell shows that stands for several cells. True: their largest value, so that a small part of a
-            family remains visible. False: a rare code or a mean. True needs a map with its cells in memory (`is_kept`).
+            True if a cell that stands for several cells shows their largest value, so that a small part of a family
+            remains visible. This needs a map with its cells in memory (`is_kept`). False for a rare code or a mean.
 
         Returns
         -------
@@ -186,7 +202,7 @@ class MapPlane:
         return self._values_and_status(slice(None), slice(None))
 
     def enlarged_block(self, window: Ranges) -> MapBlock:
-        """Return a very narrow window as ENLARGED_POINTS² points. A point has the value of the cell around it."""
+        """Return ENLARGED_POINTS² points of a very narrow window, each with the value of the cell around it."""
         (left, right), (bottom, top) = window
         delta, epsilon = (
             low + (np.arange(ENLARGED_POINTS) + 0.5) * (high - low) / ENLARGED_POINTS
@@ -229,8 +245,8 @@ class LeveledPlane(MapPlane):
 
     is_kept = False
 
-    def __init__(self, front: Front, job: JobRow, variable: str, index: int, number: int = 0) -> None:
-        super().__init__(front, job, variable, index, number)
+    def __init__(self, front: Front, job: JobRow, variable: str, index: int, slice_number: int = 0) -> None:
+        super().__init__(front, job, variable, index, slice_number)
         self._levels = levels_of(self.request.shape)
         self._opened: dict[str, xr.Dataset] = {}
 
@@ -278,11 +294,11 @@ def _cell_range(axis: np.ndarray, span: Pair) -> tuple[int, int]:
     return first, max(end, first + 1)
 
 
-def _covered_range(axis: np.ndarray, cells: int, span: slice) -> Pair:
+def _covered_range(axis: np.ndarray, factor: int, span: slice) -> Pair:
     """Return the range of δ or ε that some cells of a pyramid level cover.
 
-    axis: centres of the survey's cells. cells: how many of these cells a cell of the level covers along the axis. span:
-    the cells of the level.
+    axis: centres of the survey's cells. factor: number of the survey's cells along the axis that one cell of the level
+    covers. span: first cell of the level, and one past the last.
 
     Returns
     -------
@@ -291,11 +307,11 @@ def _covered_range(axis: np.ndarray, cells: int, span: slice) -> Pair:
     """
     step = (axis[-1] - axis[0]) / (axis.size - 1)
     begin = axis[0] - step / 2
-    return float(begin + span.start * cells * step), float(begin + span.stop * cells * step)
+    return float(begin + span.start * factor * step), float(begin + span.stop * factor * step)
 
 
 def _cell_index(axis: np.ndarray, value: float) -> int | None:
-    """Return the index of the cell along an axis that contains a value, None if no cell contains the value."""
+    """Return the index, along an axis, of the cell that contains a value; None if no cell contains the value."""
     half = (axis[-1] - axis[0]) / (2 * (axis.size - 1))
     if not axis[0] - half <= value <= axis[-1] + half:
         return None
@@ -303,7 +319,7 @@ def _cell_index(axis: np.ndarray, value: float) -> int | None:
 
 
 def cell_indices(axis: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Return for each value the index of the cell along an axis that contains it, −1 outside of all cells."""
+    """Return for each value the index, along an axis, of the cell that contains the value; −1 outside of all cells."""
     step = (axis[-1] - axis[0]) / (axis.size - 1)
     found = np.floor((values - axis[0]) / step + 0.5).astype(int)
     return np.where((found >= 0) & (found < axis.size), found, -1)
@@ -344,7 +360,7 @@ class Atlas:
             plane = self._plane_class(job, variable)(self._front, job, variable, index, number)
             with self._lock:
                 plane = self._planes.setdefault(key, plane)
-                while len(self._planes) > 1 and (len(self._planes) > KEPT or self._n_cells > KEPT_CELLS):
+                while len(self._planes) > 1 and (len(self._planes) > MOST_MAPS or self._n_cells > MOST_MAP_CELLS):
                     self._planes.popitem(last=False)
         return plane, plane.update(job)
 
@@ -386,7 +402,9 @@ def maps_of(request: SurveyRequest) -> dict[str, Any]:
 
 
 def map_options(request: SurveyRequest, *wanted: MapChoice | None) -> tuple[MapChoice, dict[str, str]]:
-    """Return the map that a menu of a survey's maps selects, and the options of the menu.
+    """Return the map to select in a menu of a survey's maps, and the options of the menu.
+
+    wanted: the maps that may be selected, the most wanted first; None stands for no map.
 
     Returns
     -------

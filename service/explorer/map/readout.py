@@ -68,7 +68,7 @@ class Readout:
 
     @property
     def is_folded(self) -> bool:
-        """True if only the summary and the button show."""
+        """True if the numbers are hidden: only the summary line and the button that unfolds the numbers show."""
         return not self._numbers.visible
 
     def clear(self) -> None:
@@ -77,7 +77,7 @@ class Readout:
         self._head.visible, self._numbers.visible = False, True
 
     def show(self, summary: str, tables: str, is_point_open: bool) -> None:
-        """Show the numbers of a cell (HTML). While a point is open, show `tables` only if a viewer has unfolded it."""
+        """Show the numbers of a cell, in HTML. While a point is open, show the tables only if they are unfolded."""
         self._summary.html = summary
         self._tables.html = (OF_THE_CELL if is_point_open else "") + tables
         self._head.visible = is_point_open
@@ -138,7 +138,8 @@ def cell_tables(
 
     cell: the survey's cell at the point, None if the point is outside of the survey. request: the survey's request; if
     it is the survey of a machine, the tables also have the speed and the eccentricity in the machine's units.
-    finer_row: title and value at the point of a map with finer cells, None without such a map.
+    finer_row: (title, value) of the cell at the point that the workers computed for this window, finer than a cell of
+    the survey; None if they computed none.
 
     Returns
     -------
@@ -172,7 +173,7 @@ def cell_tables(
 
 
 def _status_without_numbers(status: int) -> str:
-    """Return the status of a cell in words if the cell has no numbers; "" if it has."""
+    """Return the status in words of a cell that is not computed or has failed; "" for a cell that has numbers."""
     return STATUS[status].replace("_", " ") if status in (0, FAILED) else ""
 
 
@@ -194,7 +195,15 @@ def _distance_note(cell: xr.Dataset, delta: float, epsilon: float, window: Range
 
 
 def finer_value(plane: MapPlane, finer: MapBlock | None, delta: float, epsilon: float) -> Row | None:
-    """Return the title of a finer map and its value at a point; None if there is no finer map at the point."""
+    """Return (title, value) of the finer cell at a point; None if no finer cell is computed there.
+
+    finer: the finer cells that the workers computed for a window, None without them.
+
+    Returns
+    -------
+    Row | None
+        The map's title and the value in words.
+    """
     value = finer.value_at(delta, epsilon) if finer is not None else None
     if value is None:
         return None
@@ -203,7 +212,7 @@ def finer_value(plane: MapPlane, finer: MapBlock | None, delta: float, epsilon: 
 
 
 def cell_in_words(plane: MapPlane, delta: float, epsilon: float, window: Ranges, finer: MapBlock | None = None) -> str:
-    """Return a phrase for screen readers: the point, and the value of the map at the point."""
+    """Return a phrase for screen readers: the point, and the value of the map there, from the finer cells if any."""
     place = f"δ {coordinate_text(delta, window[0])}, ε {coordinate_text(epsilon, window[1])}"
     here = finer_value(plane, finer, delta, epsilon)
     said = ", ".join(here) if here is not None else _value_in_words(plane, delta, epsilon)

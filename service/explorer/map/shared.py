@@ -97,7 +97,7 @@ class UncomputedMaps(Protocol):
         Returns
         -------
         MapPlane
-            The map. Its colours are closed forms; `cell_at` returns the survey's cell, if it is computed already.
+            The map. Its colours show closed forms; `cell_at` returns the survey's cell, if it is computed already.
         """
 
 

@@ -32,7 +32,9 @@ SURVEY_ONLY = "This map has no finer cells than those of the survey."
 
 
 class SurveyMap(ABC):
-    """Map in a figure, with a heading (`title`). The text `said` describes the cell at which a viewer points.
+    """Map in a figure.
+
+    title: the heading. said: the text that describes the cell at which a viewer points.
 
     Attributes
     ----------
@@ -82,8 +84,7 @@ class SurveyMap(ABC):
         chosen : MapChoice | None
             Map that the workers can compute in finer windows; None if they cannot, as for a difference.
         limits, log
-            As the viewer has chosen: the range of the colours, or a rule such as "auto" for the range; and whether the
-            scale is logarithmic.
+            The viewer's choice of the colour range: (low, high) or a rule such as "auto"; and True for a log scale.
         """
         is_new = plane is not self.plane
         self.plane, self.colours, self._chosen, self._how = plane, colours, chosen, (limits, log)
@@ -119,7 +120,7 @@ class SurveyMap(ABC):
             self._refining.cancel()
 
     def refine(self) -> None:
-        """Draw the survey's cells in the visible window, and then finer cells."""
+        """Draw the survey's cells in the visible window. If they are coarse, have finer cells computed and drawn."""
         self.forget_window()
         self._show_progress("")
         plane, window, chosen = self.plane, self._store.view.window, self._chosen
@@ -129,7 +130,7 @@ class SurveyMap(ABC):
             self._count_shares()
             return
         self._refined, pixels = (plane, window), self.figure.pixels
-        if self.figure.is_too_close:  # the enlarged cells stay until the workers send finer cells
+        if self.figure.has_too_large_cells:  # the enlarged cells stay until the workers send finer cells
             self._seen = partial(plane.enlarged_block, window)
             self.figure.draw_finer_cells(shown_values(plane, self._seen()), window)
         else:

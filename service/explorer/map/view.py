@@ -44,9 +44,9 @@ class MapView(SurveyMap):
         self.lines = KeyedLines(shared.overlaid, viewer, store, figure, sheet)
         self.keys = CursorKeys(viewer.document, figure.figure, store)
         self.readout = Readout(sheet)
-        self._settled: tuple[str, str] | None = None  # id and state of the survey when its map was last chosen
+        self._survey_at_choice: tuple[str, str] | None = None  # (id, state) at the last call of `_choose_map`
         self._marked: tuple[object, ...] = ()
-        self._of: tuple[str, int] | None = None  # id of the survey and number of the slice that are drawn
+        self._drawn_slice: tuple[str, int] | None = None  # id of the drawn survey, number of the drawn slice
         for size in ("inner_width", "inner_height"):  # a browser reports the size after the first drawing
             figure.figure.on_change(size, handler_in_event_loop(self._on_size))
         self.parts = {
@@ -63,19 +63,19 @@ class MapView(SurveyMap):
         store.subscribe(self._mark_point_and_pins, "point", "machine", "point_state", "pins", "survey", "slice", JOBS)
 
     def show_shades(self, shades: Sequence[Shade]) -> None:
-        """Show the meanings and the shares of the colours in the key."""
+        """Show in the key the meaning of each colour and the share of the cells that have the colour."""
         self.lines.show_shades(shades)
 
     def _choose_map(self) -> None:
-        """Choose a map that the survey has: the viewer's choice, if there is one, else the survey's default map."""
+        """Choose the map of a survey that was just chosen or begins to run: the viewer's choice, or the default map."""
         store, view, whole, job = self._store, self._store.view, self._store.whole_request, self._store.job
         if whole is None or not store.has_surveys:
-            self._settled = None
+            self._survey_at_choice = None
             return
         now = view.survey, "" if job is None else job.state
-        is_other = self._settled is None or self._settled[0] != view.survey
-        begins = self._settled != now and now[1] == State.RUNNING and not view.is_variable_chosen
-        self._settled = now
+        is_other = self._survey_at_choice is None or self._survey_at_choice[0] != view.survey
+        begins = self._survey_at_choice != now and now[1] == State.RUNNING and not view.is_variable_chosen
+        self._survey_at_choice = now
         if is_other or begins:
             maps = self._shared.maps(store)
             stays = view.is_variable_chosen and view.variable in maps
@@ -88,8 +88,8 @@ class MapView(SurveyMap):
     def _on_view_change(self) -> None:
         """Request a drawing of the view's map, or write that the chosen survey is gone or cannot be read."""
         store, view, job = self._store, self._store.view, self._store.job
-        if self._of != (view.survey, view.slice):
-            self._of, self.plane = (view.survey, view.slice), None
+        if self._drawn_slice != (view.survey, view.slice):
+            self._drawn_slice, self.plane = (view.survey, view.slice), None
         if not store.has_surveys:
             return
         if not view.is_example and (job is None or not job.is_readable):
@@ -206,7 +206,7 @@ class MapView(SurveyMap):
             self.read_cell(read, show)
 
     def _mark_point_and_pins(self) -> None:
-        """Mark the open point with its lines, and the pins. Points of another model than the map's are left out."""
+        """Mark the open point, its ellipse and its diagram's line, and the pins, if their model is the map's."""
         view, model, machine = self._store.view, self._store.model, self._store.machine
         self.figure.mark_pins(points_by_number(view.pins, model))
         if (marked := (view.point, view.machine, view.point_state, model, machine)) != self._marked:

@@ -40,10 +40,10 @@ NAMED_RANGES: dict[str, Ranges] = {
     "Figure 8: where curves meet": FIGURE_8,
 }
 PLANES = {name: name for name in NAMED_RANGES} | {"own ranges of δ and ε": OWN, "a machine: rpm, µm": MACHINE}
-# numbers of values along the first and the second axis
+# numbers of values along δ and ε, or along the speed and the eccentricity of a machine
 FINENESS = {"coarse": (31, 30), "medium": (61, 60), "fine": (121, 120)}
 FINENESS_OPTIONS = {f"{name}: {across} × {up}, {across * up:,} cells": name for name, (across, up) in FINENESS.items()}
-CELLS = FINENESS["medium"]  # numbers of values along both axes of a new survey of the visible window
+CELLS = FINENESS["medium"]  # numbers of values along δ and ε that the form proposes for a survey of the visible window
 ADVANCED = "Advanced settings"
 
 
@@ -203,7 +203,7 @@ class SurveyForm:
         return {each.name for each in added if not (self._is_machine_plane and each.machine_number)}
 
     def _on_plane(self, *_: Any) -> None:
-        """Show the fields of the chosen plane, and offer the models that are possible on it."""
+        """Show the fields of the chosen plane (ranges of δ and ε, or a machine), and offer the models it allows."""
         for ends, span in zip(self.axes.values(), NAMED_RANGES.get(self.plane.value, ()), strict=False):
             ends[0].value, ends[1].value = span
         self._ranges.visible = self.plane.value == OWN

@@ -38,7 +38,7 @@ class MachineAxes:
         )  # fmt: skip
 
     def fields(self, counts: Sequence[int | None]) -> dict[str, Any]:
-        """Return {"machine": numbers and ranges of the machine} for a request. counts: how many values of each axis."""
+        """Return {"machine": numbers and axes of the machine} for a request. counts: (speeds, eccentricities)."""
         axes = {
             name: {
                 "start": NUMBERS[name].to_library_unit(start.value),
@@ -50,7 +50,10 @@ class MachineAxes:
         return {"machine": self._machine.entered_numbers() | axes}
 
     def fill(self, delta: Pair, epsilon: Pair, machine: SurveyedMachine, is_rounded: bool = False) -> None:
-        """Set the fields to a machine, and to its speeds and eccentricities in a window, in few digits if rounded."""
+        """Set the fields to a machine, and to the ranges of its speed and eccentricity in a window of the plane.
+
+        is_rounded: True if the ends of both ranges are rounded to few digits, False if they are exact.
+        """
         self._machine.show(machine.model_dump())
         delta = max(delta[0], LEAST_DELTA * delta[1]), delta[1]  # a window may reach to δ ≤ 0, where no speed exists
         for name, (low, high) in machine_ranges(machine, delta, epsilon).items():

@@ -64,7 +64,7 @@ def open_page(shared: SharedState) -> pn.Template:
 
 
 class Page:
-    """One open page: its parts, which share a store, and the place of each part in the document."""
+    """One open page: its parts, which share a store, put into the template of the document."""
 
     def __init__(self, shared: SharedState, viewer: Viewer, view: View, theme: str) -> None:
         self._shared, self._viewer = shared, viewer
@@ -106,11 +106,13 @@ class Page:
         controls = MapControls(shared, store, sheet)
         self._section = ProfileSection(shared, viewer, store, theme, sheet)
         go_to = GoToPanel(store, sheet)
-        self._beside = RightSide(shared, viewer, store, theme, self._section.below, go_to.panel, self._map.readout.pane)
+        self._beside = RightSide(
+            shared, viewer, store, theme, self._section.profile_place, go_to.panel, self._map.readout.pane
+        )
         self._families = FamiliesView(shared, viewer, store, figure, sheet)
-        self._further = ComparisonMaps(shared, viewer, store, figure, theme, sheet)
+        self._comparison_maps = ComparisonMaps(shared, viewer, store, figure, theme, sheet)
         self._pins = Pins(viewer, store)
-        controls.row.extend([save, self._families.which, self._further.add])
+        controls.row.extend([save, self._families.menu, self._comparison_maps.add_button])
         self.template = self._build_template(
             theme,
             side=self._side,
@@ -120,7 +122,7 @@ class Page:
             controls=controls.panel,
             beside=self._beside.panel,
             **self._map.parts,
-            **dict(zip(FURTHER, self._further.places, strict=True)),
+            **dict(zip(FURTHER, self._comparison_maps.panels, strict=True)),
         )
         store.subscribe(self._show_address)
         store.subscribe(self._show_rows)
@@ -148,7 +150,7 @@ class Page:
         self._viewer.change(lambda: self.store.update_surveys({each.job.id: each for each in statuses}))
 
     def _add_chosen_survey(self, statuses: Sequence[JobStatus]) -> Sequence[JobStatus]:
-        """Return the statuses. Add that of the chosen survey if it is not among them and the survey exists."""
+        """Return the statuses, and the chosen survey's status if it is not among them and the survey exists."""
         asked = self.store.view.survey
         if not self.store.view.is_example and all(each.job.id != asked for each in statuses):
             with suppress(UnknownSurveyError):
@@ -273,11 +275,11 @@ class Page:
         self._viewer.change(write)
 
     def end(self) -> None:
-        """Release the resources after the browser has left."""
+        """Stop all work of the page, and remove its listeners, after the browser has left."""
         self._shared.news.remove_listener(self._on_statuses)
         self._map.end()
         self._beside.end()
-        self._further.end()
+        self._comparison_maps.end()
         self._families.drawings.stop()
         self._section.drawings.stop()
         self._pins.end()

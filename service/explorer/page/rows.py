@@ -36,7 +36,7 @@ def survey_row(status: JobStatus, view: View, is_owned: bool) -> dict[str, Any]:
         "message": message,
         "failed": job.cells_failed,
         "rate": status.rate,
-        "left": status.left,
+        "left": status.seconds_left,
         "mine": is_owned,
         "facts": [*facts, submitted],
         "variable": STORED_VARIABLES.get(view.variable, view.variable) if chosen else "",

@@ -1,8 +1,8 @@
 """Work around three defects of bokeh_fastapi, by which Panel serves websockets on Python 3.11.
 
-bokeh_fastapi sends a message in parts, and may send another message between two parts if a part has to wait. It notices
-only by an exception of `receive` that a browser has left. If this service did not issue the token of a request,
-bokeh_fastapi may raise any exception.
+First, bokeh_fastapi sends a message in parts, and may send another message between two parts if a part has to wait.
+Second, it goes on when a browser has left, unless `receive` raises an exception. Third, it may raise any exception if
+this service did not issue the token of a request.
 """
 
 from __future__ import annotations

@@ -28,7 +28,7 @@ from gear_rattle.workers.survey.tiles import cells_of_tile
 from gear_rattle.workers.survey.values.cells import Cells
 from gear_rattle.workers.survey.values.quantities import dimension_labels, variables_of_groups
 
-KEPT = 8  # most maps of unfinished surveys in memory
+MOST_UNFINISHED = 8  # most maps of unfinished surveys in memory
 
 
 class ExactPlane(MapPlane):
@@ -174,7 +174,7 @@ class ExactMaps:
                 slice_ = request.slice_request(request.slice_index(number))
                 self._unfinished[key] = UnfinishedPlane(slice_, job.id, variable, index, computed)
             self._unfinished.move_to_end(key)
-            while len(self._unfinished) > KEPT:
+            while len(self._unfinished) > MOST_UNFINISHED:
                 self._unfinished.popitem(last=False)
             return self._unfinished[key]
 
@@ -192,14 +192,14 @@ class ExactMaps:
 
 
 def _closed_form_dataset(cells: Cells, names: Collection[str] = ()) -> xr.Dataset:
-    """Return the closed forms of cells as a dataset of the form that `open_survey` returns.
+    """Return the variables in closed form, computed at all cells, as a dataset like that of `open_survey`.
 
-    names: names of the variables, () for all variables.
+    names: names of the variables to compute, () for all variables in closed form.
 
     Returns
     -------
     xr.Dataset
-        Closed forms, with the coordinates δ and ε.
+        Variables, with the coordinates δ and ε.
     """
     every = [each for each in variables_of_groups(CLOSED_FORMS, REQUEST.model) if each.per_cell]
     quantities = [each for each in every if not names or each.name in names]

@@ -21,11 +21,11 @@ from gear_rattle.service.explorer.point.parts import PlaneLines
 from gear_rattle.service.explorer.point.state import (
     ATTRACTORS,
     ORBITS,
-    PLACE,
     READY,
+    SHOWN_POINT,
     OpenPoint,
-    Place,
-    chosen_place,
+    ShownPoint,
+    chosen_diagram_point,
     diagram_line,
 )
 from rattle.models import model_at
@@ -33,7 +33,7 @@ from rattle.models import model_at
 #: (cells along each axis, method) of each picture of the basins at the open point, from the first to the finest.
 RESOLUTIONS = ((100, "cells"), (300, "refined"), (600, "refined"))
 #: (cells along each axis, method) of each picture of the basins at another point of the diagram.
-PLACE_RESOLUTIONS = ((100, "cells"), (300, "refined"))
+OTHER_POINT_RESOLUTIONS = ((100, "cells"), (300, "refined"))
 # (text that shows the error if the computation fails, computation)
 Part = tuple[Text, Callable[[], Awaitable[None]]]
 
@@ -48,62 +48,63 @@ class BasinsTab:
         self._point, self._panel = point, panel
         self._basins: rattle.Basins | None = None
         self._lines: PlaneLines | None = None
-        self._place: Pair | None = None  # point (δ, ε) that the slider chooses; None for the open point itself
+        self._chosen_point: Pair | None = None  # point (δ, ε) that the slider chooses; None for the open point itself
         first, *finer = [(panel.under_basins, partial(self._compute_open_point_basins, *each)) for each in RESOLUTIONS]
-        self._own_parts: list[Part] = [first, (panel.about_lines, self._compute_lines), *finer]
-        self._place_parts: list[Part] = []
+        self._open_point_parts: list[Part] = [first, (panel.about_lines, self._compute_lines), *finer]
+        self._other_point_parts: list[Part] = []
         self._tasks: dict[bool, asyncio.Task[None]] = {}
         point.follow(self._on_view_change, "point_state")
         point.subscribe(self._on_view_change, READY)
-        point.subscribe(self._mark_initial_state, ATTRACTORS, PLACE)
+        point.subscribe(self._mark_initial_state, ATTRACTORS, SHOWN_POINT)
         point.subscribe(self._show_orbits, ORBITS)
         self._on_view_change()
 
     def _on_view_change(self) -> None:
         point = self._point
-        place = chosen_place(point.gear, point.state)
-        self._show_slider(place)
-        if place != self._place:
-            self._place = place
-            if place is None:
-                point.update(place=Place(point.gear))
+        chosen = chosen_diagram_point(point.gear, point.state)
+        self._show_slider(chosen)
+        if chosen != self._chosen_point:
+            self._chosen_point = chosen
+            if chosen is None:
+                point.update(shown_point=ShownPoint(point.gear))
                 self._show_open_point_basins()
                 self._show_open_point_lines()
             else:
-                computations = (partial(self._compute_basins_at, place, *each) for each in PLACE_RESOLUTIONS)
-                self._place_parts = [(self._panel.under_basins, each) for each in computations]
+                computations = (partial(self._compute_basins_at, chosen, *each) for each in OTHER_POINT_RESOLUTIONS)
+                self._other_point_parts = [(self._panel.under_basins, each) for each in computations]
         self._mark_initial_state()
         for is_away in (False, True):
             task = self._tasks.get(is_away)
             if point.is_ready and self._missing_parts(is_away) and (task is None or task.done()):
                 self._tasks[is_away] = point.work.start(self._compute_missing_parts(is_away))
 
-    def _show_slider(self, place: Pair | None) -> None:
-        """Set the slider to a place (δ, ε) on the line of the diagram, or to the open point if `place` is None."""
+    def _show_slider(self, chosen: Pair | None) -> None:
+        """Set the slider to the chosen point (δ, ε) of the diagram, or to the open point if `chosen` is None."""
         gear, state = self._point.gear, self._point.state
         (begin, end), here = diagram_line(gear, state), (gear.delta, gear.epsilon)
         axis = max((0, 1), key=lambda each: abs(end[each] - begin[each]))
         length = end[axis] - begin[axis]
-        own_stop = round(SLIDER_STEPS * (here[axis] - begin[axis]) / length) if length else 0
-        self._panel.show_place(
-            own_stop if state.at is None else round(SLIDER_STEPS * state.at), own_stop, place or here
+        open_point_stop = round(SLIDER_STEPS * (here[axis] - begin[axis]) / length) if length else 0
+        self._panel.show_diagram_point(
+            open_point_stop if state.at is None else round(SLIDER_STEPS * state.at), open_point_stop, chosen or here
         )
 
     def _missing_parts(self, is_away: bool) -> list[Part]:
         """Return the parts of the basins that the open tab needs and that are not begun yet.
 
-        is_away: True for the parts at another point of the diagram, False for the parts at the open point.
+        is_away: True for the parts at the other point that the slider chooses, False for the parts at the open point.
 
         Returns
         -------
         list[Part]
             The parts in their order; the caller removes a part from this list when it begins the part. The list is
-            empty if the slider has chosen the open point and `is_away` is True, or the other way round.
+            empty if the open tab shows no basins, or if `is_away` is True while the slider is at the open point, or
+            False while the slider is at another point.
         """
         tab = self._point.state.shown_tab
         if is_away:
-            return self._place_parts if self._place is not None and tab in (BASINS, MOTION) else []
-        return self._own_parts if self._place is None and tab == BASINS else []
+            return self._other_point_parts if self._chosen_point is not None and tab in (BASINS, MOTION) else []
+        return self._open_point_parts if self._chosen_point is None and tab == BASINS else []
 
     async def _compute_missing_parts(self, is_away: bool) -> None:
         while missing := self._missing_parts(is_away):
@@ -117,7 +118,7 @@ class BasinsTab:
 
         def show() -> None:
             self._basins = found
-            if self._place is None:
+            if self._chosen_point is None:
                 self._show_open_point_basins()
 
         await self._point.work.change(show)
@@ -127,24 +128,25 @@ class BasinsTab:
 
         def show() -> None:
             self._lines = found
-            if self._place is None:
+            if self._chosen_point is None:
                 self._show_open_point_lines()
 
         await self._point.work.change(show)
 
-    async def _compute_basins_at(self, place: Pair, side: int, method: str) -> None:
-        gear, slow = model_at(self._point.gear).gear(*place), method != "cells"
+    async def _compute_basins_at(self, chosen: Pair, side: int, method: str) -> None:
+        """Compute basins at a point of the diagram on side × side cells, and show them if the point is still chosen."""
+        gear, slow = model_at(self._point.gear).gear(*chosen), method != "cells"
         found = await self._point.work.compute(
             parts.basins_at_other_point, gear, side, method, what="The basins", slow=slow
         )
 
         def show() -> None:
-            if place == self._place:  # otherwise the viewer has chosen another place meanwhile
+            if chosen == self._chosen_point:  # otherwise the viewer has chosen another point meanwhile
                 self._panel.picture.remove_lines()
                 self._panel.about_lines.html = ""
                 self._show_cells(found.basins, found.orbits)
                 self._panel.under_basins.html = basins_caption(found.basins, (), self._point.palette)
-                self._point.update(place=Place(gear, found.basins.attractors))
+                self._point.update(shown_point=ShownPoint(gear, found.basins.attractors))
 
         await self._point.work.change(show)
 
@@ -171,7 +173,7 @@ class BasinsTab:
             self._panel.under_basins.html = basins_caption(self._basins, lines, self._point.palette)
 
     def _show_orbits(self) -> None:
-        if self._basins is not None and self._place is None:
+        if self._basins is not None and self._chosen_point is None:
             self._panel.picture.show_orbits(self._point.orbits)
 
     def _mark_initial_state(self) -> None:

@@ -13,7 +13,8 @@ from gear_rattle.service.explorer.common.figures import ink_of, line_colour, the
 from gear_rattle.service.explorer.common.glyphs import clear
 from gear_rattle.service.explorer.point.words import PERIOD, count_in_words, recurrence_in_words
 
-ROOM = 1.12  # half the extent of the Φ axes, relative to β, the distance of each wall from the middle
+# half the extent of an axis of Φ, relative to β, and of the axis of Φ', relative to the largest speed
+AXIS_EXTENT = 1.12
 
 
 class MotionPictures:
@@ -56,9 +57,9 @@ class MotionPictures:
             for span in spans:
                 span.location = side * beta
         for across in (self.trace.y_range, self.portrait.x_range):
-            across.update(start=-ROOM * beta, end=ROOM * beta)
+            across.update(start=-AXIS_EXTENT * beta, end=AXIS_EXTENT * beta)
         self.trace.x_range.update(start=0.0, end=float(found.time[-1]))
-        fastest = ROOM * max(float(np.abs(found.velocity).max()), 1e-3 * beta)
+        fastest = AXIS_EXTENT * max(float(np.abs(found.velocity).max()), 1e-3 * beta)
         self.portrait.y_range.update(start=-fastest, end=fastest)
         self.samples.data = {"t": found.time, "phi": found.phi, "velocity": found.velocity}
         shown = slice(0, 2000)

@@ -20,9 +20,9 @@ from gear_rattle.service.explorer.files import asset
 from gear_rattle.service.explorer.point import basins, loudness, motion, point_diagram
 from gear_rattle.service.explorer.state.events import (
     AttractorChosen,
+    DiagramPointChosen,
     DirectionChosen,
     Event,
-    PlaceChosen,
     SoundRequested,
     TabChosen,
 )
@@ -55,13 +55,13 @@ class PointPanel:
     ----------
     dispatch : Callable[[Event], None]
         Takes an event for each choice of a viewer.
-    below : FigurePlace | None
-        Place of the profile below the diagram.
+    profile_place : FigurePlace | None
+        Panel for the profile of a survey, which stands below the diagram. None for an empty panel.
     """
 
-    def __init__(self, theme: str, dispatch: Callable[[Event], None], below: FigurePlace | None = None) -> None:
-        self.theme, self._dispatch, self._below = theme, dispatch, below or FigurePlace()
-        self._own_stop = 0  # slider position of the open point; all other positions are other points of the diagram
+    def __init__(self, theme: str, dispatch: Callable[[Event], None], profile_place: FigurePlace | None = None) -> None:
+        self.theme, self._dispatch, self._profile_place = theme, dispatch, profile_place or FigurePlace()
+        self._open_point_stop = 0  # slider position of the open point; all others are other points of the diagram
         self._watch = WidgetWatcher()
         self._texts = [self._new_text() for _ in range(18)]
         (
@@ -92,7 +92,7 @@ class PointPanel:
         )  # fmt: skip
         self._watch.call_on_change(self._tabs, self._choose_tab)
         self.column = pn.Column(
-            self.likely.pane, self.where.pane, self._tabs, self.place_slider, *self._bodies.values(), self.take.pane,
+            self.likely.pane, self.where.pane, self._tabs, self.diagram_slider, *self._bodies.values(), self.take.pane,
             css_classes=["point"], sizing_mode="stretch_width", margin=0, stylesheets=[PRINTED],
         )  # fmt: skip
 
@@ -102,14 +102,14 @@ class PointPanel:
             self._tabs.param.update(value=tab, visible=True)
         for name, body in self._bodies.items():
             body.visible = name == tab
-        self.place_slider.visible = tab in TABS_AT_SLIDER
+        self.diagram_slider.visible = tab in TABS_AT_SLIDER
 
     def _choose_tab(self) -> None:
         self._dispatch(TabChosen(str(self._tabs.value)))
 
-    def _choose_place(self) -> None:
-        stop = int(self.place_slider.value or 0)
-        self._dispatch(PlaceChosen(None if stop == self._own_stop else stop / SLIDER_STEPS))
+    def _choose_diagram_point(self) -> None:
+        stop = int(self.diagram_slider.value or 0)
+        self._dispatch(DiagramPointChosen(None if stop == self._open_point_stop else stop / SLIDER_STEPS))
 
     def _choose_motion(self) -> None:
         number = self.motion_choice.value
@@ -119,13 +119,13 @@ class PointPanel:
     def clear(self) -> None:
         """Remove everything that the panel shows of a point, and hide its tabs."""
         self.where.html = ""
-        self._tabs.visible = self.place_slider.visible = False
+        self._tabs.visible = self.diagram_slider.visible = False
         for body in self._bodies.values():
             body.visible = False
         self.clear_results()
 
     def clear_results(self) -> None:
-        """Remove all results of a point. The parameters stay: they may already be those of the next point."""
+        """Remove all results of a point. Its parameters stay: they may already be those of the next point."""
         for text in self._texts:
             if text is not self.where:
                 text.html = ""
@@ -154,23 +154,24 @@ class PointPanel:
         return found
 
     @cached_property
-    def place_slider(self) -> pn.widgets.IntSlider:
+    def diagram_slider(self) -> pn.widgets.IntSlider:
         """Slider that chooses the point (δ, ε) of the diagram whose basins and motion are shown."""
         found = pn.widgets.IntSlider(
             label="", start=0, end=SLIDER_STEPS, show_value=False, stylesheets=self._sheets, max_width=420,
             margin=(2, 16), sizing_mode="stretch_width", visible=False,
         )  # fmt: skip
-        self._watch.call_on_change(found, self._choose_place)
+        self._watch.call_on_change(found, self._choose_diagram_point)
         return found
 
-    def show_place(self, stop: int, own_stop: int, at: Pair) -> None:
+    def show_diagram_point(self, stop: int, open_point_stop: int, at: Pair) -> None:
         """Set the slider to position `stop`, and write the point `at` (δ, ε) of this position in its label.
 
-        own_stop: position of the open point. A viewer who moves the slider there chooses the open point itself.
+        stop: number from 0 to SLIDER_STEPS. open_point_stop: position of the open point. A viewer who moves the slider
+        there chooses the open point itself.
         """
-        self._own_stop = own_stop
+        self._open_point_stop = open_point_stop
         with self._watch.paused():
-            self.place_slider.param.update(value=stop, label=f"Along the diagram, at δ {at[0]:.5g}, ε {at[1]:.5g}")
+            self.diagram_slider.param.update(value=stop, label=f"Along the diagram, at δ {at[0]:.5g}, ε {at[1]:.5g}")
 
     @cached_property
     def motion_choice(self) -> pn.widgets.Select:
@@ -262,9 +263,9 @@ class PointPanel:
     @cached_property
     def diagram(self) -> point_diagram.DiagramPicture:
         """Picture of the one-parameter diagram. The picture and its tab are made at first use."""
-        found = point_diagram.DiagramPicture(self.theme, self._below.x_range)
+        found = point_diagram.DiagramPicture(self.theme, self._profile_place.x_range)
         self._bodies[DIAGRAM][:] = [
             self._new_text("<h2 class=tab>One-parameter diagram</h2>").pane, self.direction, found.speeds,
-            pn.pane.Bokeh(found.figure, **WIDE), self.under_diagram.pane, self._below.panel,
+            pn.pane.Bokeh(found.figure, **WIDE), self.under_diagram.pane, self._profile_place.panel,
         ]  # fmt: skip
         return found

@@ -19,8 +19,8 @@ from rattle.flight import wrapped
 from rattle.models import AnyGear, Capability, model_at, require_capability
 
 ARCLENGTH, SPACING = 60.0, 0.02  # arclength of a drawn manifold; spacing of points on manifolds and Γ
-# if the sweeps of a diagram find at least twice as many states, every k-th is drawn, so that DRAWN_POINTS or more
-# remain, but fewer than twice as many
+# If the sweeps of a diagram find 2 DRAWN_POINTS states or more, only every k-th state is drawn; k is such that
+# DRAWN_POINTS to 2 DRAWN_POINTS states are drawn.
 DRAWN_POINTS = 8000
 SAME_ORBIT = 1e-6  # an attractor and an orbit are the same motion if their τ and v differ by less than this
 CELL_NAMES = {f"attractor_{name}" for name in ("kind", "m", "n_plus", "n_minus", "fraction")}
@@ -35,8 +35,8 @@ def largest_sampled_speed(delta: float, epsilon: float, beta: float) -> float:
 class SampledAttractors(NamedTuple):
     """Attractors that samples reached. starts: the number of samples, each with its own initial condition.
 
-    multipliers: the two Floquet multipliers of each attractor; None for an attractor that is not periodic, and if they
-    are not known. letters: the letter A to D of each attractor; "" for any other motion, and if it is not known.
+    multipliers: for each attractor its two Floquet multipliers, or None if it is not periodic or they are not known.
+    letters: for each attractor its letter A to D, or "" if it is another motion or the letter is not known.
     """
 
     starts: int
@@ -76,7 +76,7 @@ class BasinsAndOrbits(NamedTuple):
 
 
 class PlaneLine(NamedTuple):
-    """A line in the (τ, v) plane: its points (k, 2), with rows of NaN where it is interrupted."""
+    """A named line in the (τ, v) plane. points (k, 2): rows (τ, v), and rows of NaN where the line is interrupted."""
 
     name: str
     points: Array
@@ -118,7 +118,10 @@ class EventImpacts(NamedTuple):
 
 
 class DiagramEvent(NamedTuple):
-    """Event of a diagram: kind, name of its curve and motion as in `EventImpacts`, its (δ, ε), its multipliers."""
+    """Event of a diagram at a point (δ, ε), with the two Floquet multipliers of its motion there.
+
+    kind, name, motion: the kind, the curve and the motion of the event, as in `EventImpacts`.
+    """
 
     kind: str
     name: str
@@ -159,7 +162,13 @@ def listed_attractors(cell: xr.Dataset) -> Iterator[tuple[xr.Dataset, str, tuple
 
 
 def survey_attractors(cell: xr.Dataset, starts: int) -> SampledAttractors | None:
-    """Return the attractors of a survey's cell; None if variables are missing, or basin fractions do not add to 1."""
+    """Return the attractors of a survey's cell, which has `starts` samples.
+
+    Returns
+    -------
+    SampledAttractors | None
+        None if the survey lacks a variable of CELL_NAMES, or if the basin fractions of all slots do not add to 1.
+    """
     if not set(cell.data_vars) >= CELL_NAMES:
         return None
     found, nan = [], float("nan")
@@ -175,7 +184,7 @@ def survey_attractors(cell: xr.Dataset, starts: int) -> SampledAttractors | None
 
 
 def sampled_attractors(gear: AnyGear, count: int) -> SampledAttractors:
-    """Return the attractors reached from `count` initial conditions, with letters if A to D have a closed form."""
+    """Return the attractors that `count` samples reach; with their letters if the model has A to D in closed form."""
     found = gear.attractors(count)
     multipliers = tuple(_multipliers_of(gear, each) for each in found)
     orbits = gear.orbits() if model_at(gear).in_closed_form else ()
@@ -244,7 +253,7 @@ def plane_lines(gear: AnyGear, arclength: float = ARCLENGTH) -> PlaneLines:
 def diagram(
     gear: AnyGear,
     direction: str,
-    either_way: float | None = None,
+    half_span: float | None = None,
     to: tuple[float, float] | None = None,
     steps: int | None = None,
     count: int | None = None,
@@ -253,7 +262,7 @@ def diagram(
 
     Parameters
     ----------
-    either_way : float | None
+    half_span : float | None
         Extent in δ or ε on either side of the point; None for the default.
     to : tuple[float, float] | None
         Other point (δ, ε), where the diagram ends; it then begins at the gear's own point.
@@ -269,8 +278,8 @@ def diagram(
     from rattle.plot import legend_name as name_of_type
 
     require_capability(Capability.DIAGRAMS, model_at(gear))
-    span = (0.0, 1.0) if to is not None else diagrams.diagram_span(gear, direction, either_way)
-    ends = diagrams.diagram_ends(gear, direction, either_way, to)
+    span = (0.0, 1.0) if to is not None else diagrams.diagram_span(gear, direction, half_span)
+    ends = diagrams.diagram_ends(gear, direction, half_span, to)
     found: Diagram[Any, Any] = model_at(gear).diagram(*ends, steps or diagrams.STEPS, count or diagrams.COUNT)
     scale, offset = (1.0, 0.0) if to is not None else parameter_axis(found)[1:]
     pieces = []
@@ -344,6 +353,4 @@ def warm_up(gear: AnyGear) -> None:
     if Capability.MARGIN in has:
         margin(gear)
     if Capability.DIAGRAMS in has:
-        diagram(
-            gear, "epsilon", steps=4, count=4, either_way=0.25 * diagrams.SPANS["epsilon"] * plane_scale(gear.delta)
-        )
+        diagram(gear, "epsilon", steps=4, count=4, half_span=0.25 * diagrams.SPANS["epsilon"] * plane_scale(gear.delta))

@@ -12,7 +12,7 @@ from bokeh.models.annotations import Span
 
 from gear_rattle.service.explorer.common.address import Pair
 from gear_rattle.service.explorer.common.changes import handler_in_event_loop
-from gear_rattle.service.explorer.common.figures import BESIDE, ink_of, themed_figure
+from gear_rattle.service.explorer.common.figures import LEFT_BORDER, ink_of, themed_figure
 from gear_rattle.service.explorer.common.glyphs import clear
 from gear_rattle.service.explorer.common.watch import WidgetWatcher
 from gear_rattle.service.explorer.files import asset
@@ -35,14 +35,14 @@ NAMES = {"epsilon": "eccentricity ε", "delta": "damping δ"}
 # colours of the states that upward and downward sweeps found
 UPWARD, DOWNWARD = {"light": "#4a90d9", "dark": "#7fb3e0"}, "#e8862e"
 # diameters in pixels of dots of upward and downward sweeps: where both sweeps find a state, both dots are visible
-DOTS = 3.6, 1.8
-ROOM = 0.04  # margin above and below the speeds, relative to their range
+DOT_SIZES = 3.6, 1.8
+SPEED_MARGIN = 0.04  # margin above and below the speeds, relative to their range
 DENSE, ALL = "dense", "all"  # choices of a viewer: the axis shows the dense range of speeds, or all speeds
-MOST_THIN = 0.5  # a range of speeds is dense if its excess mass is larger than this, see `dense_speed_range`
+DENSE_EXCESS = 0.5  # a range of speeds is dense if its excess mass is larger than this, see `dense_speed_range`
 ROUNDING_STEPS = 1e-7, 1e-3  # parameter and speed of states are rounded to these steps; equal states count once
 # pixels: height of the figure, height of its speed axis, width that is assumed until a browser sends the true one
 HEIGHT, INNER, NARROW = 360, 270, 300
-# event names: number of rows, height of a row and width of a letter in pixels, largest number of names
+# of event names: rows above the data; height of a row, in pixels; width of a letter, in pixels; most names
 NAME_ROWS, ROW, LETTER, MOST_NAMES = 4, 15, 6.2, 12
 
 
@@ -53,10 +53,10 @@ class DiagramPicture:
         axis = x_range or (0.0, 1.0)
         name, speeds = NAMES["epsilon"], (0.0, 7.0)
         self.figure: Any = themed_figure("diagram", theme, name, "impact speed v", HEIGHT, axis, speeds)
-        self.figure.min_border_left = BESIDE
+        self.figure.min_border_left = LEFT_BORDER
         ink = ink_of(theme)
         self._seen = {}
-        for upward, shade, size in zip((True, False), (UPWARD[theme], DOWNWARD), DOTS, strict=True):
+        for upward, shade, size in zip((True, False), (UPWARD[theme], DOWNWARD), DOT_SIZES, strict=True):
             self._seen[upward] = ColumnDataSource({"x": [], "v": []})
             self.figure.scatter("x", "v", source=self._seen[upward], size=size, color=shade, alpha=0.8)
         self._strokes = ColumnDataSource({"x": [], "v": [], "motion": [], "stable": [], "dash": [], "width": []})
@@ -102,7 +102,7 @@ class DiagramPicture:
             clear(source)
 
     def show(self, found: DiagramLines, at: float) -> None:
-        """Draw a diagram, and mark the point whose basins and motion are shown. at: the point's parameter."""
+        """Draw a diagram, and mark the point whose basins and motion are shown. at: its value on the parameter axis."""
         self._found = found
         self.figure.x_range.update(start=found.span[0], end=found.span[1])
         self.figure.xaxis.axis_label = axis_name(found)
@@ -164,8 +164,8 @@ class DiagramPicture:
 class EventName(NamedTuple):
     """Name of an event, as text in one of the rows above the data, with a line down to the event.
 
-    x, v: parameter and impact speed of the event. row: number of the row, 0 for the lowest. align: end of the text,
-    "left" or "right", that is at the line.
+    x, v: parameter and impact speed of the event. row: number of the row, 0 for the lowest. align: "left" if the text
+    begins at the line, "right" if it ends there.
     """
 
     x: float
@@ -196,13 +196,13 @@ def speed_range(found: DiagramLines) -> Pair:
 def dense_speed_range(found: DiagramLines) -> Pair | None:
     """Return the range of speeds in which the states of attractors are dense, with a margin; None if there is none.
 
-    A chaotic attractor or a cascade has many states at each parameter, and a periodic motion few. The excess mass of a
-    range is its share of the distinct states less its share of the range of all speeds.
+    States are dense where a chaotic attractor or a cascade of period doublings has many states at each parameter. The
+    excess mass of a range is its share of the distinct states less its share of the range of all speeds.
 
     Returns
     -------
     tuple[float, float] | None
-        Lowest and highest speed of the range with the largest excess mass; None if this mass is at most MOST_THIN.
+        Lowest and highest speed of the range with the largest excess mass; None if this mass is at most DENSE_EXCESS.
     """
     low, high = speed_range(found)
     distinct = np.unique(np.round(np.column_stack([found.x, found.v]) / ROUNDING_STEPS), axis=0)
@@ -214,11 +214,11 @@ def dense_speed_range(found: DiagramLines) -> Pair | None:
     excess = np.maximum.accumulate(below) + ranks + 1 / v.size - share
     end = int(excess.argmax())
     start = int(below[: end + 1].argmax())
-    return _add_margin(float(v[start]), float(v[end])) if excess[end] > MOST_THIN and end > start else None
+    return _add_margin(float(v[start]), float(v[end])) if excess[end] > DENSE_EXCESS and end > start else None
 
 
 def _add_margin(low: float, high: float) -> Pair:
-    room = ROOM * (high - low or high or 1.0)
+    room = SPEED_MARGIN * (high - low or high or 1.0)
     return low - room, high + room
 
 
@@ -259,7 +259,7 @@ def placed_event_names(found: DiagramLines, across: float, shown: Pair = (-np.in
 
 
 def _event_in_words(marks: EventImpacts, i: int) -> str:
-    """Return the event of impact `i` in words: the curve of the plane on which it lies, its kind, its motion."""
+    """Return in words the event of impact number `i`: its curve of the (δ, ε) plane, its kind, and its motion."""
     name = f"{marks.name[i]}, " if marks.name[i] else ""
     return f"{name}{MEANINGS[marks.kind[i]]} of {marks.motion[i]}"
 

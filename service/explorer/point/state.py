@@ -1,4 +1,4 @@
-"""The open point: its machine, its model, its gear, and its results that are known so far."""
+"""The open point: its machine, its model, its gear, and the results that are computed so far."""
 
 from __future__ import annotations
 
@@ -23,13 +23,14 @@ from rattle import Machine, RattleError
 from rattle.models import AnyGear, Model, model_at
 from rattle.plot import Palette
 
-ATTRACTORS, CHAOS, ORBITS, PLACE, READY = "attractors", "chaos", "orbits", "place", "is_ready"
+ATTRACTORS, CHAOS, ORBITS, SHOWN_POINT, READY = "attractors", "chaos", "orbits", "shown_point", "is_ready"
 
 
-class Place(NamedTuple):
-    """Gear whose basins and motion are shown.
+class ShownPoint(NamedTuple):
+    """The point whose basins and motion are shown: the open point, or another point (δ, ε) of its diagram.
 
-    attractors: the attractors in these basins; () for the open point itself, see `OpenPoint.attractors`.
+    gear: the gear at this point. attractors: the attractors of its basins; () for the open point, which has them in
+    `OpenPoint.attractors`.
     """
 
     gear: AnyGear
@@ -39,8 +40,8 @@ class Place(NamedTuple):
 class OpenPoint(Listeners):
     """The open point: its gear, the results that are computed so far, and the tasks that compute further results.
 
-    The tabs of the point subscribe to the results by name (ATTRACTORS, CHAOS, ORBITS, PLACE, READY), and with `follow`
-    to fields of the store's view.
+    The tabs of the point subscribe to the results by name (ATTRACTORS, CHAOS, ORBITS, SHOWN_POINT, READY), and to
+    fields of the store's view by `follow`.
 
     Attributes
     ----------
@@ -50,11 +51,11 @@ class OpenPoint(Listeners):
         Orbits A to D of the point, empty until they are known.
     chaos : list[ChaosEvent]
         Beginnings and ends of chaos along ε, empty until they are known.
-    place : Place
-        Gear whose basins and motion are shown: that of the open point, or of another point (δ, ε) of its diagram once
-        the basins there are known.
+    shown_point : ShownPoint
+        Point whose basins and motion are shown: the open point, or another point (δ, ε) of its diagram once the basins
+        there are known.
     is_ready : bool
-        True once the answer is on the page, after which the open tab is filled.
+        True once the page shows how likely quiet running is. Then the open tab begins its computations.
     """
 
     def __init__(self, store: Store, work: PointTasks, gear: AnyGear, machine: Machine | None) -> None:
@@ -66,7 +67,7 @@ class OpenPoint(Listeners):
         self.attractors: SampledAttractors | None = None
         self.orbits: tuple[rattle.Orbit, ...] = ()
         self.chaos: list[ChaosEvent] = []
-        self.place = Place(gear)
+        self.shown_point = ShownPoint(gear)
         self.is_ready = False
         self._followed: list[Callable[[], object]] = []
 
@@ -89,13 +90,13 @@ class OpenPoint(Listeners):
 
     @property
     def state(self) -> PointState:
-        """State of the tabs, without a chosen initial condition whose speed is outside the picture of the basins."""
+        """State of the tabs. An initial condition above the largest speed in the picture of the basins is left out."""
         return self.store.view.point_state.limited_to(self._fastest)
 
     @property
     def is_away(self) -> bool:
         """True if the basins and the motion of another point (δ, ε) of the diagram are shown."""
-        return self.place.gear is not self.gear
+        return self.shown_point.gear is not self.gear
 
     @property
     def _known_attractors(self) -> tuple[rattle.Attractor, ...]:
@@ -113,14 +114,14 @@ class OpenPoint(Listeners):
     def shown_attractor(self) -> rattle.Attractor | None:
         """Attractor to show, None if none is known.
 
-        At the open point, this is the attractor with the number `attractor_number`. At another point of the diagram, it
-        is the attractor with the same name as that one. If no attractor there has this name, it is the first that is
-        not quiet; if all are quiet, the first.
+        At the open point it is the attractor with the number `attractor_number`. At another point of the diagram it is
+        the attractor of the same name as the open point's; if there is none, the first that is not quiet; if all are
+        quiet, the first.
         """
         own = self._known_attractors[self.attractor_number] if self._known_attractors else None
         if not self.is_away:
             return own
-        there = self.place.attractors
+        there = self.shown_point.attractors
         named = [each for each in there if own is not None and each.name == own.name]
         return (named or [each for each in there if each.kind != "quiet"] or list(there))[0]
 
@@ -130,7 +131,7 @@ def diagram_line(gear: AnyGear, state: PointState) -> tuple[Pair, Pair]:
     return diagram_ends(gear, *state.diagram_choice)
 
 
-def chosen_place(gear: AnyGear, state: PointState) -> Pair | None:
+def chosen_diagram_point(gear: AnyGear, state: PointState) -> Pair | None:
     """Return the point (δ, ε) of the diagram that the slider chooses; None for the open point itself."""
     if state.at is None:
         return None
@@ -184,5 +185,5 @@ def point_marks(view: View, model: Model, machine: SurveyedMachine | None) -> tu
     if state.to is not None:
         lines += [np.full((1, 2), np.nan), np.array([here, state.to])]
     with suppress(RattleError):  # raised if no gear is possible here: the panel of the point shows the error
-        here = chosen_place(model.gear(*here), state) or here
+        here = chosen_diagram_point(model.gear(*here), state) or here
     return here, np.concatenate(lines) if lines else None

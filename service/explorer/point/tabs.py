@@ -13,7 +13,14 @@ from gear_rattle.service.explorer.design.fields import machine_at_other_point
 from gear_rattle.service.explorer.point import loudness, motion, parts, point_diagram
 from gear_rattle.service.explorer.point.panel import CLICKED_STATE, PointPanel
 from gear_rattle.service.explorer.point.parts import DiagramLines
-from gear_rattle.service.explorer.point.state import ATTRACTORS, CHAOS, PLACE, READY, OpenPoint, chosen_place
+from gear_rattle.service.explorer.point.state import (
+    ATTRACTORS,
+    CHAOS,
+    READY,
+    SHOWN_POINT,
+    OpenPoint,
+    chosen_diagram_point,
+)
 from gear_rattle.service.explorer.point.work import waiting_html
 from rattle.plot import legend_name
 
@@ -35,12 +42,12 @@ class MotionTab:
         self._sound: asyncio.Task[None] | None = None
         point.follow(self._on_view_change, "point_state")
         point.follow(self._on_sound_request, "sounds")
-        point.subscribe(self._on_view_change, ATTRACTORS, PLACE, READY)
+        point.subscribe(self._on_view_change, ATTRACTORS, SHOWN_POINT, READY)
         if point.machine is not None:
             panel.rpm.value = float(f"{point.machine.rpm:.6g}")
 
     def _on_view_change(self) -> None:
-        """Fill the menu of motions. If the tab of the motion is open and shows another motion, show the chosen one."""
+        """Fill the menu of motions. If the tab of the motion is open, compute and show the chosen motion."""
         point = self._point
         if point.attractors is not None:
             self._offer_motions(point.attractors.attractors)
@@ -61,11 +68,11 @@ class MotionTab:
     @property
     def _motion_key(self) -> tuple[object, ...]:
         """Values that decide which motion is shown: number of the attractor, clicked initial condition, gear."""
-        return self._point.state.attractor, self._point.state.start, self._point.place.gear
+        return self._point.state.attractor, self._point.state.start, self._point.shown_point.gear
 
     async def _compute_motion(self) -> None:
         point, panel = self._point, self._panel
-        requested, gear, periods, shade = self._motion_key, point.place.gear, PERIODS, CLICKED_MOTION_COLOUR
+        requested, gear, periods, shade = self._motion_key, point.shown_point.gear, PERIODS, CLICKED_MOTION_COLOUR
         attractor = None
         if point.state.start is not None:
             (tau, v), what = point.state.start, "From the chosen initial condition"
@@ -94,7 +101,7 @@ class MotionTab:
             await point.work.run_part(panel.under_spectrum, lambda: self._compute_spectrum(attractor, shade))
 
     async def _compute_spectrum(self, attractor: rattle.Attractor, shade: str) -> None:
-        point, requested, gear = self._point, self._motion_key, self._point.place.gear
+        point, requested, gear = self._point, self._motion_key, self._point.shown_point.gear
         machine = machine_at_other_point(point.machine, gear.delta, gear.epsilon) if point.is_away else point.machine
         found = await point.work.compute(rattling.spectrum_lines, gear, attractor, what="The spectrum")
 
@@ -116,7 +123,7 @@ class MotionTab:
             raise rattle.RattleError("Only an attractor has a sound. Choose an attractor in the list of motions.")
         if not rpm:
             raise rattle.RattleError("A sound needs a speed above 0 rpm.")
-        found = await point.work.compute(rattling.sound_file, point.place.gear, attractor, rpm, what="The sound")
+        found = await point.work.compute(rattling.sound_file, point.shown_point.gear, attractor, rpm, what="The sound")
         await point.work.set_text(self._panel.heard, loudness.audio_html(found))
 
 
@@ -155,7 +162,7 @@ class DiagramTab:
         gear, state = self._point.gear, self._point.state
         if state.to is not None:
             return state.at or 0.0
-        delta, epsilon = chosen_place(gear, state) or (gear.delta, gear.epsilon)
+        delta, epsilon = chosen_diagram_point(gear, state) or (gear.delta, gear.epsilon)
         return epsilon if state.direction == "epsilon" else delta
 
     async def _compute_diagram(self) -> None:
@@ -197,7 +204,7 @@ class YieldPart:
         point.subscribe(self._show_fields, READY)
 
     def _show_fields(self) -> None:
-        """Set the fields to the tolerances of the view, and compute the yield if there are any."""
+        """Set the fields to the tolerances of the view. If the view has tolerances, compute the yield."""
         point = self._point
         self._panel.tolerance.fill(point.gear, point.machine, point.state.tolerance)
         self._on_view_change()

@@ -65,7 +65,7 @@ class PointView:
             panel.likely.html = f'<p class="wrong">{escape(str(error))}</p>'
             return
         self._point = point = OpenPoint(store, self.work, self.gear, machine)
-        # The position comes first: removing the previous point's results keeps a browser busy for 0.5 s.
+        # The position is written first, because a browser then needs 0.5 s to remove the previous point's results.
         panel.where.html = f"<p>{escape(words.point_in_words(self.gear))}</p>"
         panel.clear_results()
         panel.limits.html = f"<p>{escape(words.quiet_limit_in_words(self.gear, point.period))}</p>" + (
@@ -83,7 +83,7 @@ class PointView:
             tab(point, panel)
 
     def show_survey_answer(self, found: parts.SampledAttractors) -> None:
-        """Show the attractors of the survey's cell around the point, if those of the point are not computed yet."""
+        """Show the attractors of the survey's cell around the point, unless the point's own are computed already."""
         if self._point is not None and self._point.attractors is None:
             self._answer.show(found, FROM_SURVEY_CELL)
 

@@ -122,7 +122,7 @@ def name_with_letter(attractor: rattle.Attractor, letter: str) -> str:
 
 
 def point_in_words(gear: AnyGear) -> str:
-    """Return the parameters of the point and its region in words."""
+    """Return in words the parameters of a gear, and the region of its point in the plane."""
     at = f"Damping δ = {number_text(gear.delta, 6)}, eccentricity ε = {number_text(gear.epsilon, 6)}"
     backlash = f", half-backlash β = {number_text(gear.beta, 6)}"
     model = model_at(gear)
@@ -135,7 +135,7 @@ def point_in_words(gear: AnyGear) -> str:
 
 
 def quiet_limit_in_words(gear: AnyGear, period: str = PERIOD) -> str:
-    """Return in words up to which ε quiet running is possible. Below SN1, also say at which ε P(1,1,0) begins."""
+    """Return in words the ε up to which quiet running is possible; below SN1, also the ε at which P(1,1,0) begins."""
     if gear.epsilon >= gear.quiet_limit:
         quiet = (
             f"The gear cannot run quietly here: above an eccentricity of {number_text(gear.quiet_limit)} the teeth "
@@ -175,11 +175,11 @@ def machine_in_words(machine: Machine, gear: AnyGear) -> str:
 
 
 def likelihood_in_words(gear: AnyGear, found: SampledAttractors, period: str = PERIOD) -> str:
-    """Return how likely the gear is to run quietly, and what it does otherwise."""
+    """Return in sentences how likely the gear is to run quietly, and with which motions it rattles otherwise."""
     pairs = list(zip(found.attractors, found.letters, strict=True))
     quiet, undecided = (next((x for x, _ in pairs if x.kind == kind), None) for kind in ("quiet", "undecided"))
     rattling = [(each, letter) for each, letter in pairs if each.kind in ("periodic", "chaotic")]
-    # upper bound of the basin fraction of a motion that no sample reached
+    # upper end of the 95 % interval of the basin fraction of a motion that no sample reached
     below = percent_text(float(rattle.wilson_interval(0, found.starts)[1]))
     sentences = []
     if quiet:
@@ -276,7 +276,15 @@ def orbits_table(found: PeriodOneOrbits) -> str:
 
 
 def notebook_link(gear: AnyGear, direction: str, span: float | None, to: Pair | None) -> str:
-    """Return a link in HTML to a notebook that computes this point and the diagram that the page shows of it."""
+    """Return a link in HTML to a notebook that computes a point, and its diagram as the page shows the diagram.
+
+    direction, span, to: the choice of the diagram, as in `PointState`.
+
+    Returns
+    -------
+    str
+        The link.
+    """
     at = gear.parameters.point()
     along = {"direction": direction, "span": span} if to is None else {"to_delta": to[0], "to_epsilon": to[1]}
     harmonics = [("harmonic", each) for each in harmonic_texts(gear.parameters.harmonics)]
@@ -306,7 +314,7 @@ def attractors_table(found: SampledAttractors, palette: Palette) -> str:
 
 
 def bracket_text(value: float, error: float) -> str:
-    """Return "value ± error", the error rounded up at its first digit or to an integer; the value alone if it is 0."""
+    """Return "value ± error", the error rounded up at its first digit or to an integer; "value" for an error of 0."""
     if error == 0.0:
         return number_text(value)
     places = max(0, -math.floor(math.log10(error)))
@@ -336,12 +344,18 @@ def end_in_words(end: ExtentEnd, is_upper: bool, scale: float = 1.0) -> str:
     if end.kind == LOST:
         return f"{at}: could not be followed farther"
     if end.kind == SWEPT:
-        return f"{at} (swept); {side} it the sweep found {end.beyond}"
+        return f"{at} (swept); {side} it the sweep found {end.motion_beyond}"
     if end.kind == FLIP and end.remains:
         what = "loses stability by period doubling" if is_upper else "becomes stable by period doubling"
     else:
         what = (ENDS if is_upper else BEGINS)[end.kind]
-    more = f" ({end.curve})" if end.curve else f" ({side}, {end.beyond})" if end.beyond and end.kind == GRAZING else ""
+    more = (
+        f" ({end.curve})"
+        if end.curve
+        else f" ({side}, {end.motion_beyond})"
+        if end.motion_beyond and end.kind == GRAZING
+        else ""
+    )
     return f"{at}: {what}{more}"
 
 

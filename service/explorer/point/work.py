@@ -66,11 +66,9 @@ class PointTasks:
         self.tasks: set[asyncio.Task[None]] = set()
         self.stopped = False
 
-    def start(
-        self, work: Coroutine[Any, Any, None], instead_of: asyncio.Task[None] | None = None
-    ) -> asyncio.Task[None]:
-        """Start a task, and give up the task that it replaces, if there is one."""
-        self.give_up(instead_of)
+    def start(self, work: Coroutine[Any, Any, None], replaced: asyncio.Task[None] | None = None) -> asyncio.Task[None]:
+        """Start a task, and give up the task `replaced`, if there is one."""
+        self.give_up(replaced)
         task = asyncio.get_running_loop().create_task(work)
         self.tasks.add(task)
         task.add_done_callback(self.tasks.discard)

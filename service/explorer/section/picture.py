@@ -1,4 +1,4 @@
-"""Draw the profile of a map as steps, in a figure that stands below the diagram and shares its parameter axis."""
+"""Draw the profile of a map as steps, in a figure that stands below the diagram and has its parameter axis."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ import numpy as np
 from bokeh.models import BasicTicker, ColumnDataSource, FixedTicker, HoverTool, Range1d
 
 from gear_rattle.service.explorer.common.address import Pair
-from gear_rattle.service.explorer.common.figures import BESIDE, ink_of, themed_figure
+from gear_rattle.service.explorer.common.figures import LEFT_BORDER, ink_of, themed_figure
 from gear_rattle.service.explorer.common.glyphs import clear
 from gear_rattle.service.explorer.section.profile import Profile
 
 HEIGHT = 190
-ROOM = 0.06  # margin above and below the values, as a share of their range
+VALUE_MARGIN = 0.06  # margin above and below the values, as a share of their range
 
 
 class ProfilePicture:
@@ -21,7 +21,7 @@ class ProfilePicture:
 
     def __init__(self, theme: str, x_range: Range1d) -> None:
         self.figure: Any = themed_figure("profile", theme, "", "", HEIGHT, x_range, (0.0, 1.0))
-        self.figure.min_border_left = BESIDE
+        self.figure.min_border_left = LEFT_BORDER
         self.steps = ColumnDataSource({"x": [], "value": [], "what": []})
         drawn = self.figure.line("x", "value", source=self.steps, line_color=ink_of(theme), line_width=1.8)
         tooltips = [("", "@what"), ("at", "$x{%.6g}")]
@@ -74,5 +74,5 @@ def value_range(profile: Profile) -> Pair:
         return min(profile.names) - 0.5, max(profile.names) + 0.5
     known = profile.values[np.isfinite(profile.values)].astype(float)
     low, high = (float(known.min()), float(known.max())) if known.size else (0.0, 1.0)
-    room = ROOM * (high - low or abs(high) or 1.0)
+    room = VALUE_MARGIN * (high - low or abs(high) or 1.0)
     return low - room, high + room

@@ -12,8 +12,9 @@ from gear_rattle.service.explorer.map.colouring import shown_values, valueless_c
 from gear_rattle.service.explorer.map.planes import MapBlock, MapPlane
 from gear_rattle.workers.pictures.maps import scale_of, title_of
 
-#: Largest numbers of values along δ and ε that are read around a line. If there are more cells, several share a value.
-ROOM = (1024, 1024)
+#: Most values along δ and along ε that are read in the box around a line. If the box has more cells, several cells
+#: share a value.
+MOST_READ = (1024, 1024)
 OUTSIDE = "outside of the survey"
 Ends = tuple[Pair, Pair]
 
@@ -51,7 +52,7 @@ def crossed_cells(box: Ranges, shape: tuple[int, int], ends: Ends) -> tuple[np.n
     Returns
     -------
     tuple[np.ndarray, np.ndarray, np.ndarray]
-        Positions (k + 1,) from 0 to 1, and row and column (k,) of the cell between each two; −1 outside of all cells.
+        Positions (k + 1,) from 0 to 1; row (k,) and column (k,) of the cell from each position to the next, −1 outside.
     """
     (x, y), (to_x, to_y) = ends
     ways = tuple(zip((x, y), (to_x, to_y), box, shape[::-1], strict=True))
@@ -74,7 +75,7 @@ def crossed_cells(box: Ranges, shape: tuple[int, int], ends: Ends) -> tuple[np.n
 def profile_of(plane: MapPlane, ends: Ends) -> Profile:
     """Return the profile of a map along a line between two points (δ, ε). It blocks: use a thread."""
     delta, epsilon = ((min(pair), max(pair)) for pair in zip(*ends, strict=True))
-    block = plane.block((delta, epsilon), ROOM)
+    block = plane.block((delta, epsilon), MOST_READ)
     shape = block.values.shape
     at, row, column = crossed_cells(block.box, (shape[0], shape[1]), ends)
     is_there = row >= 0

@@ -33,12 +33,12 @@ NO_END_POINT = "The end point needs a δ above 0 and an ε of at least 0."
 
 
 class ProfileSection:
-    """Show the profile of a survey along the diagram of the open point. below: the panel of the profile."""
+    """Show the profile of a survey along the diagram of the open point, in the panel `profile_place`."""
 
     def __init__(self, shared: SharedState, viewer: Viewer, store: Store, theme: str, sheet: str) -> None:
         self._shared, self._viewer, self._store = shared, viewer, store
         self._theme, self._sheet = theme, sheet
-        self.below = FigurePlace()
+        self.profile_place = FigurePlace()
         self.said = Text("", sheet, margin=(0, 4))
         self._shown_ends: tuple[Any, ...] = ()
         self.drawings = DrawingRunner(viewer, self._show_error)
@@ -62,8 +62,8 @@ class ProfileSection:
     @cached_property
     def picture(self) -> ProfilePicture:
         """Figure of the profile, made when a profile is first shown."""
-        found = ProfilePicture(self._theme, self.below.x_range)
-        self.below.panel[:] = [
+        found = ProfilePicture(self._theme, self.profile_place.x_range)
+        self.profile_place.panel[:] = [
             Text("<h2>Along the diagram</h2>", self._sheet, margin=(0, 4)).pane,
             pn.FlexBox(
                 self.variable, self.low, self.high, self.delta, self.epsilon, margin=0,
@@ -80,7 +80,7 @@ class ProfileSection:
         opened, request = open_machine_and_model(self._store), self._store.request
         if not is_seen or opened is None or request is None:
             self.drawings.stop()
-            self.below.panel.visible = False
+            self.profile_place.panel.visible = False
             return
         place = view.point, view.machine, view.point_state.diagram_choice
         wanted = view.survey, view.slice, view.variable, view.index, view.profile, view.profile_limits, place
@@ -92,9 +92,9 @@ class ProfileSection:
     ) -> AsyncGenerator[Show, None]:
         assert view.point is not None
         gear = model.gear(*view.point)
-        direction, either_way, to = view.point_state.diagram_choice
-        ends = diagram_ends(gear, direction, either_way, to)
-        span = (0.0, 1.0) if to else diagram_span(gear, direction, either_way)
+        direction, half_span, to = view.point_state.diagram_choice
+        ends = diagram_ends(gear, direction, half_span, to)
+        span = (0.0, 1.0) if to else diagram_span(gear, direction, half_span)
         chosen, options = map_options(request, view.profile, MapChoice(view.variable, view.index))
         if model != request.gear_model:
             raise RattleError(OTHER_GEAR)
@@ -110,9 +110,9 @@ class ProfileSection:
                 self.low.value, self.high.value = limits
             if self._shown_ends != (ends, span):  # otherwise the axis stays where a viewer has moved it
                 self._shown_ends = ends, span
-                self.below.x_range.update(start=span[0], end=span[1])
+                self.profile_place.x_range.update(start=span[0], end=span[1])
             self.said.html = faint_html(profile_in_words(found))
-            self.below.panel.visible = True
+            self.profile_place.panel.visible = True
 
         yield show
 
@@ -124,7 +124,7 @@ class ProfileSection:
     def _show_error(self, why: RattleError | str) -> None:
         self.picture.clear()
         self.said.html = alert_html(str(why))
-        self.below.panel.visible = True
+        self.profile_place.panel.visible = True
 
     def _on_variable(self) -> None:
         self._store.dispatch(ProfileChosen(MapChoice.read(str(self.variable.value))))

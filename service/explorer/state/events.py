@@ -27,7 +27,7 @@ class SurveyChosen:
 
 @dataclass(frozen=True)
 class VariableChosen:
-    """A variable of the survey was chosen."""
+    """A variable of the survey was chosen, whose map is shown."""
 
     variable: str
 
@@ -169,8 +169,11 @@ class DirectionChosen:
 
 
 @dataclass(frozen=True)
-class PlaceChosen:
-    """A point of the diagram was chosen. at: its position from 0 to 1 along the line, None for the open point."""
+class DiagramPointChosen:
+    """A point of the diagram was chosen.
+
+    at: its position from 0, the diagram's first point, to 1, its last. None: the open point itself was chosen.
+    """
 
     at: float | None
 
@@ -230,17 +233,17 @@ class MapAdded:
 
 @dataclass(frozen=True)
 class MapChanged:
-    """Another map was chosen for the comparison map with the index `place`."""
+    """Another map was chosen for comparison map number `index`, 0 for the second map of the page."""
 
-    place: int
+    index: int
     further: ComparisonChoice
 
 
 @dataclass(frozen=True)
 class MapRemoved:
-    """The comparison map with the index `place` was removed."""
+    """Comparison map number `index` was removed, 0 for the second map of the page."""
 
-    place: int
+    index: int
 
 
 @dataclass(frozen=True)
@@ -260,7 +263,7 @@ class PinRemoved:
 Event = (
     SurveyChosen | VariableChosen | DefaultMapChosen | IndexChosen | SliceChosen | LimitsSet | MapDrawn | OverlaysChosen
     | ShareSet | FamilyChosen | WindowMoved | WindowReset | BackChosen | ForwardChosen | PointerMoved | PointOpened
-    | TabChosen | AttractorChosen | InitialConditionChosen | DirectionChosen | PlaceChosen | YieldRequested
+    | TabChosen | AttractorChosen | InitialConditionChosen | DirectionChosen | DiagramPointChosen | YieldRequested
     | SoundRequested | DiagramEndChosen | PointClosed | BookmarkChosen | ProfileChosen | MapAdded | MapChanged
     | MapRemoved | PinAdded | PinRemoved
 )  # fmt: skip

@@ -80,17 +80,17 @@ def reduce(view: View, event: Event) -> View:
         case events.PointOpened(point, machine, state):
             return _open_point(view, point, machine, state)
         case events.TabChosen(tab):
-            return _change_point(view, tab=tab)
+            return _change_point_state(view, tab=tab)
         case events.AttractorChosen(attractor):
-            return _change_point(view, attractor=attractor, start=None, tab=MOTION)
+            return _change_point_state(view, attractor=attractor, start=None, tab=MOTION)
         case events.InitialConditionChosen(start):
-            return _change_point(view, start=start, tab=MOTION)
+            return _change_point_state(view, start=start, tab=MOTION)
         case events.DirectionChosen(direction):
-            return _change_point(view, direction=direction, to=None, at=None, tab=DIAGRAM)
-        case events.PlaceChosen(at):
-            return _change_point(view, at=at)
+            return _change_point_state(view, direction=direction, to=None, at=None, tab=DIAGRAM)
+        case events.DiagramPointChosen(at):
+            return _change_point_state(view, at=at)
         case events.YieldRequested(tolerance):
-            return replace(_change_point(view, tolerance=tolerance), yields=view.yields + 1)
+            return replace(_change_point_state(view, tolerance=tolerance), yields=view.yields + 1)
         case events.SoundRequested(rpm):
             return replace(view, rpm=rpm, sounds=view.sounds + 1)
         case events.DiagramEndChosen(to):
@@ -104,10 +104,10 @@ def reduce(view: View, event: Event) -> View:
             return replace(view, profile=profile, profile_limits=limits)
         case events.MapAdded(further):
             return replace(view, further=(*view.further, further)[:MOST_FURTHER])
-        case events.MapChanged(place, further):
-            return replace(view, further=(*view.further[:place], further, *view.further[place + 1 :]))
-        case events.MapRemoved(place):
-            return replace(view, further=(*view.further[:place], *view.further[place + 1 :]))
+        case events.MapChanged(index, further):
+            return replace(view, further=(*view.further[:index], further, *view.further[index + 1 :]))
+        case events.MapRemoved(index):
+            return replace(view, further=(*view.further[:index], *view.further[index + 1 :]))
         case events.PinAdded(pin):
             return replace(view, pins=tuple(dict.fromkeys((*view.pins, pin)))[:MOST_PINS])
         case events.PinRemoved(pin):
@@ -115,7 +115,14 @@ def reduce(view: View, event: Event) -> View:
 
 
 def _show_survey(view: View, survey: str) -> View:
-    """Show another survey. Drop the pointer and, if a survey was chosen before, window, point, slice and family."""
+    """Show another survey, without a pointer.
+
+    Returns
+    -------
+    View
+        If a survey was chosen before, the view has no window, slice, family and open point. If none was chosen, so that
+        the page showed the example, they stay.
+    """
     if survey == view.survey:
         return view
     if not view.survey:
@@ -161,7 +168,7 @@ def _close_point(view: View) -> View:
     return replace(view, point=None, point_state=PointState(), machine=None)
 
 
-def _change_point(view: View, **fields: Any) -> View:
+def _change_point_state(view: View, **fields: Any) -> View:
     """Change some fields of the state of the open point's tabs."""
     return view if view.point is None else replace(view, point_state=view.point_state.with_changes(**fields))
 
@@ -170,4 +177,4 @@ def _draw_diagram_to(view: View, to: Pair) -> View:
     """Draw and show the diagram from the open point to another point. If no point is open, open the other point."""
     if view.point is None:
         return _open_point(view, to, None, None)
-    return _change_point(view, to=to, at=None, tab=DIAGRAM) if to[0] > 0 and to[1] >= 0 else view
+    return _change_point_state(view, to=to, at=None, tab=DIAGRAM) if to[0] > 0 and to[1] >= 0 else view

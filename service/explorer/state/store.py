@@ -90,7 +90,7 @@ class Store(Listeners):
 
     @property
     def job(self) -> JobRow | None:
-        """Chosen survey; None if no survey is chosen, or if the page does not know it."""
+        """Chosen survey; None if no survey is chosen, or if the page's list of surveys lacks it."""
         status = self.jobs.get(self.view.survey)
         return None if status is None else status.job
 
@@ -108,19 +108,19 @@ class Store(Listeners):
 
     @property
     def request(self) -> SurveyRequest | None:
-        """Request of the shown survey; of its chosen slice if it has a third axis. None if `whole_request` is None."""
+        """Request of the shown survey, or of its chosen slice if it has a third axis; None if it is not known."""
         whole = self.whole_request
         return whole if whole is None else whole.slice_request(whole.slice_index(self.view.slice))
 
     @property
     def model(self) -> Model:
-        """Model of the chosen survey; the default model, the paper's, if `request` is None."""
+        """Model of the shown survey; the paper's model if that survey is not known or cannot be read."""
         request = self.request
         return MODELS[DEFAULT_MODEL]() if request is None else request.gear_model
 
     @property
     def machine(self) -> SurveyedMachine | None:
-        """Machine of the chosen survey; None if the survey has no machine, or if `request` is None."""
+        """Machine of the shown survey; None if it has no machine, is not known or cannot be read."""
         request = self.request
         return None if request is None else request.machine
 

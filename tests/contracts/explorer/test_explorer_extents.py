@@ -89,7 +89,7 @@ def test_chaos_is_swept_to_a_bracket_and_ends_in_the_crisis(delta: float, epsilo
     assert extent is not None
     crisis = boundary_crisis(delta).epsilon
     assert extent.high.kind == SWEPT
-    assert extent.high.beyond in ("quiet", "undecided")  # the first transients are long
+    assert extent.high.motion_beyond in ("quiet", "undecided")  # the first transients are long
     assert abs(extent.high.epsilon - crisis) < 2 * extent.high.error < 2e-4
     assert has_swept_chaos([chaotic], [extent])
     (exact,) = add_crisis(gear, [chaotic], [extent])
@@ -123,7 +123,7 @@ def test_a_stiff_motion_goes_on_beyond_its_graze() -> None:
     low, high = motion_extent(gear, found, (0.0, 0.3))[:2]  # type: ignore[index]
     assert (low.kind, low.curve) == (SADDLE_NODE, "SN1")
     assert low.epsilon == pytest.approx(gear.sn1, abs=1e-9)
-    assert (high.kind, high.beyond) == (GRAZING, "P(1,1,1)")
+    assert (high.kind, high.motion_beyond) == (GRAZING, "P(1,1,1)")
     assert words.end_in_words(high, True).endswith("ends at a graze (above, P(1,1,1))")
 
 
@@ -137,7 +137,7 @@ def test_a_stiff_motion_goes_on_beyond_its_graze() -> None:
         (ExtentEnd(GRAZING, 0.12), True, "0.12: ends at a graze"),
         (ExtentEnd(RANGE, 0.3), True, "does not end up to 0.3"),
         (
-            ExtentEnd(SWEPT, 0.097, 0.0004, beyond="P(2,2,0)"),
+            ExtentEnd(SWEPT, 0.097, 0.0004, motion_beyond="P(2,2,0)"),
             False,
             "0.0970 ± 0.0004 (swept); below it the sweep found P(2,2,0)",
         ),
@@ -165,7 +165,7 @@ def test_the_events_list_the_beginning_and_the_end_of_chaos() -> None:
     gear = rattle.Gear(0.6, 0.1)
     attractors = gear.attractors(64)
     extents = [
-        MotionExtent(ExtentEnd(SWEPT, 0.0977, 0.0001, beyond="P(2,2,0)"), ExtentEnd(CRISIS, 0.1109))
+        MotionExtent(ExtentEnd(SWEPT, 0.0977, 0.0001, motion_beyond="P(2,2,0)"), ExtentEnd(CRISIS, 0.1109))
         if each.kind == "chaotic"
         else None
         for each in attractors

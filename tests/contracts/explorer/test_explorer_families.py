@@ -67,7 +67,7 @@ def test_one_that_is_chosen_is_told_of_and_the_others_dimmed(tmp_path: Path) -> 
         job = joined(front)
         veil = shown.map.figure.select_one({"name": "veil"}).data_source
         shown.choose(job)
-        await eventually(lambda: len(families.which.options) > 1)  # it is there before its names are
+        await eventually(lambda: len(families.menu.options) > 1)  # it is there before its names are
         assert not families.said.html
         shown.controls.variable.value = LARGEST
         await eventually(lambda: shown.title.html.count("(among all)"))
@@ -76,9 +76,9 @@ def test_one_that_is_chosen_is_told_of_and_the_others_dimmed(tmp_path: Path) -> 
         assert sum(each["share"] for each in shades) == pytest.approx(1.0)
         assert all(each["share"] > 0 for each in shades)  # and no others are listed
         assert "quiet" in shown.map.figure.select_one({"name": "names"}).data_source.data["name"]
-        names = [name for name in families.which.options if name.endswith(" = C")]
-        families.which.value = families.which.options[names[0]]
-        number = int(families.which.value)
+        names = [name for name in families.menu.options if name.endswith(" = C")]
+        families.menu.value = families.menu.options[names[0]]
+        number = int(families.menu.value)
         assert shown.view.family == number
         await eventually(lambda: families.said.html)
         store = front.directory.store(job.id)
@@ -108,17 +108,17 @@ def test_one_that_is_chosen_is_told_of_and_the_others_dimmed(tmp_path: Path) -> 
         told = {name: [each.encode() for each in values] for name, values in parse_qs(shown.view.query()[1:]).items()}
         assert View.parse(told).family == number
         assert f"variable={LARGEST}" in picture_query(job.request, shown.view)
-        families.which.value = ""
+        families.menu.value = ""
         await eventually(lambda: not families.said.html)
         assert veil.data["image"] == []
         shown.store.dispatch(FamilyChosen(10**6))
         await eventually(lambda: "There are families 0 to" in families.said.html)
-        assert (families.which.visible, families.which.value) == (True, "")  # for who has a wrong address
+        assert (families.menu.visible, families.menu.value) == (True, "")  # for who has a wrong address
         shown.store.dispatch(FamilyChosen(number))
         await eventually(lambda: veil.data["image"] != [])
         shown.choose(accepted(front, REQUEST.model_copy(update={"seed": 1})))
         assert veil.data["image"] == []  # nothing of the one before, while it is read
-        assert len(families.which.options) == 1
+        assert len(families.menu.options) == 1
         assert not families.said.html
 
     with_families(tmp_path, body)
@@ -170,7 +170,7 @@ def test_what_has_no_families_yet_says_so(tmp_path: Path) -> None:
         shown.store.dispatch(FamilyChosen(3))
         await eventually(lambda: "are not joined yet" in families.said.html)
         assert families.panel.visible
-        assert not families.which.visible
+        assert not families.menu.visible
         shown.controls.variable.value = LARGEST
         await eventually(lambda: "are not joined yet" in shown.title.html)
         shown.choose(without)

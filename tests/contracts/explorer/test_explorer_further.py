@@ -124,8 +124,8 @@ def test_further_maps_have_the_window_and_the_cursor_of_the_first(tmp_path: Path
         for job in (other, stiff):
             shown.follow(job)
         await eventually(lambda: shown.plane is not None)
-        assert maps.add.visible
-        maps.add.clicks += 1
+        assert maps.add_button.visible
+        maps.add_button.clicks += 1
         assert shown.view.further == (ComparisonChoice(first.id, "orbit_exists"),)  # the next one that is not shown
         one = maps.maps[0]
         assert list(one.survey.options) == ["small", "other", f"small ({stiff.id[:6]})"]
@@ -164,11 +164,11 @@ def test_further_maps_have_the_window_and_the_cursor_of_the_first(tmp_path: Path
         shown.controls.variable.value = "orbit_velocity"
         await eventually(lambda: one.plane is not None and one.plane.plane.name == "orbit_velocity_difference")
         for _ in range(3):
-            maps.add.clicks += 1
+            maps.add_button.clicks += 1
         assert len(shown.view.further) == 3
-        assert not maps.add.visible
+        assert not maps.add_button.visible
         shown.store.dispatch(MapRemoved(1))
-        assert [i for i, place in enumerate(maps.places) if "shown" in place.css_classes] == [0, 1]
+        assert [i for i, place in enumerate(maps.panels) if "shown" in place.css_classes] == [0, 1]
         shown.store.update_surveys({name: each for name, each in shown.store.jobs.items() if name != other.id})
         assert "no longer there" in one.title.html
         maps.end()

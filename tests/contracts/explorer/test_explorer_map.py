@@ -19,7 +19,7 @@ from service_support import BODY, compute, front_end, front_of
 from gear_rattle.service.database.tables import State
 from gear_rattle.service.explorer.common.glyphs import style_of
 from gear_rattle.service.explorer.map import planes, shared
-from gear_rattle.service.explorer.map.colouring import NAME, Colouring, colouring, family_places, shown_values
+from gear_rattle.service.explorer.map.colouring import NAME_SIZE, Colouring, colouring, family_places, shown_values
 from gear_rattle.service.explorer.map.cursor import cursor_after_steps, window_with_cursor, zoomed_window
 from gear_rattle.service.explorer.map.figure import MapFigure
 from gear_rattle.service.explorer.map.overlays import points_in_window
@@ -176,7 +176,7 @@ def test_a_picture_is_drawn_from_levels(client: TestClient, leveled: str, monkey
 def test_a_map_that_takes_long_is_read_a_piece_at_a_time(
     client: TestClient, survey: str, plane: MapPlane, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(planes, "BAND", 1)
+    monkeypatch.setattr(planes, "MOST_CELLS_AT_ONCE", 1)
     clock = iter(np.arange(0.0, 1e3, 0.6))
     monkeypatch.setattr(planes, "time", SimpleNamespace(monotonic=lambda: next(clock)))
     job = front_of(client).database.job(survey)
@@ -231,7 +231,7 @@ def test_values_beyond_the_limits_are_marked(
     values = speeds.values[np.isfinite(speeds.values)]
     low, high = (found.low, found.high) if limits == "full" else limits
     beyond = float((values < np.float32(low)).mean()), float((values > np.float32(high)).mean())
-    assert found.beyond == pytest.approx(beyond)
+    assert found.shares_beyond == pytest.approx(beyond)
     assert [share > 0 for share in beyond] == [below, above]
     drawn = new_map()
     drawn.draw_cells(speeds.block(), found)
@@ -408,9 +408,9 @@ def test_names_of_families_are_as_far_apart_as_their_letters_are_wide(room: tupl
     at = [((x - 0.4) / 0.6 * room[0], y / 0.3 * room[1]) for x, y in places.values()]
     assert len(at) > 1
     for i, (x, y) in enumerate(at):
-        assert NAME[0] / 2 - 5 * room[0] / 96 <= x <= room[0] - NAME[0] / 2 + 5 * room[0] / 96  # a few cells
+        assert NAME_SIZE[0] / 2 - 5 * room[0] / 96 <= x <= room[0] - NAME_SIZE[0] / 2 + 5 * room[0] / 96  # a few cells
         for other in at[i + 1 :]:
-            assert abs(x - other[0]) > 0.95 * NAME[0] or abs(y - other[1]) > 0.95 * NAME[1]
+            assert abs(x - other[0]) > 0.95 * NAME_SIZE[0] or abs(y - other[1]) > 0.95 * NAME_SIZE[1]
 
 
 SIZES = {"telephone": (290, 300), "laptop": (560, 520), "wide": (1300, 850)}

@@ -40,7 +40,7 @@ from gear_rattle.service.explorer.point.point_diagram import (
 )
 from gear_rattle.service.explorer.point.view import PointView
 from gear_rattle.service.explorer.point.work import prepare_processes
-from gear_rattle.service.explorer.state.events import PlaceChosen, TabChosen
+from gear_rattle.service.explorer.state.events import DiagramPointChosen, TabChosen
 from gear_rattle.service.explorer.state.store import Store
 from gear_rattle.service.operations import diagrams
 from gear_rattle.service.operations.processes import compute_in_process
@@ -646,7 +646,7 @@ def test_basins_and_motion_follow_the_slider_along_the_diagram(tmp_path: Path, m
             return len(t) > 0 and np.array_equal(phi, gear.trajectory(shown.tau, shown.v, float(t[-1]), len(t)).phi)
 
         monkeypatch.setattr(view.work, "compute", compute)
-        own, slider = rattle.Gear(0.6, 0.089), view.panel.place_slider
+        own, slider = rattle.Gear(0.6, 0.089), view.panel.diagram_slider
         first = next(each for each in own.attractors(64) if each.kind != "quiet")
         await eventually(lambda: is_shown(own) and "Wˢ(A)" in view.panel.under_basins.html)
         low, high = diagrams.diagram_span(own, "epsilon")
@@ -664,7 +664,7 @@ def test_basins_and_motion_follow_the_slider_along_the_diagram(tmp_path: Path, m
         assert is_shown(own)
         assert "Wˢ(A)" in view.panel.under_basins.html
         await eventually(lambda: is_followed(own, (first,)))
-        view.store.dispatch(PlaceChosen(0.75))
+        view.store.dispatch(DiagramPointChosen(0.75))
         await eventually(lambda: is_shown(there))
         view.stop()
 

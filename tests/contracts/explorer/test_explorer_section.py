@@ -94,7 +94,7 @@ def test_the_profile_is_of_the_map_that_is_seen_or_of_the_one_that_is_chosen(tmp
         shown.controls.variable.value = "region"
         await eventually(lambda: shown.plane is not None and shown.plane.plane.name == "region")
         section = ProfileSection(shown.shared, shown.viewer, shown.store, "light", "")
-        panel, fields = section.below.panel, (section.delta, section.epsilon)
+        panel, fields = section.profile_place.panel, (section.delta, section.epsilon)
         shown.follow(job)
         assert not panel.visible  # no point, no diagram
         shown.store.dispatch(PointOpened((0.52, 0.06), state=PointState(to=(0.68, 0.14))))
@@ -108,7 +108,7 @@ def test_the_profile_is_of_the_map_that_is_seen_or_of_the_one_that_is_chosen(tmp
         assert (data["value"][0], data["what"][0]) == (region, rattle.REGIONS[region])
         axis = section.picture.figure.yaxis
         assert axis.major_label_overrides[region] == rattle.REGIONS[region]
-        picture = DiagramPicture("light", section.below.x_range)
+        picture = DiagramPicture("light", section.profile_place.x_range)
         assert picture.figure.x_range is section.picture.figure.x_range
         assert picture.figure.min_border_left == section.picture.figure.min_border_left
         section.variable.value = "attractor_kind,1"
@@ -131,8 +131,8 @@ def test_the_profile_is_of_the_map_that_is_seen_or_of_the_one_that_is_chosen(tmp
         assert NO_END_POINT in section.said.html
         assert shown.view.point_state.to == (0.68, 0.1)
         shown.change_point(PointState(direction="delta", span=0.03))
-        await eventually(lambda: section.below.x_range.start == pytest.approx(0.49))
-        assert section.below.x_range.end == pytest.approx(0.55)
+        await eventually(lambda: section.profile_place.x_range.start == pytest.approx(0.49))
+        assert section.profile_place.x_range.end == pytest.approx(0.55)
         shown.close()
         assert not panel.visible
 

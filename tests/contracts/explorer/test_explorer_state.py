@@ -134,8 +134,8 @@ START, WIDTHS = (0.25, 4.5), Tolerance(0.02, 0.01, 0.9)
         (events.AttractorChosen(3), {"attractor": 3, "at": 0.5, "to": (0.7, 0.2), "tab": "motion"}),
         (events.InitialConditionChosen(START), {"start": START, "at": 0.5, "to": (0.7, 0.2), "tab": "motion"}),
         (events.DirectionChosen("delta"), {"attractor": 1, "direction": "delta", "tab": "diagram"}),
-        (events.PlaceChosen(0.25), {"attractor": 1, "at": 0.25, "to": (0.7, 0.2)}),
-        (events.PlaceChosen(None), {"attractor": 1, "to": (0.7, 0.2)}),
+        (events.DiagramPointChosen(0.25), {"attractor": 1, "at": 0.25, "to": (0.7, 0.2)}),
+        (events.DiagramPointChosen(None), {"attractor": 1, "to": (0.7, 0.2)}),
         (events.YieldRequested(WIDTHS), {"attractor": 1, "at": 0.5, "to": (0.7, 0.2), "tolerance": WIDTHS}),
         (events.DiagramEndChosen((0.5, 0.0)), {"attractor": 1, "to": (0.5, 0.0), "tab": "diagram"}),
     ],
@@ -153,7 +153,7 @@ def test_an_attractor_is_chosen_instead_of_an_initial_condition() -> None:
 def test_a_state_that_no_address_holds_is_in_no_view() -> None:
     view = View(point=(0.6, 0.1))
     assert reduce(view, events.TabChosen("answer")) == view  # it is open by default
-    assert reduce(view, events.PlaceChosen(2.0)) == view
+    assert reduce(view, events.DiagramPointChosen(2.0)) == view
     assert reduce(view, events.PointOpened((0.6, 0.1), state=PointState(span=1.0))) == view
 
 
