@@ -72,7 +72,7 @@ class Database(Surveys, Keys):
         self._reader.dispose()
 
     def _open(self, exclusive: bool) -> None:
-        # The first step, because it refuses a database of another program without changing the database.
+        # This check comes first, because it refuses a database of another program before anything is written.
         current = is_current(self._reader)
         if current and not exclusive:
             return

@@ -28,7 +28,7 @@ class BucketDirectory(DataDirectory):
         self._bucket = lru_cache(maxsize=256)(self._open_bucket)
 
     def _open_bucket(self, survey_id: str) -> Bucket:
-        # The service has locked its job database, so it is the only writer of the stores of its surveys.
+        # owned: no other process writes to this store, because the service has locked its job database.
         return Bucket(f"{self._root}/{survey_id}.zarr", owned=True)
 
     @contextmanager

@@ -41,9 +41,8 @@ def open_data(
     url, require = (directory.database_url, directory.require_present) if inside else (settings.database_url, None)
     assert url is not None
     with directory.lock(), closing(Database(url, on_change, require=require)) as database:
-        if (
-            inside or settings.store
-        ):  # the stores are beside the database or in a bucket: no wrong disk can separate them
+        # A wrong disk can separate database and stores only if the database is outside and the stores are inside.
+        if inside or settings.store:
             directory.identify()
         else:
             directory.identify(database.directory_identity())

@@ -26,7 +26,7 @@ class ThreadCounter(Protocol):
 
 
 class Metrics:
-    """Counters of one process. Readers compute rates: ``rate(rattle_cells_total[1m])`` is cells per second."""
+    """Counters of one process. Prometheus computes rates: ``rate(rattle_cells_total[1m])`` is cells per second."""
 
     def __init__(self) -> None:
         self.registry = CollectorRegistry()

@@ -12,7 +12,7 @@ from gear_rattle.service.errors import UnavailableError
 from gear_rattle.service.state import Front
 from rattle.models import Capability, Model, require_capability
 
-RESOLUTION = 0.02  # step in δ: twice the default of `crisis_curve`, which halves the time
+RESOLUTION = 0.02  # largest step in δ, twice the default of `crisis_curve`: so a curve takes half the time
 KEPT_CRISIS_CURVES = 16  # at most this many curves are kept
 
 
