@@ -37,12 +37,13 @@ IS_ACTIVE = JobRow.state.in_(bindparam("active", ACTIVE, expanding=True, literal
 class ActiveSurvey(NamedTuple):
     """An active survey or population.
 
-    owner: id of the API key that submitted it, or None. n_remaining: number of its cells (or gears) to be computed yet.
+    owner: id of the API key that submitted it, or None. remaining_cells: number of its cells (or gears) that are
+    not computed yet.
     """
 
     id: str
     owner: str | None
-    n_remaining: int
+    remaining_cells: int
 
 
 @dataclass(frozen=True)
@@ -163,10 +164,10 @@ class Surveys(Transactions):
 
     def active_surveys(self) -> list[ActiveSurvey]:
         """Return all surveys that wait or run, including interrupted surveys, oldest first."""
-        n_remaining = JobRow.n_cells - JobRow.cells_done
+        remaining_cells = JobRow.n_cells - JobRow.cells_done
         with self._read() as session:
             found = session.execute(
-                select(JobRow.id, JobRow.owner, n_remaining).where(IS_ACTIVE).order_by(JobRow.number)
+                select(JobRow.id, JobRow.owner, remaining_cells).where(IS_ACTIVE).order_by(JobRow.number)
             )
             return [ActiveSurvey(*row) for row in found]
 

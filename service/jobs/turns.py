@@ -55,7 +55,7 @@ class Turns:
         owner = min(active, key=lambda each: self._turns_of(each.owner).last).owner
         mine = [each for each in active if each.owner == owner]
         if self._turns_of(owner).is_smallest_next:
-            return min(mine, key=lambda each: each.n_remaining or math.inf)
+            return min(mine, key=lambda each: each.remaining_cells or math.inf)
         return min(mine, key=lambda each: self._waits_since[each.id])
 
     def begin_turn(self, survey: ActiveSurvey) -> None:

@@ -243,8 +243,8 @@ PROTECTIONS = (
         "an interrupted survey is taken up again",
         f"{SERVICE}::test_killed_at_every_instant",
         "service/database/survey_rows.py",
-        "n_remaining).where(IS_ACTIVE).order_by",
-        "n_remaining).where(JobRow.state == State.ACCEPTED).order_by",
+        "remaining_cells).where(IS_ACTIVE).order_by",
+        "remaining_cells).where(JobRow.state == State.ACCEPTED).order_by",
     ),
     _one(
         "a tile counts only if the database has its row",
