@@ -16,9 +16,9 @@ EXAMPLE_POINT = 0.6, 0.1  # δ, ε of the computed example
 
 
 def answer_kernel_steps(name: str) -> Steps:
-    """Return functions that compile the kernels of a model that answers about a point or a curve need.
+    """Return functions that compile those kernels of the model `name` that requests about a point or a curve need.
 
-    The kernels that compute surveys are not among them.
+    The kernels of surveys are compiled by other functions.
 
     Returns
     -------

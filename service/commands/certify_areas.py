@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 def prove_areas(
     out: Path, delta: str, epsilon: str, beta: str, columns: int, processes: int, figure: Path | None
 ) -> None:
-    """Prove statements about blocks of a plane, write proved blocks to `out`, and draw them into `figure`.
+    """Prove statements about blocks of a plane, write the proved blocks to `out`, and draw them into `figure`.
 
     Print for each statement the share of the plane's area for which it is proved.
     """

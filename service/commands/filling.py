@@ -105,8 +105,8 @@ def cluster_context(
     if scheduler:
         return connect(scheduler)
     typer.echo(f"Starting {workers} process{'es' if workers > 1 else ''} …", err=True)
-    # The workers compile missing kernels too, but their messages are not printed. This thread starts the same
-    # compilation, which happens once for all processes, so that its messages are.
+    # The workers compile missing kernels too, but print no messages about it. This thread starts the same
+    # compilation, which happens once for all processes, in order to print its messages.
     threading.Thread(target=rattle.precompile, kwargs=numbers, name="kernels", daemon=True).start()
     return embedded_cluster(workers, should_stop=should_stop)
 

@@ -462,6 +462,7 @@ class JobManager:
 
 
 def _is_of_this_version(job: JobRow) -> bool:
+    """Return whether this version would compute the same numbers for the job's request as are stored."""
     try:
         return _request_of(job).content_hash() == job.content_hash
     except ServiceError:

@@ -40,7 +40,7 @@ class Turns:
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         self._clock = clock
-        self._count = 0  # number of turns so far
+        self._count = 0  # number of turns so far, of all keys
         self._keys: dict[str | None, _KeyTurns] = {}
         # {id of an active survey: number of its last turn, or of the last turn before the survey was submitted}.
         self._waits_since: dict[str, int] = {}

@@ -1,7 +1,4 @@
-"""Decide which files a store must have.
-
-The service reports a lost chunk, because zarr would read a missing chunk as fill values.
-"""
+"""Decide which files a store must have, so that a lost chunk is an error: zarr alone would read it as fill values."""
 
 from __future__ import annotations
 

@@ -135,7 +135,7 @@ def _sample_ratio(request: SurveyRequest, job: JobRow) -> float:
 
 
 def _is_similar_model(request: SurveyRequest, other: SurveyRequest) -> bool:
-    """Return whether both surveys have the same model, and no added parameter differs by more than SIMILAR_FACTOR."""
+    """Return whether both surveys have the same model, with added parameters that differ at most by SIMILAR_FACTOR."""
     ours, theirs = request.added_numbers, other.added_numbers
     if ours.keys() != theirs.keys() or request.model != other.model:
         return False
@@ -167,7 +167,7 @@ def cell_seconds(request: AnyRequest) -> float:
 
 
 def _request_for_few_gears(request: PopulationRequest) -> PopulationRequest:
-    """Return a request for a few gears of a population, of which the same share is judged, and at least one gear."""
+    """Return a request for a few gears of a population. The share of judged gears stays, but at least one is judged."""
     gears = min(request.gears, MEASURED_SIDE * MEASURED_SIDE)
     judged = max(1, round(gears * request.plan.n_judged / request.n_cells))
     few = {"gears": gears, "pairs": 0, "judged": judged, "tile": None}

@@ -135,6 +135,7 @@ def answers_document(found: Population) -> Answers:
 
 
 def _sobol_indices_of(found: Population, of: str) -> dict[str, IndexDocument] | None:
+    """Return the Sobol indices of each number that varies, for the result `of` ("quiet" or "energy"), if possible."""
     try:
         indices = found.indices(of)
     except RattleError:  # no indices can be computed, for example because the gears differ too little

@@ -86,7 +86,8 @@ async def stored_file(front: Front, survey_id: str, kind: JobKind, key: str, req
         if not await run_in_threadpool(is_expected_file, front, survey_id, key):
             raise HTTPException(404) from error
         try:
-            response = await file_at(store, key, request, is_unchanging)  # a tile may have written the file meanwhile
+            # The file is tried again, because a tile may have been written since the first try.
+            response = await file_at(store, key, request, is_unchanging)
         except (HTTPException, OSError):
             raise DamageError(
                 f"{key} of {kind} {survey_id} was computed but cannot be read now. "

@@ -103,7 +103,7 @@ async def set_query_etag(request: Request, response: Response) -> None:
 
 
 def weak_etag(*parts: object) -> str:
-    """Return a hash of `parts` and of the code as a weak ETag: answers with the same ETag may differ by a new tile."""
+    """Return a hash of `parts` and of the code as a weak ETag: a tile may be written while the answer is computed."""
     return f'W/"{_digest(_answer_version().encode(), repr(parts).encode())}"'
 
 

@@ -18,7 +18,7 @@ Route = TypeVar("Route", bound=Callable[..., Any])
 def query_of(name: str, without: str = DEFAULT_MODEL, example: float | None = None) -> Any:
     """Return the annotated type of a query parameter of a route: the parameter `name` that a model adds.
 
-    without: name, for the description, of the model that the route uses if a request does not have this parameter.
+    without: words after "else" in the description: the model that the route uses if a request lacks this parameter.
     """
     each = ADDED[name]
     upper = each.greatest if math.isfinite(each.greatest) else None
