@@ -172,7 +172,7 @@ class Surveys(Transactions):
             return [ActiveSurvey(*row) for row in found]
 
     def set_wait_messages(self, survey_id: str) -> None:
-        """Set the messages of all other queued surveys to "waits for its turn: NAME is computed now", NAME being this survey."""
+        """Set the message of every other queued survey to "waits for its turn: (name of this survey) is computed now"."""
         with self._write() as (session, _):
             if (job := _find_active_job(session, survey_id)) is None:
                 return
