@@ -172,7 +172,7 @@ class Surveys(Transactions):
             return [ActiveSurvey(*row) for row in found]
 
     def set_wait_messages(self, survey_id: str) -> None:
-        """Set the message of every other queued survey to "waits for its turn: (name of this survey) is computed now"."""
+        """Write into the message of each other queued survey that this survey is computed now and the other waits."""
         with self._write() as (session, _):
             if (job := _find_active_job(session, survey_id)) is None:
                 return
