@@ -73,9 +73,8 @@ def serve(
             "are not cut off. Put Caddy or nginx in front (docs/operations.md) and set RATTLE_BEHIND_PROXY=true.",
             err=True,
         )
-    with (
-        catch_stop_signals() as asked_to_stop
-    ):  # when uvicorn ends, it raises its signal again, which must not kill the process
+    # When a signal has ended uvicorn, uvicorn raises it again. It must then only set the event, not kill the process.
+    with catch_stop_signals() as asked_to_stop:
         started = run_server(create_app(settings), settings, log_config(settings.log_format), asked_to_stop)
     if not started:
         raise typer.Exit(1)

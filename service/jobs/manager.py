@@ -182,7 +182,8 @@ class JobManager:
         job = self._database.job(survey_id)
         if not job.is_readable:
             raise ConflictError(UNREADABLE)
-        if job.state == State.SUCCESSFUL and not _is_of_this_version(job):  # only its own version can continue a store
+        # Only the code version that completed a store can repair it.
+        if job.state == State.SUCCESSFUL and not _is_of_this_version(job):
             raise ConflictError(
                 f"{job.kind.capitalize()} {survey_id} was computed by another version, and only that version can "
                 "verify it. Submit it again."
@@ -364,7 +365,7 @@ class JobManager:
             {index: missing tile}, and True if the database has recorded a tile whose values the store does not have.
         """
 
-        # The cluster computes the template of the store, because its bifurcation curves may take minutes.
+        # The cluster computes the template of the store, because the bifurcation curves in it may take minutes.
         def compute_template(request: AnyRequest, created: str | None) -> Template:
             return template_on(client, request, created, self._is_interrupted)
 

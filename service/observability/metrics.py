@@ -74,7 +74,8 @@ class _ScrapedValues(Collector):
         self._manager = manager
 
     def describe(self) -> list[Metric]:
-        return []  # registering must not read the database
+        # Registration calls this method, which must not read the database as `collect` does.
+        return []
 
     def collect(self) -> Iterator[Metric]:
         totals = self._database.job_totals()

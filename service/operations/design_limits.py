@@ -15,7 +15,7 @@ from gear_rattle.workers.pictures.look import Pair
 from rattle import Limit, design_limit
 from rattle.models import Model
 
-DAMPINGS = 17  # number of dampings across a survey
+DAMPINGS = 17  # number of dampings, evenly spaced over a survey, at which the limit is computed
 COUNT = 512  # initial conditions for each limit; more if the required probability is above 0.992
 KEPT_LIMIT_CURVES = 16  # at most this many curves of limits over damping are kept
 

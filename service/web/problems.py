@@ -75,7 +75,7 @@ ADVICE = {
     503: "The job database cannot answer now. Try again in a few seconds.",
 }
 
-#: Codes of errors that are not exceptions of this project, by status.
+#: {HTTP status: code} for errors whose exceptions are not of this project, such as those of FastAPI.
 CODES = {
     400: "bad_request",
     401: "unauthorized",
