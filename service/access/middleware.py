@@ -134,11 +134,11 @@ class AccessMiddleware:
                 await send({"type": "websocket.close", "code": 1008, "reason": ""})
             elif isinstance(error, UnauthorizedError) and self._is_page(route_path(scope)) and method in SAFE_METHODS:
                 there = login_url(EXPLORER_PATH, scope["query_string"].decode("ascii", "replace"))
-                await RedirectResponse(there, 303)(scope, receive, _with_headers(send))
+                await RedirectResponse(there, 303)(scope, receive, _with_response_headers(send))
             else:
-                await problems.answer_error(Request(scope), error)(scope, receive, _with_headers(send))
+                await problems.answer_error(Request(scope), error)(scope, receive, _with_response_headers(send))
             return
-        await self.app(scope, receive, _with_headers(send))
+        await self.app(scope, receive, _with_response_headers(send))
 
     def _is_page(self, path: str) -> bool:
         return self._settings.explorer and path == EXPLORER_PATH
@@ -202,7 +202,7 @@ def _require_uncompressed(headers: Headers) -> None:
         raise HTTPException(415, what, {"Accept-Encoding": "identity"})
 
 
-def _with_headers(send: Send) -> Send:
+def _with_response_headers(send: Send) -> Send:
     async def send_with_headers(message: Message) -> None:
         if message["type"] == "http.response.start":
             headers = MutableHeaders(scope=message)

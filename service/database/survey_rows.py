@@ -94,7 +94,7 @@ class Surveys(Transactions):
             )
             if known:
                 return known
-            _require_quota(session, new.owner, new.n_cells, max_jobs)
+            _require_within_quota(session, new.owner, new.n_cells, max_jobs)
             values = vars(new) | {"idempotency_key": new.stored_idempotency_key}
             at_work = session.scalars(
                 select(JobRow).where(IS_ACTIVE, JobRow.state == State.RUNNING, ~WAITS_IN_QUEUE).limit(1)
@@ -265,7 +265,7 @@ class Surveys(Transactions):
                 )
             if not State(job.state).is_final:
                 raise ConflictError(f"{which} is {job.state}: wait until it has ended, and try again.")
-            _require_quota(session, owner, 0, max_jobs)
+            _require_within_quota(session, owner, 0, max_jobs)
             job.state, job.message, job.finished = State.ACCEPTED, "", None
             _add_state_event(session, job)
         self._on_change(survey_id)
@@ -414,7 +414,7 @@ def _find_active_job(session: Session, survey_id: str) -> JobRow | None:
     return session.scalars(active).one_or_none()
 
 
-def _require_quota(session: Session, owner: str | None, n_cells: int, max_jobs: int) -> None:
+def _require_within_quota(session: Session, owner: str | None, n_cells: int, max_jobs: int) -> None:
     active = select(func.count()).select_from(JobRow).where(IS_ACTIVE)
     if (session.scalar(active) or 0) >= max_jobs:
         raise QueueFullError(

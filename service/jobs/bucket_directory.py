@@ -48,9 +48,9 @@ class BucketDirectory(DataDirectory):
 
     def entries(self) -> list[StoreEntry]:
         """Return the entries below the prefix in the bucket, sorted by name."""
-        return sorted(self._entries(), key=lambda entry: entry.name)
+        return sorted(self._iterate_entries(), key=lambda entry: entry.name)
 
-    def _entries(self) -> Iterator[StoreEntry]:
+    def _iterate_entries(self) -> Iterator[StoreEntry]:
         for name in self._root.children():
             if match := SURVEY_STORE.fullmatch(name):
                 store = self.store(match["survey"])

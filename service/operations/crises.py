@@ -39,7 +39,7 @@ class Crises:
         if beta not in self._found:
             while len(self._found) >= KEPT_CRISIS_CURVES:
                 self._found.pop(next(iter(self._found)))
-            self._found[beta] = asyncio.get_running_loop().create_task(self._compute_curve(beta))
+            self._found[beta] = asyncio.get_running_loop().create_task(self._compute_crisis_curve(beta))
         task = self._found[beta]
         try:
             return await asyncio.shield(task)
@@ -47,7 +47,7 @@ class Crises:
             self._found.pop(beta, None)
             raise
 
-    async def _compute_curve(self, beta: float) -> np.ndarray:
+    async def _compute_crisis_curve(self, beta: float) -> np.ndarray:
         try:
             with self._front.interruptible_work():
                 work = partial(_crisis_points, beta)

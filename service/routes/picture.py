@@ -203,7 +203,7 @@ async def _picture_response(
 ) -> Response:
     job, store = await run_in_threadpool(front.job_with_results, survey_id)
     if options.has_caption:
-        options = replace(options, look=options.look.with_caption(_caption(job, str(request.url))))
+        options = replace(options, look=options.look.with_caption(_caption_text(job, str(request.url))))
     headers = {
         "ETag": weak_etag(survey_id, job.last_event, options, form),
         "Cache-Control": REVALIDATE,  # later versions may draw otherwise, and repairs may add lost tiles
@@ -241,7 +241,7 @@ async def _await_while_connected(request: Request, work: Coroutine[Any, Any, Ove
         task.cancel()
 
 
-def _caption(job: JobRow, address: str) -> str:
+def _caption_text(job: JobRow, address: str) -> str:
     return f"{job.name or job.id}, {address}, {PACKAGE} {rattle.__version__}"
 
 
