@@ -23,7 +23,7 @@ from gear_rattle.service.explorer.page.mount import Explorer
 from gear_rattle.service.jobs.broadcast import Broadcast
 from gear_rattle.service.jobs.manager import JobManager
 from gear_rattle.service.jobs.opening import open_data
-from gear_rattle.service.jobs.recovery import recover
+from gear_rattle.service.jobs.recovery import clean_up_unfinished_work
 from gear_rattle.service.kernels import Kernels
 from gear_rattle.service.observability.logs import adopt_handlers
 from gear_rattle.service.observability.metrics import Metrics
@@ -37,7 +37,7 @@ from gear_rattle.service.web.conditional import AnyTagMiddleware
 from gear_rattle.service.web.documents import documents_app
 from gear_rattle.service.web.head import HeadMiddleware
 from gear_rattle.service.web.prefix import PrefixMiddleware, public_path
-from gear_rattle.service.web.queries import refuse_unknown
+from gear_rattle.service.web.queries import refuse_unknown_queries
 from rattle.numerics import leave_working_directory
 
 if TYPE_CHECKING:
@@ -100,10 +100,12 @@ def create_app(settings: Settings | None = None, cluster: Cluster | None = None)
     app.add_middleware(RequestLogMiddleware, metrics=metrics)
     app.add_middleware(PrefixMiddleware, root_path=settings.root_path, trusted=settings.behind_proxy)
     problems.install_handlers(app)
-    app.include_router(health.router, dependencies=[Depends(refuse_unknown)])
+    app.include_router(health.router, dependencies=[Depends(refuse_unknown_queries)])
     for router in ROUTERS:
         app.include_router(
-            router, dependencies=[Depends(caller_of), Depends(refuse_unknown)], responses=problems.declare_problems(401)
+            router,
+            dependencies=[Depends(caller_of), Depends(refuse_unknown_queries)],
+            responses=problems.declare_problems(401),
         )
     if (documents := documents_app(DOCUMENTS, SOURCES)) is not None:
         app.add_route("/help", lambda _: RedirectResponse(public_path("/help/")), include_in_schema=False)
@@ -131,7 +133,7 @@ def _lifespan(
         adopt_handlers()
         broadcast = Broadcast()
         with open_data(settings, broadcast.notify) as (directory, database):
-            recover(database, directory)
+            clean_up_unfinished_work(database, directory)
             manager = JobManager(database, directory, cluster, metrics.count_tile)
             metrics.add_scraped_metrics(database, manager)
             app.state.front = Front(

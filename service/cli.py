@@ -134,9 +134,8 @@ def main() -> None:
     atexit.register(gc.freeze)  # the garbage collection at exit would scan all modules, which is slow
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, TextIOWrapper):
-            stream.reconfigure(
-                errors=letters.NEAREST_LETTERS
-            )  # replaces letters, such as δ, that the terminal does not have
+            # This error handler replaces letters, such as δ, that the terminal does not have.
+            stream.reconfigure(errors=letters.NEAREST_LETTERS)
     try:
         _run_command()
     except SystemExit as end:

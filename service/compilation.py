@@ -16,7 +16,9 @@ EXAMPLE_POINT = 0.6, 0.1  # δ, ε of the computed example
 
 
 def answer_kernel_steps(name: str) -> Steps:
-    """Return functions that compile the kernels of a model `name` for the service's answers, except those of surveys.
+    """Return functions that compile those kernels of the model `name` that requests about a point or a curve need.
+
+    The kernels of surveys are compiled by other functions.
 
     Returns
     -------
@@ -26,7 +28,7 @@ def answer_kernel_steps(name: str) -> Steps:
     model, (delta, epsilon) = example_of(name), EXAMPLE_POINT
     gear = model.gear(delta, epsilon)
 
-    def attractors() -> None:
+    def compute_attractors() -> None:
         intensities(gear, 16, None, 0, BUDGET)
         deltas, epsilons = np.array([delta]), np.array([epsilon])
         table = model.attractors_of(deltas, epsilons[:, None], SampleSpec(16))
@@ -36,6 +38,6 @@ def answer_kernel_steps(name: str) -> Steps:
     return {
         "closed forms": lambda: orbits_document(gear),
         "curves": lambda: curves_document(model, (0.99 * delta, delta), (0.0, 0.2)),
-        "attractors of a point": attractors,
+        "attractors of a point": compute_attractors,
         "the view of a point": lambda: parts.warm_up(gear),
     } | crises

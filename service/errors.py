@@ -74,7 +74,7 @@ class NoKeysError(ServiceError):
 
 
 class AddressError(ServiceError):
-    """The service cannot listen on the address."""
+    """The service cannot listen at the address and port of its settings."""
 
     code = "address_unavailable"
 

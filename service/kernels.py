@@ -50,7 +50,7 @@ class Kernels:
             await asyncio.gather(*self._compiled.values(), return_exceptions=True)
 
     def start_compiling(self, model: str = DEFAULT_MODEL) -> None:
-        """Begin to compile a model's kernels, unless an earlier call has begun or an earlier process compiled them."""
+        """Begin to compile a model's kernels, unless that has begun before, or an earlier process compiled them."""
         if model in self._compiled:
             return
         loop = asyncio.get_running_loop()

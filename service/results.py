@@ -112,5 +112,6 @@ def open_family(
 def _is_trusted(url: str) -> bool:
     """Return whether a URL is on this machine, or belongs to the service at ``RATTLE_URL``."""
     asked, named = urlsplit(url), urlsplit(os.environ.get(URL_VARIABLE, ""))
-    below = asked.path.startswith(f"{named.path.rstrip('/')}/")  # other programs of the host may have other paths
+    # The path must match too, because a host may have other programs under other paths.
+    below = asked.path.startswith(f"{named.path.rstrip('/')}/")
     return (below and (asked.scheme, asked.netloc) == (named.scheme, named.netloc)) or is_loopback(asked.hostname or "")

@@ -9,7 +9,8 @@ from typing import Annotated, Literal, Self
 from pydantic import AfterValidator, Field, field_validator, model_validator
 from pydantic_settings import BaseSettings, NoDecode, SettingsConfigDict
 
-#: A path of plain segments. "//HOST" does not match, because a browser would take it for another site.
+#: Pattern of `root_path`: a path of plain segments. "//HOST" does not match, because a browser would take it for
+#: another site.
 ROOT_PATH = re.compile(r"(/[A-Za-z0-9_~-][A-Za-z0-9._~-]*)*")
 
 
@@ -61,7 +62,8 @@ class Settings(BaseSettings):
     max_samples: int = Field(
         default=256_000_000, ge=1, description="cells times initial conditions of one survey; basins count as 4096"
     )
-    # A task cannot be interrupted, so this limit bounds the time for which a dismissed survey occupies a worker.
+    # The computation of a tile cannot be interrupted: `max_tile_samples` bounds the time for which a worker still
+    # computes a tile of a dismissed survey.
     max_tile_samples: int = Field(default=1_048_576, ge=1, description="cells times initial conditions of one tile")
     max_jobs: int = Field(default=32, ge=1, description="surveys waiting or running")
 
@@ -102,7 +104,7 @@ class Settings(BaseSettings):
         return given
 
     @model_validator(mode="after")
-    def _check_contradiction(self) -> Self:
+    def _forbid_insecure_with_keys(self) -> Self:
         if self.insecure and self.require_keys:
             raise ValueError("insecure and require_keys contradict each other: leave one of them out")
         return self

@@ -99,7 +99,7 @@ class Front:
 
     @cached_property
     def window_limiter(self) -> CapacityLimiter:
-        """The limiter of how many windows of maps are computed at the same time (`Settings.max_windows`)."""
+        """The limiter of computations of finer windows: at most `Settings.max_windows` run at the same time."""
         return CapacityLimiter(self.settings.max_windows)
 
     @cached_property

@@ -77,7 +77,16 @@ BEARER = HTTPBearer(
 
 
 async def caller_of(request: Request, _: Annotated[HTTPAuthorizationCredentials | None, Security(BEARER)]) -> Caller:
-    """Return the sender of a request. In the OpenAPI document, routes with this dependency need a key."""
+    """Return the sender of a request.
+
+    `AccessMiddleware` has found the sender, and has refused requests without a required key. This dependency of a route
+    lets the OpenAPI document say that the route needs a key.
+
+    Returns
+    -------
+    Caller
+        The owner of the request's key, or a caller without a key.
+    """
     caller: Caller = request.state.caller
     return caller
 
@@ -113,7 +122,7 @@ class AccessMiddleware:
             await self.app(scope, receive, send)
             return
         try:
-            self._require_moderate_size(scope)
+            self._check_target_and_headers(scope)
             headers, method = Headers(scope=scope), scope.get("method", "GET")
             if method not in SAFE_METHODS or scope["type"] == "websocket":
                 require_same_origin(headers)
@@ -125,11 +134,11 @@ class AccessMiddleware:
                 await send({"type": "websocket.close", "code": 1008, "reason": ""})
             elif isinstance(error, UnauthorizedError) and self._is_page(route_path(scope)) and method in SAFE_METHODS:
                 there = login_url(EXPLORER_PATH, scope["query_string"].decode("ascii", "replace"))
-                await RedirectResponse(there, 303)(scope, receive, _with_headers(send))
+                await RedirectResponse(there, 303)(scope, receive, _with_response_headers(send))
             else:
-                await problems.answer_error(Request(scope), error)(scope, receive, _with_headers(send))
+                await problems.answer_error(Request(scope), error)(scope, receive, _with_response_headers(send))
             return
-        await self.app(scope, receive, _with_headers(send))
+        await self.app(scope, receive, _with_response_headers(send))
 
     def _is_page(self, path: str) -> bool:
         return self._settings.explorer and path == EXPLORER_PATH
@@ -169,7 +178,7 @@ class AccessMiddleware:
             raise UnauthorizedError("This API key is unknown or was revoked. `rattle key add` makes a new key.")
         return Caller(key)
 
-    def _require_moderate_size(self, scope: Scope) -> None:
+    def _check_target_and_headers(self, scope: Scope) -> None:
         headers: list[tuple[bytes, bytes]] = scope["headers"]
         target = len(scope.get("raw_path") or b"") + len(scope.get("query_string", b""))
         size = target + sum(len(name) + len(value) for name, value in headers)
@@ -193,7 +202,7 @@ def _require_uncompressed(headers: Headers) -> None:
         raise HTTPException(415, what, {"Accept-Encoding": "identity"})
 
 
-def _with_headers(send: Send) -> Send:
+def _with_response_headers(send: Send) -> Send:
     async def send_with_headers(message: Message) -> None:
         if message["type"] == "http.response.start":
             headers = MutableHeaders(scope=message)

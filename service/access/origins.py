@@ -79,7 +79,7 @@ def require_same_origin(headers: Headers) -> None:
     """
     site, origin = headers.get("sec-fetch-site"), headers.get("origin")
     if site is None:
-        same = origin is None or _authority(origin) == headers.get("host", "").lower()
+        same = origin is None or _authority_of(origin) == headers.get("host", "").lower()
     else:
         same = site in ("same-origin", "none")
     if not same:
@@ -146,7 +146,8 @@ def _host_name(host: str) -> str:
         return ""
 
 
-def _authority(origin: str) -> str:
+def _authority_of(origin: str) -> str:
+    """Return HOST:PORT of an origin in lower case, or HOST if it has no port; empty if the origin is invalid."""
     try:
         return urlsplit(origin).netloc.lower()
     except ValueError:

@@ -36,7 +36,7 @@ class GivenPoint(NamedTuple):
 
     @property
     def parameters_text(self) -> str:
-        """The parameters of the gear as text."""
+        """The parameters and harmonics of the gear as text, such as "delta = 0.6, epsilon = 0.1, beta = 0.6"."""
         words = [f"{name} = {value}" for name, value in self.gear.parameters.point().items()]
         words += [f"harmonic {k}: {size:g} at {phase:g}" for k, size, phase in self.gear.parameters.harmonics]
         return ", ".join(words)
@@ -73,7 +73,9 @@ REQUIRED_NUMBERS = ("inertia", "drag", "backlash", "eccentricity", "radius", "rp
 
 
 def with_point(*, allows_rpm: bool = False) -> Callable[[Command], Command]:
-    """Return a decorator that gives a command the options OPTIONS. The command's first argument is then a `GivenPoint`.
+    """Return a decorator that gives a command the options that describe one gear.
+
+    The command's first argument is then a `GivenPoint`.
 
     Parameters
     ----------

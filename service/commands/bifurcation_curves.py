@@ -25,7 +25,7 @@ def curves(
         Path | None, typer.Option("--csv", metavar="FILE", help="Write every point of the curves to this file.")
     ] = None,
 ) -> None:
-    """Print the codimension-two points for a half-backlash, and where and why its bifurcation curves end."""
+    """Print the codimension-two points for a half-backlash, and where and why each bifurcation curve ends."""
     from rich.console import Console
     from rich.table import Table
 

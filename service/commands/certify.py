@@ -158,7 +158,10 @@ def _check_certificates_in(path: Path) -> None:
 
 
 def _theorem_of(line: str) -> object:
-    """Return the kind of theorem that a certificate names; None for a periodic motion, and for any other line."""
+    """Return the entry `theorem` of a certificate: "area", "bifurcation" or "horseshoe".
+
+    Return None for a certificate of a periodic motion, which has no such entry, and for a line without JSON.
+    """
     try:
         return json.loads(line).get("theorem")
     except (ValueError, AttributeError, RecursionError):
@@ -191,20 +194,20 @@ def _prove_point(delta: str, epsilon: str, beta: str, added: Mapping[str, str]) 
 
 
 def _prove_survey(store: str, out: Path, processes: int, scheduler: str | None, slice_number: int | None) -> None:
-    from gear_rattle.service.commands.progress import reporter
-    from gear_rattle.service.commands.signals import stop_requested
+    from gear_rattle.service.commands.progress import create_reporter
+    from gear_rattle.service.commands.signals import catch_stop_signals
     from gear_rattle.service.results import open_results
     from gear_rattle.workers.certificates import CERTIFICATES, REFUSED, certify_survey, claims_of
     from gear_rattle.workers.errors import SurveyError
     from gear_rattle.workers.survey.slices import slice_of
 
-    with open_results(store) as whole, stop_requested() as stop:
+    with open_results(store) as whole, catch_stop_signals() as stop:
         survey = slice_of(whole, slice_number)
         number = len(claims_of(survey))
         here = processes == 1 and scheduler is None
         cluster = nullcontext() if here else cluster_context({}, scheduler, processes, stop.is_set)
         try:
-            with cluster as client, reporter(number, what="motions") as progress:
+            with cluster as client, create_reporter(number, what="motions") as progress:
 
                 def on_done(done: int, _: int) -> None:
                     progress.show(done)

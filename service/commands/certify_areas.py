@@ -16,9 +16,12 @@ if TYPE_CHECKING:
 def prove_areas(
     out: Path, delta: str, epsilon: str, beta: str, columns: int, processes: int, figure: Path | None
 ) -> None:
-    """Prove blocks of a plane, write them to `out`, print the proved shares, and draw the blocks to `figure`."""
-    from gear_rattle.service.commands.progress import reporter
-    from gear_rattle.service.commands.signals import stop_requested
+    """Prove statements about blocks of a plane, write the proved blocks to `out`, and draw them into `figure`.
+
+    Print for each statement the share of the plane's area for which it is proved.
+    """
+    from gear_rattle.service.commands.progress import create_reporter
+    from gear_rattle.service.commands.signals import catch_stop_signals
     from gear_rattle.workers.areas import certify_areas
     from rattle.errors import require
     from rattle.proof.areas.shares import shares_of_claims
@@ -32,7 +35,7 @@ def prove_areas(
     require(
         half_backlash > 0 and across[0] > 0, f"--beta ({beta}) and the lower end of --delta {delta} must be above 0"
     )
-    with stop_requested() as stop, reporter(columns, what="columns") as progress:
+    with catch_stop_signals() as stop, create_reporter(columns, what="columns") as progress:
         found = certify_areas(out, across, along, half_backlash, columns, processes, progress.show, stop.is_set)
     for share in shares_of_claims(found, (across[1] - across[0]) * (along[1] - along[0])):
         typer.echo(share)

@@ -112,5 +112,5 @@ def _histogram_table(found: Comparison) -> Table:
     return table
 
 
-def _bar_text(value: float, most: float) -> str:
-    return f"{value:.3f} {'#' * round(LONGEST_BAR * value / most)}" if value > 0.0 else ""
+def _bar_text(value: float, largest: float) -> str:
+    return f"{value:.3f} {'#' * round(LONGEST_BAR * value / largest)}" if value > 0.0 else ""

@@ -30,7 +30,7 @@ def copy(
 
         export(source, Path(target))
         return
-    from gear_rattle.service.commands.progress import Reporter, reporter
+    from gear_rattle.service.commands.progress import Reporter, create_reporter
     from gear_rattle.workers.storage.copy import copy_store
 
     with ExitStack() as stack:
@@ -38,7 +38,7 @@ def copy(
 
         def show(done: int, total: int) -> None:
             if not shown:
-                shown.append(stack.enter_context(reporter(total, what="files")))
+                shown.append(stack.enter_context(create_reporter(total, what="files")))
             shown[0].show(done)
 
         copied = copy_store(source, target, show)

@@ -120,7 +120,7 @@ def _figure_requests(
     for name in added:
         if STIFF in what:
             raise typer.BadParameter(
-                f"the figure stiff has fixed numbers: --{name} is for Figures 5 and 9", param_hint=f"--{name}"
+                f"the figure stiff takes only delta, epsilon and beta: leave --{name} out", param_hint=f"--{name}"
             )
     values = parse("--delta", delta), parse("--epsilon", epsilon)
     beta = BETA if beta is None else beta

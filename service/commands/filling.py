@@ -67,9 +67,9 @@ def _compute_missing_parts(request: AnyRequest, out: str, scheduler: str | None,
 @contextmanager
 def _stop_event(out: str) -> Iterator[threading.Event]:
     """Yield an event that SIGINT or SIGTERM sets. If the event is set when the context ends, end the command."""
-    from gear_rattle.service.commands.signals import stop_requested
+    from gear_rattle.service.commands.signals import catch_stop_signals
 
-    with stop_requested() as stop:
+    with catch_stop_signals() as stop:
         yield stop
         if stop.is_set():
             typer.echo(f"Stopped. {out} keeps every finished tile; the same command resumes it.", err=True)
@@ -105,7 +105,8 @@ def cluster_context(
     if scheduler:
         return connect(scheduler)
     typer.echo(f"Starting {workers} process{'es' if workers > 1 else ''} …", err=True)
-    # Missing kernels are compiled once for all processes. Compiling them here too lets this command print a message.
+    # The workers compile missing kernels too, but print no messages about it. This thread starts the same
+    # compilation, which happens once for all processes, in order to print its messages.
     threading.Thread(target=rattle.precompile, kwargs=numbers, name="kernels", daemon=True).start()
     return embedded_cluster(workers, should_stop=should_stop)
 
@@ -118,7 +119,7 @@ def _compute_tiles(
     should_stop: Callable[[], bool],
 ) -> None:
     from gear_rattle import workers as survey
-    from gear_rattle.service.commands.progress import reporter
+    from gear_rattle.service.commands.progress import create_reporter
     from gear_rattle.workers.kinds import position_of_cell
     from gear_rattle.workers.storage.manifest import attributes_of
     from gear_rattle.workers.survey.refined.audit import AUDIT_ATTRIBUTES
@@ -128,7 +129,7 @@ def _compute_tiles(
     filled = 0
     failed: list[tuple[int, int, str]] = []
     what = "gears" if isinstance(request, survey.PopulationRequest) else "cells"
-    with cluster as client, reporter(request.n_cells, before, what) as progress:
+    with cluster as client, create_reporter(request.n_cells, before, what) as progress:
 
         def on_tile(record: TileRecord) -> None:
             nonlocal done, filled
@@ -146,7 +147,7 @@ def _compute_tiles(
         if not should_stop() and survey.is_incomplete(request, out):
             _complete_survey(request, out, client, should_stop)
     if isinstance(request, survey.SurveyRequest) and request.has_bound:
-        # Rounds of audits may have computed cells that tiles had filled, so the number is read from the store.
+        # The number of filled cells is read from the store, because audits after the tiles compute some filled cells.
         filled = 0 if before else attributes_of(survey.place_of(out)).get(AUDIT_ATTRIBUTES[0], 0)
     if missing:
         some = f", {filled} of them filled" if filled else ""
@@ -170,7 +171,10 @@ def _complete_survey(request: AnyRequest, out: str, client: Client | None, shoul
 
 
 def _steps_after_tiles(request: SurveyRequest) -> Iterator[str]:
-    """Yield descriptions of the steps after a survey's tiles. Pyramid levels are left out if families are joined."""
+    """Yield a message for each step after a survey's tiles.
+
+    The pyramid levels have a message of their own only if no families are joined before.
+    """
     from gear_rattle.workers import Group
     from gear_rattle.workers.survey.levels.grid import levels_of
 

@@ -90,7 +90,7 @@ def _limit_text(of: str, share: float, found: Limit, at: str = "") -> str:
     unit, scale = UNITS.get(of, MICROMETRES if of.startswith("error_") else ("", 1.0))
     if math.isnan(found.value):
         return f"no limit of {of} was found in the searched range: give another range with --between"
-    # Amplitudes of orders, such as error_12, are safe if small, and are not listed in SAFE_IF_SMALL.
+    # SAFE_IF_SMALL does not list amplitudes of orders, such as error_12. Small amplitudes are the safe ones.
     way = "up to" if SAFE_IF_SMALL.get(of, True) else "down to"
     value, low, high = (f"{scale * x:.4g}" for x in found)
     return f"{of} {way} {value}{unit} [{low}, {high}]{at} for P(quiet) of {share:g} at least"
@@ -100,7 +100,7 @@ def _read_number(name: str, text: str) -> float:
     try:
         return float(text)
     except ValueError:
-        raise typer.BadParameter(f"--{name} must be one number, got {text!r}: give no distribution") from None
+        raise typer.BadParameter(f"--{name} must be a number, got {text!r}: a limit takes no distributions") from None
 
 
 def _read_range(text: str) -> tuple[float, float]:

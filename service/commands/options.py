@@ -66,7 +66,10 @@ DIMENSIONLESS = ("delta", "epsilon", "beta", *added_parameters())
 
 
 def number_options(kind: Any, metavar: str | None = None, panel: str = MACHINE) -> dict[str, Any]:
-    """Return {name: option} for each of NUMBERS. kind: the type of the options, except that `drive` is text."""
+    """Return {name: option} for the numbers of a gear: of a model and of a machine.
+
+    kind: the type of the options; only the option `drive` is always text.
+    """
     found = {}
     for name, (text, default) in NUMBERS.items():
         taken, shown = (str, "torque|speed") if name == "drive" else (kind, metavar)
@@ -122,7 +125,7 @@ def with_added_parameters(
     Parameters
     ----------
     text : str | None
-        Help text of an option, with `{}` for the parameter's label; by default the text in NUMBERS.
+        Help text of each option, with `{}` for the parameter's label; by default the text in the table NUMBERS.
     model : str | None
         The only model whose parameters become options; by default the parameters of all models do.
 
@@ -164,9 +167,9 @@ def with_added_parameters(
 
 
 def with_numbers(command: Command) -> Command:
-    """Give a command options for the numbers of a gear, each a number or a distribution.
+    """Give a command an option for each number of a gear; its value is a number or a distribution, as text.
 
-    The command's first argument is then a mapping {name: given text}.
+    The command's first argument is then a mapping {name: text} of the options in the command line.
 
     Returns
     -------

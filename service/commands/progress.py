@@ -62,8 +62,8 @@ def compilation_messages() -> Iterator[None]:
         log.setLevel(level)
 
 
-def reporter(cells: int, cells_done: int = 0, what: str = "cells") -> Reporter:
-    """Return a reporter that draws a progress bar if stderr is a terminal, and otherwise prints a line now and then.
+def create_reporter(cells: int, cells_done: int = 0, what: str = "cells") -> Reporter:
+    """Return a reporter: it draws a progress bar if stderr is a terminal, and otherwise prints a line at intervals.
 
     cells: the number of all cells. cells_done: the number of cells that were computed before. what: the counted
     objects as a plural, such as "gears".

@@ -115,11 +115,11 @@ def _survey_or_population(client: Client, job_id: str) -> Job:
 
 def follow_job(job: Job) -> None:
     """Show the progress of a job until it ends, and then its results."""
-    from gear_rattle.service.commands.progress import reporter
+    from gear_rattle.service.commands.progress import create_reporter
 
     of_gears = job.kind == "population"
     cells, done = job.document["cells"], job.document["cells_done"]
-    with reporter(cells, done, "gears" if of_gears else "cells") as progress:
+    with create_reporter(cells, done, "gears" if of_gears else "cells") as progress:
         job.wait(progress=lambda event: progress.show(event["cells_done"]))
     typer.echo(f"{job.state}: {job.store_url}")
     if of_gears:

@@ -47,7 +47,7 @@ def serve(
     from gear_rattle.service.access.origins import is_loopback
     from gear_rattle.service.app import create_app
     from gear_rattle.service.commands.options import settings_of
-    from gear_rattle.service.commands.signals import stop_requested
+    from gear_rattle.service.commands.signals import catch_stop_signals
     from gear_rattle.service.jobs.opening import open_data
     from gear_rattle.service.observability.logs import log_config
     from gear_rattle.service.web.server import run_server
@@ -73,9 +73,8 @@ def serve(
             "are not cut off. Put Caddy or nginx in front (docs/operations.md) and set RATTLE_BEHIND_PROXY=true.",
             err=True,
         )
-    with (
-        stop_requested() as asked_to_stop
-    ):  # when uvicorn ends, it raises its signal again, which must not kill the process
+    # When a signal has ended uvicorn, uvicorn raises it again. It must then only set the event, not kill the process.
+    with catch_stop_signals() as asked_to_stop:
         started = run_server(create_app(settings), settings, log_config(settings.log_format), asked_to_stop)
     if not started:
         raise typer.Exit(1)
@@ -89,7 +88,8 @@ def require_keys(settings: Settings, database: Database) -> None:
 
     if not requires_keys(settings) or has_live_key(database):
         return
-    where = "--database-url URL" if settings.database_url else f"--data {settings.data}"  # a URL may hold a password
+    # The message does not show the URL of a database, because the URL may have a password.
+    where = "--database-url URL" if settings.database_url else f"--data {settings.data}"
     raise NoKeysError(
         f"On {settings.host} every request needs an API key, and there is none. Make one: rattle key add NAME --scope "
         f"submit {where}; or listen on 127.0.0.1; or, where everybody who reaches the service may use it, add "

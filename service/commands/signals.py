@@ -12,7 +12,7 @@ STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 
 @contextmanager
-def stop_requested() -> Iterator[threading.Event]:
+def catch_stop_signals() -> Iterator[threading.Event]:
     """Yield an event that the first SIGINT or SIGTERM sets; a second one ends the process at once."""
     event = threading.Event()
     previous = {number: signal.getsignal(number) for number in STOP_SIGNALS}

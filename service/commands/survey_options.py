@@ -27,12 +27,12 @@ SECOND_GEAR = ("driven_inertia", "driven_drag", "driven_radius", "teeth", "drive
 SURVEYED_MACHINE = ("inertia", "drag", "backlash", "radius", "drive", *SECOND_GEAR, "rpm", "eccentricity")
 
 
-def _option(kind: Any, text: str, **more: Any) -> Any:
+def _annotated_option(kind: Any, text: str, **more: Any) -> Any:
     return Annotated[kind | None, typer.Option(help=text, **more)]
 
 
 def _axis_option(name: str) -> Any:
-    return _option(str, f"{NUMBERS[name][0].rstrip('.')}: {EVENLY_SPACED}", metavar=AXIS, show_default=False)
+    return _annotated_option(str, f"{NUMBERS[name][0].rstrip('.')}: {EVENLY_SPACED}", metavar=AXIS, show_default=False)
 
 
 _MACHINE_OPTIONS = number_options(float)
@@ -41,9 +41,11 @@ _MACHINE_OPTIONS = number_options(float)
 OPTIONS: dict[str, Any] = {
     "delta": _axis_option("delta"),
     "epsilon": _axis_option("epsilon"),
-    "beta": _option(str, "Half-backlash: one value, or a third axis.", metavar=f"BETA|{AXIS}", show_default="0.6"),
+    "beta": _annotated_option(
+        str, "Half-backlash: one value, or a third axis.", metavar=f"BETA|{AXIS}", show_default="0.6"
+    ),
     **{
-        name: _option(
+        name: _annotated_option(
             str,
             f"{each.described}: one value{' or a third axis' if each.is_axis else ''} (the {each.model} model).",
             metavar=f"{name.upper()}|{AXIS}" if each.is_axis else name.upper(),
@@ -51,33 +53,33 @@ OPTIONS: dict[str, Any] = {
         )
         for name, each in added_parameters().items()
     },
-    "harmonic": _option(list[str], HARMONIC, metavar="ORDER:AMPLITUDE:PHASE", show_default="none"),
-    "count": _option(int, "Number of initial conditions per cell."),
-    "v_max": _option(
+    "harmonic": _annotated_option(list[str], HARMONIC, metavar="ORDER:AMPLITUDE:PHASE", show_default="none"),
+    "count": _annotated_option(int, "Number of initial conditions per cell."),
+    "v_max": _annotated_option(
         str,
         'Largest initial speed, or "natural": 1.5 √(16πδβ) + 2πε of each cell.',
         metavar="SPEED",
         show_default="7 in the paper's plane, natural elsewhere",
     ),
     "budget": Budget,
-    "slots": _option(
+    "slots": _annotated_option(
         int, "Largest number of attractors to store per cell.", show_default="8; 24 where δ begins below 0.1"
     ),
-    "slots_by": _option(
+    "slots_by": _annotated_option(
         str,
         "Order attractors by: fraction (the largest basin fraction first), or family (one slot for each family).",
         metavar="fraction|family",
         show_default="family if families are computed",
     ),
-    "seed": _option(int, "Random seed of the initial conditions."),
+    "seed": _annotated_option(int, "Random seed of the initial conditions."),
     "name": Name,
-    "tile": _option(
+    "tile": _annotated_option(
         str,
         "Number of cells of a tile, which is one task and one chunk.",
         metavar="DELTAxEPSILON",
         show_default="chosen by the size of the sample",
     ),
-    "quantity": _option(
+    "quantity": _annotated_option(
         list[str],
         "Quantity to compute, such as region or attractors; repeatable. These are computed only if named: basins "
         "(costly), intensity, families (which need attractors and lyapunov).",
@@ -91,13 +93,13 @@ OPTIONS: dict[str, Any] = {
             help="Adaptive refinement: compute few cells, and more where neighbours differ; fill the others.",
         ),
     ],
-    "audit": _option(
+    "audit": _annotated_option(
         float,
         "Share of filled cells to recompute as a check (with --refine).",
         metavar="SHARE",
         show_default="0.02",
     ),
-    "bound": _option(
+    "bound": _annotated_option(
         float,
         "Largest allowed share of wrong cells among the filled ones, with 95 % confidence; further cells are computed "
         "until it is met.",
@@ -110,14 +112,14 @@ OPTIONS: dict[str, Any] = {
         ),
     ],
     **{name: _MACHINE_OPTIONS[name] for name in SURVEYED_MACHINE},
-    "rpm": _option(
+    "rpm": _annotated_option(
         str,
         "Speed range in revolutions per minute, both ends included; values are evenly spaced in δ.",
         metavar=AXIS,
         rich_help_panel=MACHINE,
         show_default=False,
     ),
-    "eccentricity": _option(
+    "eccentricity": _annotated_option(
         str,
         f"Amplitude of the transmission error once a revolution, in m: {EVENLY_SPACED}",
         metavar=AXIS,

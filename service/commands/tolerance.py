@@ -139,7 +139,8 @@ def _population_request(
             varying = [name for name, value in gear.items() if isinstance(value, dict)]
             if varying or pairs:
                 raise typer.BadParameter(
-                    f"only the numbers in {measured} may vary: give others one value each, and leave --correlation out"
+                    f"with --measured only the numbers in {measured} vary: give every other number one value, and "
+                    "leave --correlation out"
                 )
             gear |= {name: request_field_of(each) for name, each in found.items()}
         elif pairs:
@@ -167,7 +168,7 @@ def _correlation_matrix(names: tuple[str, ...], pairs: list[str]) -> Any:
             i, j = names.index(first), names.index(second)
             value = float(number)
             if i == j:
-                raise ValueError("one name twice")
+                raise ValueError("both names are the same")
         except ValueError:
             known = ", ".join(names)
             raise typer.BadParameter(

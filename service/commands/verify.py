@@ -34,11 +34,11 @@ def verify(
         certificates = [examine_certificates(place.path)]  # type: ignore[union-attr]  # a directory
     else:
         found, certificates = examine(place, processes), examine_certificates_beside(place)
-        _print_survey(found, str(place))
+        _print_survey_integrity(found, str(place))
         damaged += [f"tile {tile}: {', '.join(names)}" for tile, names in found.damaged.items()]
         damaged += found.template
     for each in certificates:
-        _print_certificates(each)
+        _print_certificates_integrity(each)
         damaged += [f"{each.path.name}/{name}" for name in each.damaged]
     for what in damaged[:MAX_DAMAGED_LINES]:
         typer.echo(f"damaged: {what}")
@@ -48,7 +48,7 @@ def verify(
         raise typer.Exit(DAMAGED)
 
 
-def _print_survey(found: Integrity, where: str) -> None:
+def _print_survey_integrity(found: Integrity, where: str) -> None:
     state = f"completed {found.completed}" if found.completed else "not completed"
     typer.echo(f"{where}: computed by version {found.version or 'unknown'}, {state}")
     if found.is_decoded:
@@ -64,7 +64,7 @@ def _print_survey(found: Integrity, where: str) -> None:
     )
 
 
-def _print_certificates(found: CertificatesIntegrity) -> None:
+def _print_certificates_integrity(found: CertificatesIntegrity) -> None:
     if found.complete:
         typer.echo(f"{found.path}: certificates, {found.files:,} files read, {len(found.damaged):,} damaged")
     else:

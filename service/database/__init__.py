@@ -55,7 +55,7 @@ class Database(Surveys, Keys):
         try:
             super().__init__(open_engine(url), on_change, require)
             try:
-                self._open(exclusive)
+                self._lock_and_upgrade(exclusive)
             except BaseException:
                 self.close()
                 raise
@@ -68,11 +68,11 @@ class Database(Surveys, Keys):
             self._lock.release()
             self._lock = None
         # The thread of a cancelled request may still use a connection, which is closed when it returns to the pool.
-        event.listen(self._reader, "checkin", _close_checked_in)
+        event.listen(self._reader, "checkin", _close_returned_connection)
         self._reader.dispose()
 
-    def _open(self, exclusive: bool) -> None:
-        # The first step, because it refuses a database of another program without changing the database.
+    def _lock_and_upgrade(self, exclusive: bool) -> None:
+        # This check comes first, because it refuses a database of another program before anything is written.
         current = is_current(self._reader)
         if current and not exclusive:
             return
@@ -88,7 +88,7 @@ class Database(Surveys, Keys):
             self._lock = None
 
 
-def _close_checked_in(_: Any, record: Any) -> None:
+def _close_returned_connection(_: Any, record: Any) -> None:
     record.invalidate()
 
 

@@ -97,7 +97,8 @@ class _SessionLock:
     def release(self) -> None:
         @event.listens_for(self.writer, "close")
         def unlock(connection: Any, _: Any) -> None:
-            # The server ends a closed session a moment later; until then the lock would keep out the next service.
+            # Without this, the lock would last until the server ends the closed session, a moment later, and would keep
+            # out the next service for so long.
             if not connection.broken:
                 connection.execute(f"SELECT pg_advisory_unlock({ADVISORY_LOCK})")
 

@@ -87,7 +87,8 @@ def _open_sqlite(url: URL, pool: dict[str, Any]) -> Engine:
 
     @event.listens_for(engine, "begin")
     def begin(connection: Connection) -> None:
-        # A transaction that reads before it writes must hold the write lock from its start.
+        # A transaction that will write after it has read must hold the write lock from its start, because SQLite
+        # refuses the write if another writer has written in between.
         writes = connection.get_execution_options().get("writes", False)
         connection.exec_driver_sql("BEGIN IMMEDIATE" if writes else "BEGIN")
 

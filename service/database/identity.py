@@ -35,20 +35,20 @@ class NewJob:
     kind: JobKind = JobKind.SURVEY
 
     @property
-    def stored_key(self) -> str | None:
+    def stored_idempotency_key(self) -> str | None:
         """The idempotency key as the database stores it, with the owner; None without a key."""
         if self.owner is None or self.idempotency_key is None:
             return self.idempotency_key
         return f"{self.owner} {self.idempotency_key}"  # unique, because neither part has a space
 
 
-def find_by_key(session: Session, new: NewJob) -> JobRow | None:
+def find_by_idempotency_key(session: Session, new: NewJob) -> JobRow | None:
     """Return the job with the same idempotency key, or None. Raises ConflictError if that job had another body."""
-    if new.stored_key is None:
+    if new.stored_idempotency_key is None:
         return None
-    job = session.scalars(select(JobRow).where(JobRow.idempotency_key == new.stored_key)).one_or_none()
+    job = session.scalars(select(JobRow).where(JobRow.idempotency_key == new.stored_idempotency_key)).one_or_none()
     body_hash = job.body_hash if job else ""
-    if job is None and (answered := session.get(RepeatedKeyRow, new.stored_key)):
+    if job is None and (answered := session.get(RepeatedKeyRow, new.stored_idempotency_key)):
         job, body_hash = session.get_one(JobRow, answered.job), answered.body_hash
     if job is not None and body_hash != new.body_hash:
         raise ConflictError(
@@ -58,7 +58,7 @@ def find_by_key(session: Session, new: NewJob) -> JobRow | None:
     return job
 
 
-def find_identical(session: Session, new: NewJob, has_results: Callable[[str], bool]) -> JobRow | None:
+def find_identical_job(session: Session, new: NewJob, has_results: Callable[[str], bool]) -> JobRow | None:
     """Return a job with the same content: a successful job of any owner, or an active one of the same owner.
 
     Active jobs of other owners do not count, because their owners could dismiss them. If a job is found, the
@@ -77,8 +77,8 @@ def find_identical(session: Session, new: NewJob, has_results: Callable[[str], b
     if job is None:
         active = session.scalars(same.where(JobRow.state.in_(ACTIVE), own))
         job = next((job for job in active if job.is_readable), None)
-    if job is not None and new.stored_key is not None:
-        session.add(RepeatedKeyRow(idempotency_key=new.stored_key, body_hash=new.body_hash, job=job.number))
+    if job is not None and new.stored_idempotency_key is not None:
+        session.add(RepeatedKeyRow(idempotency_key=new.stored_idempotency_key, body_hash=new.body_hash, job=job.number))
         session.flush()
         of_it = select(RepeatedKeyRow.idempotency_key).where(RepeatedKeyRow.job == job.number)
         latest = of_it.order_by(RepeatedKeyRow.at.desc()).limit(MOST_REPEATED_KEYS)

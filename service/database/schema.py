@@ -44,15 +44,15 @@ def is_current(engine: Engine) -> bool:
         head = scripts.get_current_head()
         if revision is None:
             if tables - {VERSION_TABLE}:
-                refusal = _not_ours_error(engine, "another program")
+                refusal = _foreign_database_error(engine, "another program")
                 raise refusal
         elif revision not in {script.revision for script in scripts.walk_revisions()}:
-            refusal = _not_ours_error(
+            refusal = _foreign_database_error(
                 engine, f"a newer version, or another program (its schema is {revision!r}, this version's is {head!r})"
             )
             raise refusal
         elif revision == head and not _has_tables(present, _COLUMNS):
-            refusal = _not_ours_error(engine, "another program, or has been changed by hand")
+            refusal = _foreign_database_error(engine, "another program, or has been changed by hand")
             raise refusal
         return revision == head
 
@@ -97,8 +97,16 @@ def _require_utf8(connection: Connection) -> None:
             raise DataDirectoryError(f"The job database has the encoding {encoding}. Create it with ENCODING 'UTF8'.")
 
 
-def _not_ours_error(engine: Engine, made_by: str) -> DataDirectoryError:
-    """Return the error for a job database that another program or version made. made_by: its maker in words."""
+def _foreign_database_error(engine: Engine, made_by: str) -> DataDirectoryError:
+    """Return the error for a job database of another program or version.
+
+    made_by: words for the message "… belongs to {made_by}", such as "another program".
+
+    Returns
+    -------
+    DataDirectoryError
+        The error, with advice.
+    """
     return DataDirectoryError(
         f"The job database {url_without_password(engine.url)} belongs to {made_by}. "
         "Give this service a database of its own, or use the version that made this database."

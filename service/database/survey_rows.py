@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 from sqlalchemy import bindparam, delete, func, select, text, update
 from sqlalchemy.orm import Session
 
-from gear_rattle.service.database.identity import NewJob, find_by_key, find_identical
+from gear_rattle.service.database.identity import NewJob, find_by_idempotency_key, find_identical_job
 from gear_rattle.service.database.tables import (
     ACTIVE,
     EventRow,
@@ -37,12 +37,13 @@ IS_ACTIVE = JobRow.state.in_(bindparam("active", ACTIVE, expanding=True, literal
 class ActiveSurvey(NamedTuple):
     """An active survey or population.
 
-    owner: id of the API key that submitted it, or None. left: number of its remaining cells or gears.
+    owner: id of the API key that submitted it, or None. remaining_cells: number of its cells (or gears) that are
+    not computed yet.
     """
 
     id: str
     owner: str | None
-    left: int
+    remaining_cells: int
 
 
 @dataclass(frozen=True)
@@ -88,18 +89,20 @@ class Surveys(Transactions):
             With this survey the owner would have more cells than its key allows.
         """
         with self._write() as (session, service):
-            known = find_by_key(session, new) or (has_results and find_identical(session, new, has_results))
+            known = find_by_idempotency_key(session, new) or (
+                has_results and find_identical_job(session, new, has_results)
+            )
             if known:
                 return known
-            _require_quota(session, new.owner, new.n_cells, max_jobs)
-            values = vars(new) | {"idempotency_key": new.stored_key}
+            _require_within_quota(session, new.owner, new.n_cells, max_jobs)
+            values = vars(new) | {"idempotency_key": new.stored_idempotency_key}
             at_work = session.scalars(
                 select(JobRow).where(IS_ACTIVE, JobRow.state == State.RUNNING, ~WAITS_IN_QUEUE).limit(1)
             )
             message = _wait_message(before) if (before := at_work.first()) else ""
             job = JobRow(id=secrets.token_hex(8), state=State.ACCEPTED, message=message, **values)
             session.add(job)
-            _change_count(service, job, 1)
+            _adjust_job_count(service, job, 1)
             session.flush()
             _add_state_event(session, job)
         self._on_change(job.id)
@@ -161,15 +164,17 @@ class Surveys(Transactions):
 
     def active_surveys(self) -> list[ActiveSurvey]:
         """Return all surveys that wait or run, including interrupted surveys, oldest first."""
-        left = JobRow.n_cells - JobRow.cells_done
+        remaining_cells = JobRow.n_cells - JobRow.cells_done
         with self._read() as session:
-            found = session.execute(select(JobRow.id, JobRow.owner, left).where(IS_ACTIVE).order_by(JobRow.number))
+            found = session.execute(
+                select(JobRow.id, JobRow.owner, remaining_cells).where(IS_ACTIVE).order_by(JobRow.number)
+            )
             return [ActiveSurvey(*row) for row in found]
 
-    def set_turn_messages(self, survey_id: str) -> None:
-        """Set the messages of all other queued surveys: they wait for this survey, which is computed from now on."""
+    def set_wait_messages(self, survey_id: str) -> None:
+        """Write into the message of each other queued survey that this survey is computed now and the other waits."""
         with self._write() as (session, _):
-            if (job := _find_active(session, survey_id)) is None:
+            if (job := _find_active_job(session, survey_id)) is None:
                 return
             others = update(JobRow).where(
                 IS_ACTIVE, JobRow.number != job.number, WAITS_IN_QUEUE | (JobRow.message == "")
@@ -188,7 +193,7 @@ class Surveys(Transactions):
     def set_content_hash(self, survey_id: str, content_hash: str) -> None:
         """Store the content hash of a survey that an earlier version of the service accepted but did not begin."""
         with self._write() as (session, _):
-            if job := _find_active(session, survey_id):
+            if job := _find_active_job(session, survey_id):
                 job.content_hash = content_hash
 
     def job_totals(self) -> dict[State, tuple[int, int, int]]:
@@ -206,7 +211,7 @@ class Surveys(Transactions):
     def set_state(self, survey_id: str, state: State, message: str = "") -> bool:
         """Change the state of an active survey. If the survey has ended or is gone, do nothing and return False."""
         with self._write() as (session, _):
-            job = _find_active(session, survey_id)
+            job = _find_active_job(session, survey_id)
             if job is None:
                 return False
             job.state, job.message = state, _replace_unstorable(message)
@@ -260,7 +265,7 @@ class Surveys(Transactions):
                 )
             if not State(job.state).is_final:
                 raise ConflictError(f"{which} is {job.state}: wait until it has ended, and try again.")
-            _require_quota(session, owner, 0, max_jobs)
+            _require_within_quota(session, owner, 0, max_jobs)
             job.state, job.message, job.finished = State.ACCEPTED, "", None
             _add_state_event(session, job)
         self._on_change(survey_id)
@@ -269,7 +274,7 @@ class Surveys(Transactions):
     def add_tile(self, survey_id: str, tile: DoneTile) -> None:
         """Record a written tile. Do nothing if the survey has been dismissed or deleted."""
         with self._write() as (session, _):
-            job = _find_active(session, survey_id)
+            job = _find_active_job(session, survey_id)
             if job is None:
                 return
             session.add(TileRow(job=job.number, **vars(tile)))
@@ -350,7 +355,7 @@ class Surveys(Transactions):
             The survey has not ended.
         """
         with self._write() as (session, _):
-            job = _find_ended(session, survey_id)
+            job = _find_ended_job(session, survey_id)
             job.state, job.message = State.DISMISSED, BEING_DELETED
             _add_state_event(session, job)
         self._on_change(survey_id)
@@ -370,17 +375,17 @@ class Surveys(Transactions):
             The survey has not ended.
         """
         with self._write() as (session, service):
-            job = _find_ended(session, survey_id)
+            job = _find_ended_job(session, survey_id)
             session.execute(delete(JobRow).where(JobRow.number == job.number))
-            _change_count(service, job, -1)
+            _adjust_job_count(service, job, -1)
         self._on_change(survey_id)
 
 
-def _change_count(service: ServiceRow, job: JobRow, more: int) -> None:
+def _adjust_job_count(service: ServiceRow, job: JobRow, change: int) -> None:
     if job.kind == JobKind.SURVEY:
-        service.surveys += more
+        service.surveys += change
     else:
-        service.populations += more
+        service.populations += change
 
 
 def _find_job(session: Session, survey_id: str, kind: JobKind | None = None) -> JobRow:
@@ -390,7 +395,7 @@ def _find_job(session: Session, survey_id: str, kind: JobKind | None = None) -> 
     return job
 
 
-def _find_ended(session: Session, survey_id: str) -> JobRow:
+def _find_ended_job(session: Session, survey_id: str) -> JobRow:
     job = _find_job(session, survey_id)
     if not State(job.state).is_final:
         raise ConflictError(f"{job.kind.capitalize()} {survey_id} is {job.state}; dismiss it first.")
@@ -404,12 +409,12 @@ def _job_number(session: Session, survey_id: str) -> int:
     return number
 
 
-def _find_active(session: Session, survey_id: str) -> JobRow | None:
+def _find_active_job(session: Session, survey_id: str) -> JobRow | None:
     active = select(JobRow).where(JobRow.id == survey_id, IS_ACTIVE)
     return session.scalars(active).one_or_none()
 
 
-def _require_quota(session: Session, owner: str | None, n_cells: int, max_jobs: int) -> None:
+def _require_within_quota(session: Session, owner: str | None, n_cells: int, max_jobs: int) -> None:
     active = select(func.count()).select_from(JobRow).where(IS_ACTIVE)
     if (session.scalar(active) or 0) >= max_jobs:
         raise QueueFullError(

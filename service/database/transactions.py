@@ -1,4 +1,4 @@
-"""Transactions that read or write: the base class of the classes of the job database."""
+"""Transactions that read from the job database or write to it: the base class of `Surveys` and `Keys`."""
 
 from __future__ import annotations
 
@@ -48,6 +48,7 @@ class Transactions:
 
     @contextmanager
     def _read(self) -> Iterator[Session]:
+        """Yield a session for one transaction that only reads."""
         self._require()
         with Session(self._reader, expire_on_commit=False) as session:
             yield session

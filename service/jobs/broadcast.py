@@ -49,7 +49,7 @@ def encode_events(rows: Sequence[EventRow]) -> list[EncodedEvent]:
 
 
 class Feed:
-    """The latest events of a survey that has listeners. A feed belongs to one event loop."""
+    """The latest events of a survey that has listeners (open event streams). A feed belongs to one event loop."""
 
     def __init__(self, survey_id: str, read: Read, last: int) -> None:
         self._survey_id, self._read, self._last = survey_id, read, last
@@ -67,7 +67,13 @@ class Feed:
             self._loop.call_soon_threadsafe(self._stale.set)
 
     def events_after(self, seen: int) -> list[EncodedEvent] | None:
-        """Return the events after number `seen` that the feed has read; None if it no longer keeps all these events."""
+        """Return the events after number `seen` that the feed has read.
+
+        Returns
+        -------
+        list[EncodedEvent] | None
+            The events; None if the feed no longer keeps all of them, so the caller must read them from the database.
+        """
         if seen >= self._last:
             return []
         first = self._recent[0].id if self._recent else self._last + 1

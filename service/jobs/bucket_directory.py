@@ -28,7 +28,7 @@ class BucketDirectory(DataDirectory):
         self._bucket = lru_cache(maxsize=256)(self._open_bucket)
 
     def _open_bucket(self, survey_id: str) -> Bucket:
-        # The service has locked its job database, so it is the only writer of the stores of its surveys.
+        # owned: no other process writes to this store, because the service has locked its job database.
         return Bucket(f"{self._root}/{survey_id}.zarr", owned=True)
 
     @contextmanager
@@ -48,9 +48,9 @@ class BucketDirectory(DataDirectory):
 
     def entries(self) -> list[StoreEntry]:
         """Return the entries below the prefix in the bucket, sorted by name."""
-        return sorted(self._entries(), key=lambda entry: entry.name)
+        return sorted(self._iterate_entries(), key=lambda entry: entry.name)
 
-    def _entries(self) -> Iterator[StoreEntry]:
+    def _iterate_entries(self) -> Iterator[StoreEntry]:
         for name in self._root.children():
             if match := SURVEY_STORE.fullmatch(name):
                 store = self.store(match["survey"])

@@ -164,7 +164,13 @@ class DataDirectory:
             raise DataDirectoryError(f"The data directory {self.path} cannot be used: {error}") from error
 
     def require_present(self) -> None:
-        """Raise DirectoryAwayError if the directory no longer has the identity that `identify` found."""
+        """Check that the directory is still the one that `identify` has checked.
+
+        Raises
+        ------
+        DirectoryAwayError
+            The directory cannot be read, or has another identity, for example because its disk is no longer mounted.
+        """
         try:
             there = self._read_identity() == self.identity
         except OSError:  # the disk fails

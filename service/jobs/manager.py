@@ -47,7 +47,8 @@ if TYPE_CHECKING:
     from gear_rattle.workers.kinds import AnyTile
     from gear_rattle.workers.survey.template import Template
 
-#: Seconds until the next attempt after an error. Each pause is twice as long as the one before.
+#: Least and largest pause in seconds before the thread tries again to open the cluster or to compute a survey. After
+#: each failure the pause is twice as long as before.
 FIRST_PAUSE, LONGEST_PAUSE = 1.0, 30.0
 OK, READY, STARTING = "ok", "ready", "starting"
 WORKERS_SECONDS = 2.0  # longest wait for the number of the cluster's threads
@@ -102,7 +103,7 @@ class JobManager:
         self._dismissed = threading.Event()
         self._current: str | None = None
         self._lock = threading.Condition()  # notified when `_current` is reset
-        self._thread = threading.Thread(target=self._main, name="job-manager", daemon=True)
+        self._thread = threading.Thread(target=self._run_thread, name="job-manager", daemon=True)
         self.cluster_state = STARTING
         self.storage_state = OK
 
@@ -181,7 +182,8 @@ class JobManager:
         job = self._database.job(survey_id)
         if not job.is_readable:
             raise ConflictError(UNREADABLE)
-        if job.state == State.SUCCESSFUL and not _is_of_this_version(job):  # only its own version can continue a store
+        # Only the code version that completed a store can repair it.
+        if job.state == State.SUCCESSFUL and not _is_of_this_version(job):
             raise ConflictError(
                 f"{job.kind.capitalize()} {survey_id} was computed by another version, and only that version can "
                 "verify it. Submit it again."
@@ -193,7 +195,7 @@ class JobManager:
         self.wake()
         return job
 
-    def _main(self) -> None:
+    def _run_thread(self) -> None:
         pause = FIRST_PAUSE
         while not self._stopping.is_set():
             self.cluster_state = STARTING
@@ -235,7 +237,7 @@ class JobManager:
                 self._wake.wait(pause)
 
     def _run_next(self, client: Client) -> bool:
-        """Compute the survey that has the next turn. Return False if no survey waits."""
+        """Compute the survey that has the next turn, until it pauses or ends. Return False if no survey is active."""
         active = self._database.active_surveys()
         job = self._turns.next_survey(active)
         if job is None:
@@ -247,7 +249,7 @@ class JobManager:
         self._run_states = {
             each: run_state for each, run_state in self._run_states.items() if each in self._missing_tiles
         }
-        self._database.set_turn_messages(job.id)
+        self._database.set_wait_messages(job.id)
         with self._lock:
             self._current = job.id
             self._dismissed.clear()
@@ -309,7 +311,7 @@ class JobManager:
         path = self._directory.store(survey_id)
         left = self._missing_tiles.pop(survey_id, None)
         has_message = bool(job.message)  # an earlier attempt may have written "waits for its store", for example
-        if left is None or job.state == State.ACCEPTED:  # an accepted survey is new, or must be verified
+        if left is None or job.state == State.ACCEPTED:  # a survey in this state is new, or must be verified
             left, has_lost = self._prepare_tiles(job, request, path, client)
             has_message |= has_lost
 
@@ -363,7 +365,7 @@ class JobManager:
             {index: missing tile}, and True if the database has recorded a tile whose values the store does not have.
         """
 
-        # The cluster computes the template, because curves take minutes in some windows.
+        # The cluster computes the template of the store, because the bifurcation curves in it may take minutes.
         def compute_template(request: AnyRequest, created: str | None) -> Template:
             return template_on(client, request, created, self._is_interrupted)
 
@@ -376,7 +378,15 @@ class JobManager:
         return {tile.index: tile for tile in tiles_of(request) if tile.index not in done}, bool(lost)
 
     def _must_pause(self, survey_id: str) -> bool:
-        """Return whether the turn is over and another survey is next. If the survey itself is next, begin its turn."""
+        """Return whether the survey must pause, because its turn is over and another survey has the next turn.
+
+        If its turn is over and the survey itself has the next turn, begin that turn.
+
+        Returns
+        -------
+        bool
+            False also if the survey goes on with another turn of its own.
+        """
         if not self._turns.is_turn_over:
             return False
         following = self._turns.next_survey(self._database.active_surveys())
@@ -388,7 +398,7 @@ class JobManager:
         return True
 
     def _progress_writer(self, survey_id: str) -> Callable[[int, int], None]:
-        """Return a function that writes the progress of proofs into a survey's message, at each new per cent."""
+        """Return a function that writes the progress of proofs, in whole per cent, into a survey's message."""
         shown = -1
 
         def write_progress(done: int, number: int) -> None:
@@ -453,6 +463,7 @@ class JobManager:
 
 
 def _is_of_this_version(job: JobRow) -> bool:
+    """Return whether this version would compute the same numbers for the job's request as are stored."""
     try:
         return _request_of(job).content_hash() == job.content_hash
     except ServiceError:

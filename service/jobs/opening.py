@@ -41,11 +41,9 @@ def open_data(
     url, require = (directory.database_url, directory.require_present) if inside else (settings.database_url, None)
     assert url is not None
     with directory.lock(), closing(Database(url, on_change, require=require)) as database:
-        if (
-            inside or settings.store
-        ):  # the stores are beside the database or in a bucket: no wrong disk can separate them
+        if inside or settings.store:
             directory.identify()
-        else:
+        else:  # the database is outside the data directory, the stores are inside: a wrong disk can separate them
             directory.identify(database.directory_identity())
             database.remember_directory(directory.identity)
         yield directory, database

@@ -12,7 +12,7 @@ from gear_rattle.service.jobs.directory import DataDirectory
 log = logging.getLogger(__name__)
 
 
-def recover(database: Database, directory: DataDirectory) -> None:
+def clean_up_unfinished_work(database: Database, directory: DataDirectory) -> None:
     """Complete deletions, and remove partial files of killed writers.
 
     Stores that belong to no survey or population of the job database are only reported in the log.
@@ -25,9 +25,8 @@ def recover(database: Database, directory: DataDirectory) -> None:
             log.warning("%s belongs to no survey of the job database; it is left alone", entry.name)
         elif entry.is_deletion:
             entry.remove()
-            with suppress(
-                ConflictError
-            ):  # raised if a database from a backup has the survey as active: it is computed again
+            # In a database from a backup this survey may be active. Then it is not deleted, and is computed again.
+            with suppress(ConflictError):
                 database.delete(entry.survey_id)
         elif entry.is_temporary:
             entry.remove()

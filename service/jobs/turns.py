@@ -40,7 +40,7 @@ class Turns:
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         self._clock = clock
-        self._count = 0  # number of turns so far
+        self._count = 0  # number of turns so far, of all keys
         self._keys: dict[str | None, _KeyTurns] = {}
         # {id of an active survey: number of its last turn, or of the last turn before the survey was submitted}.
         self._waits_since: dict[str, int] = {}
@@ -55,7 +55,7 @@ class Turns:
         owner = min(active, key=lambda each: self._turns_of(each.owner).last).owner
         mine = [each for each in active if each.owner == owner]
         if self._turns_of(owner).is_smallest_next:
-            return min(mine, key=lambda each: each.left or math.inf)
+            return min(mine, key=lambda each: each.remaining_cells or math.inf)
         return min(mine, key=lambda each: self._waits_since[each.id])
 
     def begin_turn(self, survey: ActiveSurvey) -> None:

@@ -73,7 +73,8 @@ def _traceback_lines(
 ) -> list[str]:
     """Return the lines of a traceback, indented to distinguish them from records.
 
-    Frames may have several lines. The message of an error is one line, because it may quote what a client sent.
+    A frame of the traceback may have several lines. The message of an error is one line, because it may quote what a
+    client sent.
 
     Returns
     -------
@@ -126,7 +127,7 @@ def log_config(form: str) -> dict[str, Any]:
 
 
 def adopt_handlers() -> None:
-    """Set this project's formatter in the log handlers that libraries, such as dask and Panel, install at import."""
+    """Give the log handlers of libraries this project's formatter: dask and Panel install handlers at import."""
     ours = next((each for each in logging.root.handlers if isinstance(each.formatter, PrintableFormatter)), None)
     if ours is None:
         return

@@ -26,7 +26,7 @@ class ThreadCounter(Protocol):
 
 
 class Metrics:
-    """Counters of one process. Readers compute rates: ``rate(rattle_cells_total[1m])`` is cells per second."""
+    """Counters of one process. Prometheus computes rates: ``rate(rattle_cells_total[1m])`` is cells per second."""
 
     def __init__(self) -> None:
         self.registry = CollectorRegistry()
@@ -74,7 +74,8 @@ class _ScrapedValues(Collector):
         self._manager = manager
 
     def describe(self) -> list[Metric]:
-        return []  # registering must not read the database
+        # Registration calls this method, which must not read the database as `collect` does.
+        return []
 
     def collect(self) -> Iterator[Metric]:
         totals = self._database.job_totals()

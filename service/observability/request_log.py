@@ -54,7 +54,7 @@ class RequestLogMiddleware:
         except ClientDisconnect:
             raise
         except Exception:
-            if not answered:  # an outer middleware answers with status 500
+            if not answered:  # no answer has begun, so an outer middleware will send status 500
                 status = 500
             raise
         finally:

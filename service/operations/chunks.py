@@ -1,4 +1,4 @@
-"""Decide which files a store must have, because zarr reads a missing chunk as fill values."""
+"""Decide which files a store must have, so that a lost chunk is an error: zarr alone would read it as fill values."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from gear_rattle.workers.survey.manifest import MANIFEST, ROOT, Manifest
 
 
 def is_expected_file(front: Front, survey_id: str, key: str) -> bool:
-    """Return whether a survey's store must have the file `key` now; False if it belongs to a tile that is missing.
+    """Return whether a survey's store must have the file `key` now, so that its absence means damage.
 
-    The function blocks: call it in a thread.
+    The store need not have the files of tiles that are not computed yet. The function blocks: call it in a thread.
 
     Returns
     -------

@@ -12,7 +12,7 @@ from gear_rattle.service.errors import UnavailableError
 from gear_rattle.service.state import Front
 from rattle.models import Capability, Model, require_capability
 
-RESOLUTION = 0.02  # step in δ: twice the default of `crisis_curve`, which halves the time
+RESOLUTION = 0.02  # largest step in δ, twice the default of `crisis_curve`: so a curve takes half the time
 KEPT_CRISIS_CURVES = 16  # at most this many curves are kept
 
 
@@ -39,7 +39,7 @@ class Crises:
         if beta not in self._found:
             while len(self._found) >= KEPT_CRISIS_CURVES:
                 self._found.pop(next(iter(self._found)))
-            self._found[beta] = asyncio.get_running_loop().create_task(self._compute_curve(beta))
+            self._found[beta] = asyncio.get_running_loop().create_task(self._compute_crisis_curve(beta))
         task = self._found[beta]
         try:
             return await asyncio.shield(task)
@@ -47,7 +47,7 @@ class Crises:
             self._found.pop(beta, None)
             raise
 
-    async def _compute_curve(self, beta: float) -> np.ndarray:
+    async def _compute_crisis_curve(self, beta: float) -> np.ndarray:
         try:
             with self._front.interruptible_work():
                 work = partial(_crisis_points, beta)

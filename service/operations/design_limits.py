@@ -1,4 +1,4 @@
-"""Compute the design limit for maps: at each damping, the largest eccentricity for quiet running."""
+"""Compute the design limit for maps: for each damping, the ε up to which gears run quietly with a given probability."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from gear_rattle.workers.pictures.look import Pair
 from rattle import Limit, design_limit
 from rattle.models import Model
 
-DAMPINGS = 17  # number of dampings across a survey
-COUNT = 512  # least number of initial conditions for each limit
+DAMPINGS = 17  # number of dampings, evenly spaced over a survey, at which the limit is computed
+COUNT = 512  # initial conditions for each limit; more if the required probability is above 0.992
 KEPT_LIMIT_CURVES = 16  # at most this many curves of limits over damping are kept
 
 Key = tuple[Model, Pair, float]
@@ -68,8 +68,8 @@ class DesignLimits:
                 known[value] = await self._front.slow_point_limiter.run_in_background(
                     partial(self._find_limit, model, value, share)
                 )
-                yield _sorted_arrays(known)
-        yield _sorted_arrays(known)
+                yield _arrays_by_damping(known)
+        yield _arrays_by_damping(known)
 
     async def _find_limit(self, model: Model, delta: float, share: float) -> Limit:
         return await compute_in_process(
@@ -93,6 +93,7 @@ def dampings_coarse_first(delta: Pair) -> list[float]:
     return [float(values[i]) for i in order]
 
 
-def _sorted_arrays(known: dict[float, Limit]) -> tuple[Array, Array]:
+def _arrays_by_damping(known: dict[float, Limit]) -> tuple[Array, Array]:
+    """Return dampings (k,) in rising order, and their limits with both ends of the intervals (3, k)."""
     rows = sorted(known.items())
     return np.array([value for value, _ in rows]), np.array([limit for _, limit in rows], np.float64).reshape(-1, 3).T

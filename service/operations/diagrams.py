@@ -9,7 +9,7 @@ Pair = tuple[float, float]
 
 #: Default extent of a diagram on either side of the point, by direction, as a multiple of `plane_scale`.
 SPANS = {"epsilon": 0.02, "delta": 0.05}
-LEAST_SPAN, MOST_SPAN = 1e-7, 0.5  # least and largest extent in δ or ε on either side
+LEAST_SPAN, MOST_SPAN = 1e-7, 0.5  # least and largest extent of a diagram, in δ or ε, on either side of the point
 STEPS, COUNT = 160, 32  # intervals of the parameter in a diagram, and initial conditions at each value
 
 

@@ -32,8 +32,8 @@ class CostEstimate:
     """The estimated cost of a survey on this service.
 
     seconds: duration of the survey from the moment when it runs. workers: assumed number of workers. basis: the basis
-    of the estimate in words. is_most: True if `seconds` is an upper bound, because the number of cells that a refined
-    survey computes is not known.
+    of the estimate in words. is_most: True if `seconds` is the time for computing all cells of a refined survey, which
+    will compute an unknown number of them; then `seconds` is an upper bound.
     """
 
     seconds: float
@@ -101,7 +101,15 @@ def _seconds_by_similar_survey(front: Front, request: AnyRequest) -> tuple[float
 
 
 def most_similar_survey(request: SurveyRequest, jobs: Iterable[JobRow]) -> JobRow | None:
-    """Return the job of a similar survey, with the sample count nearest to the request's; None if none is similar."""
+    """Return the job of the similar survey whose samples per cell are nearest to the request's; None if there is none.
+
+    A similar survey has the same quantities, refinement and model, similar parameters, and similar samples.
+
+    Returns
+    -------
+    JobRow | None
+        The job, of which at least LEAST_CELLS cells are computed.
+    """
     wanted = {str(group) for group in request.quantities}
     like = [
         job
@@ -127,7 +135,7 @@ def _sample_ratio(request: SurveyRequest, job: JobRow) -> float:
 
 
 def _is_similar_model(request: SurveyRequest, other: SurveyRequest) -> bool:
-    """Return whether both surveys have the same model with similar parameters."""
+    """Return whether both surveys have the same model, with added parameters that differ at most by SIMILAR_FACTOR."""
     ours, theirs = request.added_numbers, other.added_numbers
     if ours.keys() != theirs.keys() or request.model != other.model:
         return False
@@ -159,7 +167,7 @@ def cell_seconds(request: AnyRequest) -> float:
 
 
 def _request_for_few_gears(request: PopulationRequest) -> PopulationRequest:
-    """Return a request for a few gears of a population. The share of gears that are judged does not change."""
+    """Return a request for a few gears of a population. The share of judged gears stays, but at least one is judged."""
     gears = min(request.gears, MEASURED_SIDE * MEASURED_SIDE)
     judged = max(1, round(gears * request.plan.n_judged / request.n_cells))
     few = {"gears": gears, "pairs": 0, "judged": judged, "tile": None}

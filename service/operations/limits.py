@@ -33,10 +33,10 @@ def check_limits(request: AnyRequest, settings: Settings) -> None:
     _require_at_most("tile", "tiles", request.n_tiles, settings.max_tiles)
     _require_at_most("tile", f"samples per tile ({each})", tile_cells * samples, settings.max_tile_samples)
     if request.certify:
-        _require_proofs(settings)
+        _require_able_to_prove(settings)
 
 
-def _require_proofs(settings: Settings) -> None:
+def _require_able_to_prove(settings: Settings) -> None:
     if settings.store:
         raise LimitError(
             "body.certify",
@@ -54,7 +54,8 @@ def _check_population(request: PopulationRequest, settings: Settings) -> None:
     _require_at_most("gears", "gears (with those of the pairs)", request.n_cells, settings.max_cells)
     _require_at_most("count", "samples (with those of the judged gears)", request.samples, settings.max_samples)
     _require_at_most("tile", "tiles", request.n_tiles, settings.max_tiles)
-    # The mean over all tiles suffices, because the judged gears, which need more samples, are spread over all tiles.
+    # The mean of the samples per gear stands for every tile, because the judged gears, which need more samples than
+    # other gears, are spread evenly over all tiles.
     each = -(-request.samples // request.n_cells)
     _require_at_most("tile", "samples per tile", request.tile_shape[0] * each, settings.max_tile_samples)
 

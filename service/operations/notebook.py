@@ -38,9 +38,10 @@ diagram_figure(diagram)"""
 
 
 def notebook_of(gear: AnyGear, machine: Machine | None, ends: tuple[Pair, Pair]) -> dict[str, Any]:
-    """Return a notebook (nbformat 4.5) for a point or a machine. ends: points where the diagram begins and ends.
+    """Return a notebook (nbformat 4.5) that computes attractors, basins and a bifurcation diagram.
 
-    Python reads the numbers in the notebook as the same numbers to the last bit.
+    machine: the machine with the parameters of `gear`; None for dimensionless numbers. ends: the points (δ, ε) where
+    the diagram begins and ends. The numbers in the notebook are equal to those of the gear to the last bit.
 
     Returns
     -------
@@ -57,7 +58,7 @@ def notebook_of(gear: AnyGear, machine: Machine | None, ends: tuple[Pair, Pair])
 
 
 def _notebook_cells(gear: AnyGear, machine: Machine | None, ends: tuple[Pair, Pair]) -> Iterator[tuple[str, str, str]]:
-    """Yield the name, the kind and the text of each cell of the notebook."""
+    """Yield for each cell of the notebook: its name, its kind ("code" or "markdown"), and its text."""
     version = rattle.__version__
     made = TITLE.format(gear=gear, kind=type(gear).__name__, model=model_at(gear), package=PACKAGE, version=version)
     yield "title", "markdown", made

@@ -49,7 +49,7 @@ class Overlays:
         """Return the overlays of a map. request: the request of the survey or slice that the map shows.
 
         A crisis curve or a finer window that does not exist for this map is left out. Raises RattleError if the
-        computation of another overlay fails.
+        workers are lost, or if a computation fails, such as that of the design limit.
 
         Returns
         -------
@@ -97,12 +97,25 @@ class Overlays:
 
 
 def limit_line(delta: np.ndarray, limits: np.ndarray) -> Line:
-    """Return the line (δ, ε), shape (k, 2), of limits from `DesignLimits.limits_over`; NaN where there is no limit."""
+    """Return the design limits of `DesignLimits.limits_over` as a line (δ, ε), shape (k, 2).
+
+    Returns
+    -------
+    Line
+        The points; (NaN, NaN) at a damping without a limit, so that the line is interrupted there.
+    """
     return np.column_stack([np.where(np.isnan(limits[0]), np.nan, delta), limits[0]])
 
 
 def limit_band(delta: np.ndarray, limits: np.ndarray) -> Band:
-    """Return the dampings at which both ends of the limit's interval are finite, and these lower and upper ends."""
+    """Return the 95 % intervals of design limits as a band over damping.
+
+    Returns
+    -------
+    Band
+        Dampings (k,), and the lower and the upper ends of the intervals (k,) in ε. Dampings at which an end is not
+        finite are left out.
+    """
     _, low, high = limits
     sure = np.isfinite(low) & np.isfinite(high)
     return delta[sure], low[sure], high[sure]

@@ -68,10 +68,10 @@ def orbits_document(gear: AnyGear) -> dict[str, Any]:
     return {
         "region": region,
         "region_name": None if region is None else REGIONS[region],
-        "sn1": _json_or_none(limits.sn1),
-        "flip": _json_or_none(limits.flip),
-        "quiet_limit": _json_or_none(limits.quiet_limit),
-        "missing": [each._asdict() | {"epsilon": _json_or_none(each.epsilon)} for each in limits.missing],
+        "sn1": _optional_json_number(limits.sn1),
+        "flip": _optional_json_number(limits.flip),
+        "quiet_limit": _optional_json_number(limits.quiet_limit),
+        "missing": [each._asdict() | {"epsilon": _optional_json_number(each.epsilon)} for each in limits.missing],
         "orbits": [
             {
                 "name": orbit.name,
@@ -95,7 +95,7 @@ def intensities(
     return [(each, gear.intensity(each)) for each in gear.attractors(count, v_max, seed, budget)]
 
 
-def _json_or_none(value: float | None) -> float | None:
+def _optional_json_number(value: float | None) -> float | None:
     return None if value is None else json_number(value)
 
 

@@ -23,7 +23,7 @@ from gear_rattle.workers.pictures.look import Pair
 START_CHECK_SECONDS = 0.2  # seconds between two checks whether the cluster has started
 LEAST_DELTA = 1e-3  # least damping of a window, as a share of the window's largest damping
 MOST_PIXELS_PER_CELL = 3.0  # a finer window is computed if a cell of the survey is larger than this many pixels
-KEPT_WINDOWS, KEPT_CELLS = 8, 4_000_000  # most windows in memory, and most cells of all windows together
+KEPT_WINDOWS, KEPT_CELLS = 8, 4_000_000  # most windows in memory, and most cells of these windows together
 
 Key = tuple[str, str, int, Window, tuple[int, int]]
 
@@ -34,7 +34,15 @@ def clip_to_plane(delta: Pair, epsilon: Pair) -> Window:
 
 
 def is_coarse(delta: np.ndarray, epsilon: np.ndarray, window: tuple[Pair, Pair], pixels: tuple[int, int]) -> bool:
-    """Return whether a survey's cells are larger than MOST_PIXELS_PER_CELL. pixels: size of the window in pixels."""
+    """Return whether a cell of a survey is wider or higher in the window than MOST_PIXELS_PER_CELL pixels.
+
+    delta, epsilon: the axes of the survey. pixels: width and height of the window in pixels.
+
+    Returns
+    -------
+    bool
+        True if finer cells are worth computing.
+    """
     for axis, (low, high), size in zip((delta, epsilon), window, pixels, strict=True):
         step = (axis[-1] - axis[0]) / (axis.size - 1)
         if step / (high - low) * size > MOST_PIXELS_PER_CELL:
@@ -43,7 +51,10 @@ def is_coarse(delta: np.ndarray, epsilon: np.ndarray, window: tuple[Pair, Pair],
 
 
 class Windows:
-    """Windows of maps with smaller cells than their survey has, for all pages and pictures of a service."""
+    """Computes windows of maps with smaller cells than the survey has, and keeps the latest windows in memory.
+
+    One object serves all pages and pictures of a service.
+    """
 
     def __init__(self, front: Front) -> None:
         self._front = front
@@ -62,7 +73,7 @@ class Windows:
     async def last_frame(
         self, request: SurveyRequest, variable: str, index: int, window: Window, pixels: tuple[int, int]
     ) -> Frame:
-        """Return the complete frame of a window, kept or computed now. Raises the errors of `refine_window`."""
+        """Return the last, complete frame of a window: from memory, or computed now. Raises as `refine_window` does."""
         found = self._kept.get(self._window_key(request, variable, index, window, pixels))
         if found is None:
             async with aclosing(self.frames(request, variable, index, window, pixels)) as frames:
@@ -117,7 +128,7 @@ async def refine_window(
     try:
         refinement = _Refinement(front, survey, variable, index)
         try:
-            while (frame := await refinement.newest_frame()) is not None:
+            while (frame := await refinement.wait_for_newest_frame()) is not None:
                 yield frame
         finally:
             refinement.stop()
@@ -139,8 +150,8 @@ class _Refinement:
         """Ask the thread to end soon, without waiting for it."""
         self._stopping.set()
 
-    async def newest_frame(self) -> Frame | None:
-        """Wait for a frame, and return the newest frame; None after the last. Raises the thread's error."""
+    async def wait_for_newest_frame(self) -> Frame | None:
+        """Wait for a further frame, and return the newest; None after the last frame. Raises an error of the thread."""
         found = await self._found.get()
         while isinstance(found, Frame) and not self._found.empty():
             if not isinstance(later := self._found.get_nowait(), Frame):

@@ -13,7 +13,7 @@ from gear_rattle.service.web.prefix import public_path
 
 
 class Links(BaseModel):
-    """Paths of a survey's resources."""
+    """The URL paths of a survey's resources."""
 
     self: str
     events: str

@@ -84,7 +84,7 @@ async def event_stream(front: Front, caller: Caller, survey_id: str, kind: JobKi
 
 
 class _RevocableStream(EventSourceResponse):
-    """A stream that ends when its caller is no longer authorised, even if the client does not read it."""
+    """A stream that ends when its caller is no longer authorised, even while the client reads nothing."""
 
     def __init__(self, revocations: Revocations, caller: Caller, *arguments: Any, **named: Any) -> None:
         super().__init__(*arguments, **named)

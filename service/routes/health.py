@@ -40,7 +40,7 @@ def _storage_state(front: Front) -> str:
     return front.manager.storage_state
 
 
-def _count_or_none(front: Front, state: State) -> int | None:
+def _job_count_or_none(front: Front, state: State) -> int | None:
     try:
         return front.database.count_jobs(state)
     except DirectoryAwayError:
@@ -63,7 +63,7 @@ def health(front: FrontState, request: Request) -> Health:
     The status is 503 if the job database does not answer.
     """
     cluster, storage = front.manager.cluster_state, _storage_state(front)
-    accepted, running = (_count_or_none(front, state) for state in ACTIVE)
+    accepted, running = (_job_count_or_none(front, state) for state in ACTIVE)
     status = _service_status(front, storage)
     if request.state.caller is None:
         return Health(

@@ -65,7 +65,10 @@ LIMITED_NUMBER = (
 
 
 class LimitDocument(BaseModel):
-    """A limit and its 95 % interval, in the unit of the limited number; null for values outside the searched range."""
+    """A design limit and its 95 % interval, in the unit of the limited number.
+
+    A limit, or an end of its interval, that lies outside the searched range is null.
+    """
 
     at: float | None = Field(description="value of the number `over`; null without `over`")
     value: float | None
@@ -74,7 +77,7 @@ class LimitDocument(BaseModel):
 
 
 class LimitsDocument(BaseModel):
-    """The limits up to which gears run quietly with a probability of at least `share`."""
+    """The design limits of the number `of`, at the required probability `share` of quiet running."""
 
     of: LimitedNumber
     share: float

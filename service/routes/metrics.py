@@ -18,5 +18,5 @@ router = APIRouter(prefix="/v1", tags=["service"])
     responses={200: {"content": {"text/plain": {"schema": {"type": "string"}}}}, **declare_problems()},
 )
 def metrics(front: FrontState) -> Response:
-    """Return the metrics. If the service needs keys, a key with the scope read suffices."""
+    """Return the service's metrics for Prometheus. If the service needs keys, a key with the scope read suffices."""
     return Response(front.metrics.exposition(), headers={"Content-Type": CONTENT_TYPE_LATEST})

@@ -40,7 +40,7 @@ MAPS = [*(quantity.name for quantity in QUANTITIES if quantity.per_cell), LARGES
 LEAST_WIDTH_SHARE = 1e-10
 LARGEST_END = 1e100  # ends of windows and of the colours' range are at most this large
 LONGEST_LINES = 200  # most characters of the query parameter `lines`
-MOST_WINDOW_PIXELS = 4_000_000  # most pixels of a window
+MOST_WINDOW_PIXELS = 4_000_000  # most pixels of a window that is computed anew: pixels_delta × pixels_epsilon
 DISCONNECT_CHECK_SECONDS = 1.0  # seconds between two checks whether the client has disconnected
 
 T = TypeVar("T")
@@ -80,7 +80,7 @@ async def look_of_query(
     if unknown := set(chosen or ()) - set(LINES):
         raise LimitError("query.lines", f"there is no line {min(unknown)!r}: choose from {', '.join(LINES)}.")
     if log and low is not None and 0 < low < 1 / LARGEST_END:
-        raise LimitError("query.low", f"low must be at least {1 / LARGEST_END:g}, or 0, for logarithmic colours.")
+        raise LimitError("query.low", f"for logarithmic colours, low must not lie between 0 and {1 / LARGEST_END:g}.")
     return Look(
         _range_of_query("delta", delta_min, delta_max),
         _range_of_query("epsilon", epsilon_min, epsilon_max),
@@ -203,7 +203,7 @@ async def _picture_response(
 ) -> Response:
     job, store = await run_in_threadpool(front.job_with_results, survey_id)
     if options.has_caption:
-        options = replace(options, look=options.look.with_caption(_caption(job, str(request.url))))
+        options = replace(options, look=options.look.with_caption(_caption_text(job, str(request.url))))
     headers = {
         "ETag": weak_etag(survey_id, job.last_event, options, form),
         "Cache-Control": REVALIDATE,  # later versions may draw otherwise, and repairs may add lost tiles
@@ -241,16 +241,14 @@ async def _await_while_connected(request: Request, work: Coroutine[Any, Any, Ove
         task.cancel()
 
 
-def _caption(job: JobRow, address: str) -> str:
+def _caption_text(job: JobRow, address: str) -> str:
     return f"{job.name or job.id}, {address}, {PACKAGE} {rattle.__version__}"
 
 
 def _draw_map(store: Path | Bucket, options: PictureOptions, form: Form, overlays: OverlayData) -> bytes:
     from gear_rattle.workers.pictures.largest import open_maps
     from gear_rattle.workers.pictures.levels import level_opener
-    from gear_rattle.workers.pictures.maps import (
-        map_picture,
-    )  # loads matplotlib in a second, so only for the first picture
+    from gear_rattle.workers.pictures.maps import map_picture  # loads matplotlib, which takes a second
 
     opened = partial(open_survey, store)
     with_families = SHARE if options.look.family is not None else options.variable

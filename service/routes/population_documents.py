@@ -13,7 +13,7 @@ from rattle import Estimate, Population, RattleError
 
 
 class PopulationLinks(BaseModel):
-    """Paths of a population's resources."""
+    """The URL paths of a population's resources."""
 
     self: str
     events: str
@@ -53,7 +53,7 @@ class PopulationList(BaseModel):
 
 
 class EstimateDocument(BaseModel):
-    """The estimated cost of a population once it runs."""
+    """The estimated seconds from the moment when a population runs until it ends, with this number of workers."""
 
     seconds: float
     workers: int
@@ -63,7 +63,7 @@ class EstimateDocument(BaseModel):
 class Interval(BaseModel):
     """A number with its 95 % interval.
 
-    An end is null if the gears are too few to bound the number there. A value that overflows double precision is null.
+    An end is null if the gears are too few for a bound on that side. A value that overflows double precision is null.
     """
 
     value: float | None
@@ -86,8 +86,11 @@ class IndexDocument(BaseModel):
     total: Interval
 
 
-class WorstDocument(BaseModel):
-    """One of the worst gears of a population: its row, its numbers, and how it runs."""
+class WorstGearDocument(BaseModel):
+    """One of the worst gears of a population: its row in the population, its numbers, and how it runs.
+
+    The worst gears have the largest mean energy of impacts.
+    """
 
     row: int
     numbers: dict[str, float]
@@ -112,7 +115,7 @@ class Answers(BaseModel):
     energy_indices: dict[str, IndexDocument] | None = Field(
         description="Sobol indices of the mean energy; null if unknown"
     )
-    worst: list[WorstDocument]
+    worst: list[WorstGearDocument]
 
 
 def answers_document(found: Population) -> Answers:
@@ -127,11 +130,12 @@ def answers_document(found: Population) -> Answers:
         intensity={str(q): Interval.from_estimate(each) for q, each in intensity.items()} or None,
         quiet_indices=_sobol_indices_of(found, "quiet"),
         energy_indices=_sobol_indices_of(found, "energy"),
-        worst=[WorstDocument(**each._asdict() | {"energy": json_number(each.energy)}) for each in found.worst()],
+        worst=[WorstGearDocument(**each._asdict() | {"energy": json_number(each.energy)}) for each in found.worst()],
     )
 
 
 def _sobol_indices_of(found: Population, of: str) -> dict[str, IndexDocument] | None:
+    """Return the Sobol indices of each number that varies, for the result `of` ("quiet" or "energy"), if possible."""
     try:
         indices = found.indices(of)
     except RattleError:  # no indices can be computed, for example because the gears differ too little

@@ -85,7 +85,7 @@ def submit_population(
     responses=declare_problems(415, 422),
 )
 async def estimate_population(front: FrontState, body: PopulationBody) -> EstimateDocument:
-    """Return the cost of a population in seconds, measured on a few of its gears."""
+    """Return the estimated computing time of a population in seconds, measured on a few of its gears."""
     found = await estimate(front, body)
     return EstimateDocument(seconds=found.seconds, workers=found.workers, basis=found.basis)
 

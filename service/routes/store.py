@@ -80,13 +80,14 @@ async def stored_file(front: Front, survey_id: str, kind: JobKind, key: str, req
     is_unchanging = job.state == State.SUCCESSFUL
     try:
         response = await file_at(store, key, request, is_unchanging)
-    except (HTTPException, OSError) as error:  # a circular link is an OSError
+    except (HTTPException, OSError) as error:  # OSError: for example, the file is a link to itself
         if getattr(error, "status_code", 404) not in MISSING_STATUSES:
             raise
         if not await run_in_threadpool(is_expected_file, front, survey_id, key):
             raise HTTPException(404) from error
         try:
-            response = await file_at(store, key, request, is_unchanging)  # a tile may have written the file meanwhile
+            # The file is tried again, because a tile may have been written since the first try.
+            response = await file_at(store, key, request, is_unchanging)
         except (HTTPException, OSError):
             raise DamageError(
                 f"{key} of {kind} {survey_id} was computed but cannot be read now. "

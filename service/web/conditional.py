@@ -48,7 +48,7 @@ class AnyTagMiddleware:
             return
         known = False
 
-        async def send_unless_known(message: Message) -> None:
+        async def send_304_if_tagged(message: Message) -> None:
             nonlocal known
             if known:
                 return
@@ -62,7 +62,7 @@ class AnyTagMiddleware:
                     return
             await send(message)
 
-        await self.app(scope, receive, send_unless_known)
+        await self.app(scope, receive, send_304_if_tagged)
 
 
 def json_answer(request: Request, document: BaseModel, modified: str | None = None) -> Response:
@@ -103,14 +103,14 @@ async def set_query_etag(request: Request, response: Response) -> None:
 
 
 def weak_etag(*parts: object) -> str:
-    """Return a weak ETag: a hash of `parts` and of the code. Answers with the same ETag may differ by a new tile."""
+    """Return a hash of `parts` and of the code as a weak ETag: a tile may be written while the answer is computed."""
     return f'W/"{_digest(_answer_version().encode(), repr(parts).encode())}"'
 
 
 def is_not_modified(request: Request, headers: Mapping[str, str]) -> bool:
     """Return whether the client already has the answer with these headers (ETag and perhaps Last-Modified)."""
     if (tags := request.headers.get("if-none-match")) is not None:
-        return _tag_value(headers["ETag"]) in {_tag_value(tag) for tag in tags.split(",")}
+        return _etag_value(headers["ETag"]) in {_etag_value(tag) for tag in tags.split(",")}
     try:
         since = parsedate_to_datetime(request.headers["if-modified-since"])
         return parsedate_to_datetime(headers["Last-Modified"]) <= since
@@ -118,7 +118,7 @@ def is_not_modified(request: Request, headers: Mapping[str, str]) -> bool:
         return False
 
 
-def _tag_value(tag: str) -> str:
+def _etag_value(tag: str) -> str:
     return tag.strip().removeprefix("W/")
 
 

@@ -75,7 +75,7 @@ ADVICE = {
     503: "The job database cannot answer now. Try again in a few seconds.",
 }
 
-#: Codes of errors that are not exceptions of this project, by status.
+#: {HTTP status: code} for errors whose exceptions are not of this project, such as those of FastAPI.
 CODES = {
     400: "bad_request",
     401: "unauthorized",
@@ -246,9 +246,9 @@ class ProblemMiddleware:
         async def send_problem(message: Message) -> None:
             nonlocal begun, replaced
             begun = True
-            if message["type"] == "http.response.start" and _is_plain_error(message):
+            if message["type"] == "http.response.start" and _is_plain_text_error(message):
                 replaced = True
-                await _problem_for(message, scope["path"])(scope, receive, send)
+                await _problem_for_plain_error(message, scope["path"])(scope, receive, send)
             if not replaced:
                 await send(message)
 
@@ -262,12 +262,12 @@ class ProblemMiddleware:
             raise
 
 
-def _is_plain_error(start: Message) -> bool:
+def _is_plain_text_error(start: Message) -> bool:
     media_type = Headers(raw=start["headers"]).get("content-type", "")
     return bool(start["status"] >= 400 and media_type.startswith("text/plain"))
 
 
-def _problem_for(start: Message, path: str) -> Response:
+def _problem_for_plain_error(start: Message, path: str) -> Response:
     kept = MutableHeaders(raw=list(start["headers"]))
     for name in ("content-type", "content-length"):
         del kept[name]

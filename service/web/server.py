@@ -31,7 +31,7 @@ GC_OBJECTS = 50_000  # new objects between two garbage collections; a collection
 #: this limit up to 32 MiB; the arenas of threads then keep the memory of arrays, and the service grows for hours.
 LARGE_BLOCK = 1 << 18
 M_MMAP_THRESHOLD = -3  # a constant in malloc.h
-#: Largest message of a page of the explorer; real messages are much smaller.
+#: Largest accepted websocket message, in bytes, from a page of the explorer; real messages are much smaller.
 MAX_MESSAGE_BYTES = 1 << 20
 
 log = logging.getLogger("uvicorn.error")
@@ -91,7 +91,7 @@ def run_server(app: FastAPI, settings: Settings, log_config: dict[str, Any], ask
         gc.set_threshold(GC_OBJECTS)
         gc.freeze()  # otherwise every full collection scans all modules, and delays answers
         if settings.preload:
-            app.state.front.kernels.start_compiling()  # so that the first requests need not wait
+            app.state.front.kernels.start_compiling()  # so that the first requests need not wait for kernels
         if explorer := app.state.explorer:  # prepare the explorer before somebody opens it
             app.state.preparing = asyncio.ensure_future(explorer.prepare())  # the reference keeps the task alive
 

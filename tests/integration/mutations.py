@@ -157,7 +157,7 @@ PROTECTIONS = (
         "a connection given back after the close is closed",
         "tests/contracts/service/test_service_database.py::test_a_connection_that_a_thread_gives_back_after_the_close_is_closed",
         "service/database/__init__.py",
-        '        event.listen(self._reader, "checkin", _close_checked_in)\n',
+        '        event.listen(self._reader, "checkin", _close_returned_connection)\n',
         "",
     ),
     _one(
@@ -243,8 +243,8 @@ PROTECTIONS = (
         "an interrupted survey is taken up again",
         f"{SERVICE}::test_killed_at_every_instant",
         "service/database/survey_rows.py",
-        "left).where(IS_ACTIVE).order_by",
-        "left).where(JobRow.state == State.ACCEPTED).order_by",
+        "remaining_cells).where(IS_ACTIVE).order_by",
+        "remaining_cells).where(JobRow.state == State.ACCEPTED).order_by",
     ),
     _one(
         "a tile counts only if the database has its row",

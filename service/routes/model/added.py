@@ -15,15 +15,15 @@ from rattle.models import ADDED, DEFAULT_MODEL, owner_of
 Route = TypeVar("Route", bound=Callable[..., Any])
 
 
-def query_of(name: str, otherwise: str = DEFAULT_MODEL, example: float | None = None) -> Any:
+def query_of(name: str, without: str = DEFAULT_MODEL, example: float | None = None) -> Any:
     """Return the annotated type of a query parameter of a route: the parameter `name` that a model adds.
 
-    otherwise: words that end the parameter's description, and name the model that the route uses without the parameter.
+    without: words after "else" in the description: the model that the route uses if a request lacks this parameter.
     """
     each = ADDED[name]
     upper = each.greatest if math.isfinite(each.greatest) else None
     words = f"of {each.of}" if each.of else each.label
-    text = f"{words}: the {owner_of(name).name} model; else {otherwise}"
+    text = f"{words}: the {owner_of(name).name} model; else {without}"
     above, least = (None, 0) if each.may_be_zero else (0, None)
     examples = None if example is None else [example]
     query = Query(gt=above, ge=least, le=upper, allow_inf_nan=False, description=text, examples=examples)

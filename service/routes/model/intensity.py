@@ -45,8 +45,8 @@ class ErrorsDocument(BaseModel):
     impulse: float | None
 
 
-class InSI(BaseModel):
-    """Intensities of a machine in SI units."""
+class IntensityInSI(BaseModel):
+    """The intensity of one attractor of a machine, in SI units."""
 
     impacts: float | None = Field(description="impacts per second, on both walls together")
     mean_velocity: float | None = Field(description="m/s along the line of action")
@@ -76,7 +76,7 @@ class RattlingDocument(BaseModel):
     contact: float | None = Field(description="share of the time in contact")
     impulse: float | None = Field(description="check of the computation: 2πδ(1 + load) for every lasting motion")
     errors: ErrorsDocument
-    si: InSI | None = Field(description="null unless a machine was given")
+    si: IntensityInSI | None = Field(description="null unless a machine was given")
 
 
 class IntensitiesDocument(PointDocument):
@@ -135,5 +135,5 @@ def _rattling_document(point: RequestedPoint, attractor: Attractor, found: Inten
         **{name: json_number(value) for name, value in values.items()},
         level=json_number(found.level(natural_energy(point.gear.delta))),
         errors=ErrorsDocument(**{name: json_number(value) for name, value in found.errors._asdict().items()}),
-        si=None if si is None else InSI(**{name: json_number(value) for name, value in si._asdict().items()}),
+        si=None if si is None else IntensityInSI(**{name: json_number(value) for name, value in si._asdict().items()}),
     )

@@ -76,10 +76,10 @@ async def machine_of_query(
     radius: Annotated[float, positive_query("m, of the base circle", 0.05)],
     rpm: Annotated[float, positive_query("revolutions per minute", 3000.0)],
     drive: Drive = "torque",
-    **making: Any,
+    **further_numbers: Any,
 ) -> Machine:
     """Return the machine that the query describes. Raises ParameterError for numbers that seem to be in other units."""
-    return Machine(inertia, drag, backlash, eccentricity, radius, drive=drive, rpm=rpm, **making)
+    return Machine(inertia, drag, backlash, eccentricity, radius, drive=drive, rpm=rpm, **further_numbers)
 
 
 @with_queries({"drive": {"restitution": query_of("restitution", example=0.7), **ADDED_QUERIES["drive"]}})
@@ -90,10 +90,10 @@ async def measured_machine_of_query(
     radius: Annotated[float, positive_query("m, of the base circle", 0.05)],
     rpm: Annotated[float, positive_query("revolutions per minute", 3000.0)],
     drive: Drive = "torque",
-    **making: Any,
+    **further_numbers: Any,
 ) -> Machine:
     """Return the machine of a query, with eccentricity 0 because its transmission error is measured."""
-    return Machine(inertia, drag, backlash, 0.0, radius, drive=drive, rpm=rpm, **making)
+    return Machine(inertia, drag, backlash, 0.0, radius, drive=drive, rpm=rpm, **further_numbers)
 
 
 @dataclass(frozen=True)
@@ -137,12 +137,12 @@ async def point_of_query(
     needed["rpm"] = rpm
     plain: dict[str, Any] = {"delta": delta, "epsilon": epsilon}
     added = {name: value for name, value in more.items() if name in ADDED}
-    making = {name: value for name, value in more.items() if name not in ADDED}
-    given = [name for name, value in {**needed, "drive": drive, **making}.items() if value is not None]
+    further_numbers = {name: value for name, value in more.items() if name not in ADDED}
+    given = [name for name, value in {**needed, "drive": drive, **further_numbers}.items() if value is not None]
     if not given:
         model = with_harmonics(model_of(0.6 if beta is None else beta, **added), read_harmonics(harmonic))
         return RequestedPoint(model.gear(**_require_all(plain)), None)
-    making["restitution"] = added.pop("restitution", None)
+    further_numbers["restitution"] = added.pop("restitution", None)
     plain |= {"beta": beta, **added, "harmonic": harmonic or None}
     both = [name for name, value in plain.items() if value is not None]
     if both:
@@ -150,7 +150,7 @@ async def point_of_query(
             f"{' and '.join(both)} and a machine's {' and '.join(given)} exclude each other: give only dimensionless "
             "numbers, or only a machine's numbers"
         )
-    numbers: dict[str, Any] = {**_require_all(needed), **making}
+    numbers: dict[str, Any] = {**_require_all(needed), **further_numbers}
     machine = Machine(**numbers, drive=drive or "torque")
     return RequestedPoint(machine.gear, machine)
 

@@ -39,9 +39,9 @@ async def notebook(
     ] = None,
     to_epsilon: Annotated[float | None, positive_query("eccentricity at its end; needs to_delta", zero=True)] = None,
 ) -> Response:
-    """Return a notebook for a point, or for a machine in SI units. Its cells compute attractors, basins and a diagram.
+    """Return a Jupyter notebook that computes the attractors, the basins and a bifurcation diagram of a point.
 
-    The service itself computes nothing.
+    The point may be given as a machine in SI units. The service computes nothing: the notebook does when it is run.
     """
     if (to_delta is None) != (to_epsilon is None):
         raise ParameterError("to_delta and to_epsilon are the end of the diagram: give both or neither")

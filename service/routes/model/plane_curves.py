@@ -42,7 +42,7 @@ class EndDocument(BaseModel):
 
 
 class CurveDocument(BaseModel):
-    """A bifurcation curve. The lists from `delta` to `piece` have an entry for each point of its connected pieces."""
+    """A bifurcation curve. Each list from `delta` to `piece` has one entry for each computed point of the curve."""
 
     name: str
     meaning: str
@@ -61,7 +61,7 @@ class CurveDocument(BaseModel):
 
 
 class Tangency(BaseModel):
-    """The way in which two curves meet at a point."""
+    """The way in which two bifurcation curves meet at a codimension-two point: they cross, or they touch."""
 
     curves: tuple[str, str]
     order: float | None = Field(
@@ -70,7 +70,7 @@ class Tangency(BaseModel):
 
 
 class CurvePointDocument(BaseModel):
-    """A codimension-two point."""
+    """A codimension-two point, with the names of the curves that meet there and the tangency of each pair of them."""
 
     name: str
     meaning: str

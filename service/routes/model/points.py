@@ -88,7 +88,7 @@ class OrbitDocument(BaseModel):
 
 
 class MissingLimitDocument(BaseModel):
-    """A limit that does not exist at this damping, and what happens instead."""
+    """An analytic limit, SN1 or the flip, that does not exist at this damping, and what happens instead."""
 
     limit: Literal["sn1", "flip"]
     reason: str = Field(description="what happens instead, such as: none at this damping: C ends in grazing G1")
@@ -96,7 +96,7 @@ class MissingLimitDocument(BaseModel):
 
 
 class OrbitsInSI(BaseModel):
-    """The limits and the orbits' speeds of a machine in SI units."""
+    """The analytic limits of a machine in metres of eccentricity, and the speeds of its period-one orbits in m/s."""
 
     sn1: float | None = Field(description="eccentricity in m, like the other limits")
     flip: float | None
@@ -123,7 +123,7 @@ class OrbitsDocument(PointDocument):
 
 
 class AttractorDocument(BaseModel):
-    """An attractor, with its share of the sampled initial conditions."""
+    """An attractor with its basin fraction; or, of kind undecided, the fraction of undecided samples."""
 
     kind: str = Field(description="quiet, periodic, chaotic or undecided")
     m: int

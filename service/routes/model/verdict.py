@@ -46,7 +46,7 @@ class MeasuredDocument(BaseModel):
 
 
 class VerdictDocument(BaseModel):
-    """The verdict on a machine."""
+    """The verdict on a machine: whether it rattles, from which share of the starts, and after which knock."""
 
     kind: Literal["quiet", "quiet_unless_knocked", "rattles_sometimes", "always_rattles"]
     share: float = Field(description="share of the starts that end in rattling")
@@ -97,9 +97,10 @@ async def verdict_of_measured(
     count: SampleCount = 256,
     seed: SampleSeed = 0,
 ) -> VerdictDocument:
-    """Return the verdict on a machine whose transmission error is a CSV table, which includes its eccentricity.
+    """Return the verdict on a machine whose transmission error is measured and sent as a CSV table.
 
-    `machine` in the answer has this machine's parameter point, restitution and harmonics as other routes take them.
+    The table contains the effect of the eccentricity, which is therefore no parameter. `machine` in the answer has the
+    parameter point, restitution and harmonics of this machine, as the queries of other routes take them.
     """
     measured = await run_in_threadpool(_read_curve, curve, orders)
     return await _verdict_document(front, replace(machine, errors=measured.harmonics), measured, count, seed)

@@ -113,7 +113,7 @@ def test_errors_before_any_route_count_as_such(client: TestClient, monkeypatch: 
     def fail(*_: object) -> None:
         raise RuntimeError("a bug")
 
-    monkeypatch.setattr(AccessMiddleware, "_require_moderate_size", fail)
+    monkeypatch.setattr(AccessMiddleware, "_check_target_and_headers", fail)
     assert client.get("/v1/health").status_code == 500
     monkeypatch.undo()
     counts = scrape(client)["rattle_http_request_seconds_count"]

@@ -98,4 +98,4 @@ def test_a_limit_is_told_as_a_curve() -> None:
         "limit", "epsilon", "--delta", "0.6", "--share", "0.8", "--count", "64", "--between", "0.01:0.02"
     )
     assert "write LOW:HIGH" in said("limit", "epsilon", "--delta", "0.6", "--between", "1", code=2)
-    assert "must be one number" in said("limit", "epsilon", "--delta", "uniform:1:2", code=2)
+    assert "must be a number" in said("limit", "epsilon", "--delta", "uniform:1:2", code=2)
