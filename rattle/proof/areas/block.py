@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from fractions import Fraction
 
-from rattle.proof.certificate import Ends, text, texts
+from rattle.proof.certificate import Ends, text_of_number, texts_of_numbers
 
 FORMAT = 1
 
@@ -76,11 +76,11 @@ class ProvedBlock:
             "format": FORMAT,
             "theorem": "area",
             "claim": self.claim,
-            "beta": text(self.beta),
-            "delta": texts(self.delta),
-            "epsilon": texts(self.epsilon),
+            "beta": text_of_number(self.beta),
+            "delta": texts_of_numbers(self.delta),
+            "epsilon": texts_of_numbers(self.epsilon),
         }
-        return document if self.speed is None else {**document, "speed": text(self.speed)}
+        return document if self.speed is None else {**document, "speed": text_of_number(self.speed)}
 
     def json(self) -> str:
         """Return the block as JSON text on one line."""

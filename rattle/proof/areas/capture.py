@@ -13,7 +13,7 @@ from __future__ import annotations
 from fractions import Fraction
 
 from rattle.errors import NotProvedError
-from rattle.proof.areas.piece import PlanePiece, hull, upper
+from rattle.proof.areas.piece import PlanePiece, hull, upper_end
 from rattle.proof.areas.quiet_enclosure import quiet_limit_enclosure
 from rattle.proof.balls import PI, arb, arb_series
 
@@ -30,7 +30,7 @@ def require_captures(piece: PlanePiece, speed: Fraction) -> None:
         raise NotProvedError("the block is not proved to be below the quiet limit: choose a smaller ε")
     mean = 4 * PI() * piece.delta
     # at a departure slower than `speed`, v³/g ≤ invariant: g ≥ 1 − share in units in which the mean of g is 1
-    invariant = (arb(speed.numerator) / speed.denominator / mean) ** 3 / (1 - upper(share))
+    invariant = (arb(speed.numerator) / speed.denominator / mean) ** 3 / (1 - upper_end(share))
     longest = _half_duration_bound(piece, share, invariant)
     h = longest / (1 - piece.delta * longest)
     if not piece.delta * h < 1:
@@ -80,15 +80,15 @@ def _half_duration_bound(piece: PlanePiece, share: arb, invariant: arb) -> arb:
     mean, longest = 4 * PI() * piece.delta, arb(0)
     for i in range(PARTS):
         here = hull(arb(i) / PARTS, arb(i + 1) / PARTS)
-        v = upper(invariant * upper(_scaled_force(here, share)[0])).root(3)
-        h = upper(v / (1 - upper(share))) * (1 + arb(2.0**-10))
+        v = upper_end(invariant * upper_end(_scaled_force(here, share)[0])).root(3)
+        h = upper_end(v / (1 - upper_end(share))) * (1 + arb(2.0**-10))
         for _ in range(4):  # a smaller bound h gives a larger minimum of g, which gives a smaller h
-            time = upper(-(1 - 2 * h * piece.delta).log() / piece.delta)
+            time = upper_end(-(1 - 2 * h * piece.delta).log() / piece.delta)
             least = _scaled_force(hull(here, here + time), share)[0].lower()
             if not least > 0:
                 raise NotProvedError("the contact force may vanish during a bounce: claim a smaller speed")
             if v < h * least:
-                h = upper(v / least) * (1 + arb(2.0**-20))
+                h = upper_end(v / least) * (1 + arb(2.0**-20))
         if not (v < h * least and v * v * mean < 4 * piece.beta * least):
             raise NotProvedError("the duration of a bounce is not bounded, or it may reach Σ⁻: claim a smaller speed")
         longest = h if h > longest else longest

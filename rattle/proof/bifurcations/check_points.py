@@ -291,7 +291,7 @@ def meets_no_wall(piece: MotionPiece, begins_grazing: bool, ends_grazing: bool) 
     Returns
     -------
     bool
-        False if undecided.
+        False if this is not proved.
     """
     if not (begins_grazing or ends_grazing):
         return piece.is_uninterrupted()
@@ -323,7 +323,7 @@ def stays_between_walls_during(piece: MotionPiece, low: Interval, high: Interval
     Returns
     -------
     bool
-        False if undecided.
+        False if this is not proved.
     """
     parts = [(low.a, high.b)]
     for _ in range(MOST_PARTS):

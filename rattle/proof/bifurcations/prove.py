@@ -38,8 +38,8 @@ def certify_curve_point(
 ) -> BifurcationCertificate:
     """Prove that a point of a bifurcation curve of the period-one motions (`rattle.curves`) is near (δ, ε).
 
-    One of δ and ε is taken as exact: the one that changes more along the curve. The other one is enclosed. The extra
-    `proof` is needed. The method is in docs/proofs.md.
+    The parameter, δ or ε, that changes more along the curve is taken as exact; the proof encloses the other parameter.
+    The extra `proof` is needed. The method is in docs/proofs.md.
 
     Parameters
     ----------
@@ -198,9 +198,10 @@ def certify_codimension_two(beta: Exact = "0.6") -> tuple[BifurcationCertificate
 def _prove_solution(
     name: str, motion: CurveMotion, x: Array, beta: Fraction, known: dict[str, Fraction]
 ) -> BifurcationCertificate:
-    """Prove that there is a bifurcation point near a computed one.
+    """Prove that there is a bifurcation point near a computed bifurcation point.
 
-    x (n + 2,): the computed impact times, δ and ε. known: the exact value of δ or ε, if it is to be taken as exact.
+    x (n + 2,): the computed impact times, δ and ε. known: {name: exact value} of the parameter that the proof takes as
+    exact, "delta" or "epsilon"; {} at a codimension-two point, where both are enclosed.
 
     Returns
     -------

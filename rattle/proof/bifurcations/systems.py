@@ -68,17 +68,17 @@ class CurveMotion:
 class ExtendedSystem:
     """The extended system of a bifurcating motion, as a function of its unknowns.
 
-    beta: the half-backlash. known: {name: value} of δ or ε, whichever is known. side: the vector l (n,) of the equation
-    ⟨l, φ⟩ = 1; empty for a graze.
+    beta: the half-backlash. known: {name: value} of δ or ε, if it is no unknown. scaling: the vector l (n,) of the
+    equation ⟨l, φ⟩ = 1, which fixes the length of φ; empty for a graze.
     """
 
     motion: CurveMotion
     beta: arb
     known: dict[str, arb]
-    side: Sequence[float] = ()
+    scaling: Sequence[float] = ()
 
     def __call__(self, unknowns: Sequence[arb]) -> EvaluatedSystem:
-        """Evaluate the equations at the unknowns (N,): the impact times, the unknown ones of δ and ε, then φ."""
+        """Evaluate the equations at the unknowns (N,): the impact times; δ, ε or both, if not known; then φ."""
         return EvaluatedSystem(self, unknowns)
 
     def parameters(self, unknowns: Sequence[Any]) -> tuple[Any, Any]:
@@ -142,7 +142,7 @@ class EvaluatedSystem:
         if motion.kind is not Kind.GRAZING:
             phi, turn = unknowns[-n:], int(MULTIPLIER[motion.kind])
             values += [_jacobian_product_entry(flights, phi, i, turn) for i in range(n)]
-            values.append(sum((x * side for x, side in zip(phi, self.system.side, strict=True)), zero) - 1)
+            values.append(sum((x * factor for x, factor in zip(phi, self.system.scaling, strict=True)), zero) - 1)
         return values
 
 

@@ -30,14 +30,14 @@ class BounceBounds:
     """Bounds of bounces on Σ⁺ over a block below the quiet limit, by Lemmas 20 and 21 of docs/proofs.md.
 
     Speeds and the contact force g are in units in which the mean of g is 1: g = 1 − r cos θ > 0, where θ is 2π times
-    the time after a minimum of g. r: ε divided by the quiet limit. weakest: a lower bound of g.
+    the time after a minimum of g. r: ε divided by the quiet limit. force_lower_bound: a lower bound of g.
     """
 
     def __init__(self, d: Interval, e: Interval, beta: Interval) -> None:
         self.d, self.beta = d, beta
         self.r = e * IV.sqrt(4 * PI**2 + d**2) / (2 * d)
-        self.weakest = 1 - self.r.b
-        require(is_less(ZERO, self.weakest), "the block is not proved to be below the quiet limit")
+        self.force_lower_bound = 1 - self.r.b
+        require(is_less(ZERO, self.force_lower_bound), "the block is not proved to be below the quiet limit")
 
     def require_captures_below(self, speed: Interval) -> None:
         """Raise BlockRefused unless all motions that leave Σ⁺ slower than `speed` are proved to become quiet.
@@ -49,7 +49,7 @@ class BounceBounds:
         longest = ZERO
         # if v³/g falls from impact to impact, v³/g ≤ speed³/(least g), and v ≤ speed (g/(least g))^(1/3)
         for part in places:
-            v = speed / (4 * PI * self.d) * IV.exp(IV.ln(self.force_terms(part)[0].b / self.weakest) / 3) * UP
+            v = speed / (4 * PI * self.d) * IV.exp(IV.ln(self.force_terms(part)[0].b / self.force_lower_bound) / 3) * UP
             half = self.half_duration_bound(part, v.b)
             longest = half if is_less(longest, half) else longest
         h = (longest / (1 - self.d * longest)).b
@@ -87,7 +87,7 @@ class BounceBounds:
         BlockRefused
             If no bound is found, or a bounce may reach Σ⁻.
         """
-        half = found = (v / self.weakest).b * 1.001
+        half = found = (v / self.force_lower_bound).b * 1.001
         for _ in range(4):
             require(is_less(2 * half * self.d, 1), "the duration of a bounce is not bounded")
             time = (IV.ln(1 / (1 - 2 * half * self.d)) * UP).b

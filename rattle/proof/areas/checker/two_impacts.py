@@ -45,7 +45,7 @@ class Cell(ParameterBox):
         if self.solvable:
 
             def solve_for_z(first: Interval, second: Interval) -> tuple[Interval, Interval]:
-                """Return Z₁ and Z₂ for the right sides `first` and `second` of the two equations, by Cramer's rule."""
+                """Return the solution (Z₁, Z₂) of a Z₁ + c Z₂ = first and e Z₁ + g Z₂ = second, by Cramer's rule."""
                 return (first * g - c * second) / (a * g - c * e), (a * second - e * first) / (a * g - c * e)
 
             z = solve_for_z(b, h)
@@ -96,7 +96,7 @@ class Cell(ParameterBox):
         Returns
         -------
         bool | None
-            True if all are, False if none is, None if undecided.
+            True if all are, False if none is, None if neither is proved.
         """
         if self.has_no_motion(low, high) or (self.solvable and is_less(slope * self.square.s, ZERO)):
             return False
@@ -131,7 +131,7 @@ class Cell(ParameterBox):
             first, last = low == start.b, high == end.a
             t = IV.mpf([start.a if first else low, end.b if last else high])
             push = sign * self.force_at(t)
-            # sign · e^(δt) Φ' grows if push > 0, and falls if push < 0: its sign at one end of the part is enough
+            # sign · e^(δt) Φ' grows if push > 0, and falls if push < 0: sign · Φ' > 0 at one end proves it on the part
             at, known = (low, first) if is_less(ZERO, push) else (high, last) if is_less(push, ZERO) else (t, False)
             if not (known or is_less(ZERO, sign * self.velocity(sign, at))):
                 if is_less(high - low, SHORTEST):
