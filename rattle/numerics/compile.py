@@ -1,4 +1,4 @@
-"""Compilation of kernels: by numba, into a cache that an edit can never leave stale.
+"""Compile kernels by numba, with a cache on disk that holds no outdated kernel after an edit of the sources.
 
 Numba's own cache looks only at the file that holds a function, so it misses an edit in a helper that the function
 imports. The name of our cache directory is a hash of the library's sources, the compiler's versions and the processor.

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rattle.errors import real_array, require
 
-GOLDEN = np.array([0x9E3779B97F4A7C15], np.uint64)  # increment of the random number generator SplitMix64
+GOLDEN_INCREMENT = np.array([0x9E3779B97F4A7C15], np.uint64)  # increment of the random number generator SplitMix64
 SOBOL_BITS = 32  # number of bits of a coordinate of a Sobol point
 LAST_PHASE = float(np.nextafter(1.0, 0.0))  # largest double below 1
 Z_95 = 1.959963984540054  # a standard normal variable lies within ±Z_95 with probability 95 %
@@ -61,15 +61,15 @@ def uniforms(seed: int, stream: int, rows: NDArray[np.int64], columns: int) -> N
         (n, columns).
     """
     state = np.zeros(rows.size, np.uint64)
-    words: list[NDArray[np.uint64]] = [*_words_of_seed(seed), np.array([stream], np.uint64), rows.astype(np.uint64)]
+    words: list[NDArray[np.uint64]] = [*_halves_of_seed(seed), np.array([stream], np.uint64), rows.astype(np.uint64)]
     for word in words:
-        state = _mix_bits((state ^ word) + GOLDEN)
-    steps = GOLDEN * np.arange(1, columns + 1, dtype=np.uint64)
+        state = _mix_bits((state ^ word) + GOLDEN_INCREMENT)
+    steps = GOLDEN_INCREMENT * np.arange(1, columns + 1, dtype=np.uint64)
     drawn = _mix_bits(np.asarray(state[:, None] + steps, np.uint64))
     return (drawn >> np.uint64(11)) / 2.0**53
 
 
-def _words_of_seed(seed: int) -> list[NDArray[np.uint64]]:
+def _halves_of_seed(seed: int) -> list[NDArray[np.uint64]]:
     """Return the lower and the upper 64 bits of a seed of at most 128 bits, each as an array (1,)."""
     return [np.array([half], np.uint64) for half in (seed & (2**64 - 1), seed >> 64)]
 
@@ -77,10 +77,12 @@ def _words_of_seed(seed: int) -> list[NDArray[np.uint64]]:
 def _random_shifts(seed: int, *parameters: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return two numbers in [0, 1) for each of n cells, (n, 2), from the seed and the cell's parameters (n,) alone."""
     state = np.zeros(parameters[0].size, np.uint64)
-    words: list[NDArray[np.uint64]] = [*_words_of_seed(seed), *((p + 0.0).view(np.uint64) for p in parameters)]
+    words: list[NDArray[np.uint64]] = [*_halves_of_seed(seed), *((p + 0.0).view(np.uint64) for p in parameters)]
     for word in words:
-        state = _mix_bits((state ^ word) + GOLDEN)
-    drawn = np.stack([_mix_bits(state + GOLDEN), _mix_bits(state + GOLDEN + GOLDEN)], axis=1)
+        state = _mix_bits((state ^ word) + GOLDEN_INCREMENT)
+    drawn = np.stack(
+        [_mix_bits(state + GOLDEN_INCREMENT), _mix_bits(state + GOLDEN_INCREMENT + GOLDEN_INCREMENT)], axis=1
+    )
     return (drawn >> np.uint64(11)) / 2.0**53
 
 

@@ -104,13 +104,13 @@ class FlightEnclosure:
 
 
 def flight(
-    point: ModelPoint, t0: arb, t1: arb, turn0: tuple[arb, arb], turn1: tuple[arb, arb], distance: arb
+    point: ModelPoint, t0: arb, t1: arb, sine_cosine0: tuple[arb, arb], sine_cosine1: tuple[arb, arb], distance: arb
 ) -> FlightEnclosure:
     """Return the flight over a distance between two times, by (1.7) to (1.10) of docs/proofs.md.
 
     Parameters
     ----------
-    turn0, turn1 : tuple[arb, arb]
+    sine_cosine0, sine_cosine1 : tuple[arb, arb]
         (sin 2πt, cos 2πt) at t0 and at t1.
     distance : arb
         Φ(t1) − Φ(t0).
@@ -120,7 +120,7 @@ def flight(
     FlightEnclosure
         The flight.
     """
-    (sin0, cos0), (sin1, cos1), delta = turn0, turn1, point.delta
+    (sin0, cos0), (sin1, cos1), delta = sine_cosine0, sine_cosine1, point.delta
     lost = -(-delta * (t1 - t0)).expm1()
     decay, pull = 1 - lost, delta / lost
     rest = (point.drift * (t1 - t0) + point.epsilon * (cos1 - cos0) - distance) * pull

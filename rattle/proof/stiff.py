@@ -42,7 +42,7 @@ class StiffParameters:
 
     @cached_property
     def steady_mean(self) -> arb:
-        """4πδ/2κ, the mean penetration y in the steady motion (permanent contact)."""
+        """4πδ/(2κ), the mean penetration y in the steady motion (permanent contact)."""
         return self.point.delta * self.point.drift / (2 * self.kappa)
 
     @cached_property

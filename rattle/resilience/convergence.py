@@ -94,9 +94,8 @@ class _ArrivalAccumulator:
         for i, points in enumerate(self.points):
             mine = np.flatnonzero((self.which[sample] == i) & ~there)
             if points is None or not mine.size:
-                there[mine] = (
-                    points is None
-                )  # samples of chaotic and undecided motion are not followed: they never arrive
+                # samples of chaotic and undecided motion (points is None) never arrive, so they are not followed
+                there[mine] = points is None
                 continue
             if not len(points):
                 there[mine] = v[mine] < self.near * self.unit

@@ -34,11 +34,11 @@ REGIONS = {
     "IV": {"A": _SADDLE, "B": _SADDLE, "C": _THERE, "D": _SADDLE},
     "V": {"A": _SADDLE, "B": _NONE, "C": _NONE, "D": _THERE},
 }
-#: {letter: claim} for claims about C or D alone.
+#: The claims about one motion alone, C or D, as {letter: claim}. ABSENT: the motion does not exist.
 ATTRACTING = {letter: f"{letter} attracts" for letter in "CD"}
 SADDLE = {letter: f"{letter} is a saddle" for letter in "CD"}
 ABSENT = {letter: f"{letter} is not there" for letter in "CD"}
-#: The state that a claim gives to each motion; a claim says nothing about the motions that are missing here.
+#: {claim: {letter: the state that the claim gives to this motion}}. A claim says nothing about other motions.
 CLAIMS: dict[str, dict[str, ClaimedState]] = {
     **REGIONS,
     **{claim: {letter: _ATTRACTING} for letter, claim in ATTRACTING.items()},

@@ -156,7 +156,7 @@ def _prove_ranges(prover: Prover, claim: str, delta: Ends, limits: Ends, depth: 
 
 
 def expected_spans(kind: str, beta: float, delta: Ends, epsilon: Ends) -> list[Span]:
-    """Return the spans of ε on which each claim of a kind holds in double precision.
+    """Return the spans (intervals) of ε on which each claim of a kind holds, as computed in doubles.
 
     kind: "region", "C", "D" or QUIET. In a span the claim holds at both ends and in the middle of the δ interval.
 
@@ -178,7 +178,7 @@ def expected_spans(kind: str, beta: float, delta: Ends, epsilon: Ends) -> list[S
 
 
 def _spans_at(kind: str, delta: float, beta: float, epsilon: Ends) -> list[Span]:
-    """Return the spans of ε on which each claim of a kind holds in double precision at one δ.
+    """Return the spans (intervals) of ε on which each claim of a kind holds at one δ, as computed in doubles.
 
     kind: "region", "C", "D" or QUIET.
 
@@ -210,7 +210,7 @@ def _epsilon_grid(delta: float, beta: float, epsilon: Ends) -> NDArray[np.float6
 
 
 def _claims_at(kind: str, delta: float, epsilon: NDArray[np.float64], beta: float) -> NDArray[np.str_]:
-    """Return the claim of a kind that holds at each ε (n,) in double precision, "" where none holds.
+    """Return the claim of a kind that holds at each ε (n,), as computed in doubles; "" where no claim holds.
 
     kind: "region", "C", "D" or QUIET.
 

@@ -465,6 +465,6 @@ def _crosses_block(piece: PlanePiece, run: list[SolutionCell], letter: str) -> b
         sides.append(1 if square > high else -1 if square < low else 0)
     if 0 in sides:
         raise NotProvedError(
-            f"the curve of solutions {letter} is not proved to leave the block in ε: try a smaller block"
+            f"it is not proved where the ε of solutions {letter} leaves the block: try a smaller block"
         )
     return sides == [-SLOPE_SIGN[letter], SLOPE_SIGN[letter]]

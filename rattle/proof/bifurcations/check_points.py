@@ -56,34 +56,34 @@ class ParameterJet:
         self.value, self.slopes = value, slopes
 
     def apply_chain_rule(self, value: Interval, slope: Interval) -> "ParameterJet":
-        """Return f(self) by the chain rule; `value` is the value of f here and `slope` its derivative."""
+        """Return f(self) by the chain rule; `value` and `slope` are the values of f and f' at this number."""
         return ParameterJet(value, [slope * each for each in self.slopes])
 
     def apply_chain_rule_to_two(self, other: Any, value: Interval, by: Interval, by_other: Interval) -> "ParameterJet":
-        """Return f(self, other) by the chain rule; `value` is f here, `by` and `by_other` its partial derivatives."""
+        """Return f(self, other) by the chain rule; `value` is this number, `by` and `by_other` are f's derivatives."""
         own, others = self.slopes or [ZERO] * len(other.slopes), other.slopes or [ZERO] * len(self.slopes)
         return ParameterJet(value, [by * a + by_other * b for a, b in zip(own, others, strict=True)])
 
     def __add__(self, other: Any) -> "ParameterJet":
-        """Return the sum."""
+        """Return this number plus `other`, a jet or a constant."""
         other = as_jet(other)
         return self.apply_chain_rule_to_two(other, self.value + other.value, ZERO + 1, ZERO + 1)
 
     def __mul__(self, other: Any) -> "ParameterJet":
-        """Return the product."""
+        """Return this number times `other`, a jet or a constant."""
         other = as_jet(other)
         return self.apply_chain_rule_to_two(other, self.value * other.value, other.value, self.value)
 
     def __neg__(self) -> "ParameterJet":
-        """Return the negative."""
+        """Return minus this number."""
         return self.apply_chain_rule(-self.value, ZERO - 1)
 
     def __sub__(self, other: Any) -> "ParameterJet":
-        """Return the difference."""
+        """Return this number minus `other`, a jet or a constant."""
         return self + -as_jet(other)
 
     def __truediv__(self, other: "ParameterJet") -> "ParameterJet":
-        """Return the quotient."""
+        """Return this number divided by the jet `other`."""
         return self * other.apply_chain_rule(1 / other.value, -1 / other.value**2)
 
     __radd__, __rmul__ = __add__, __mul__

@@ -21,7 +21,7 @@ from rattle.proof.flights import ModelPoint
 
 Pair = tuple[Fraction, Fraction]
 #: A set is cut into at most this number of parts, counting the parts that are cut further.
-MOST_PIECES = 12_000
+MOST_SET_PARTS = 12_000
 #: Smallest half-width of a part, as a share of the half-width of its set.
 FINEST = 2.0**-12
 
@@ -140,8 +140,10 @@ class MappedSet:
         parts, number = [part], 0
         while parts:
             here, number = parts.pop(), number + 1
-            if number > MOST_PIECES:
-                raise NotProvedError(f"a covering is not proved with {MOST_PIECES:,} parts of a set: use a smaller set")
+            if number > MOST_SET_PARTS:
+                raise NotProvedError(
+                    f"a covering is not proved with {MOST_SET_PARTS:,} parts of a set: use a smaller set"
+                )
             found = self.image(here)
             extents = [1.0, 1.0]
             if found is not None:

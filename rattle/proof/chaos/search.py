@@ -245,9 +245,9 @@ def _unit_preimage(tangent: Array, x: Array) -> Array:
     return _unit_vector(np.array([d * x[0] - b * x[1], a * x[1] - c * x[0]]))
 
 
-def _grid_of_box(box: StateBox, across: int, high: int) -> Array:
-    """Return a grid of states (across, high, 2) in a box, with `across` points along ξ and `high` points along η."""
-    grid = np.stack(np.meshgrid(np.linspace(-1, 1, across), np.linspace(-1, 1, high), indexing="ij"), -1)
+def _grid_of_box(box: StateBox, n_xi: int, n_eta: int) -> Array:
+    """Return a grid of states (n_xi, n_eta, 2) in a box: n_xi × n_eta points, equally spaced along ξ and along η."""
+    grid = np.stack(np.meshgrid(np.linspace(-1, 1, n_xi), np.linspace(-1, 1, n_eta), indexing="ij"), -1)
     return np.asarray(box.centre + grid @ box.sides.T)
 
 
@@ -391,7 +391,15 @@ def _image_across(pi: ReturnMap, source: StateBox, target: StateBox, word: int) 
     coarse, eta = np.linspace(-1, 1, 41), np.linspace(-1, 1, 5)
 
     def image_coordinates(xi: Array) -> tuple[Array, bool]:
-        """Return the images of (xi, eta) in the target's coordinates, and whether all motions make `word` impacts."""
+        """Return the images under Π of the source's states (xi, eta), and whether all make `word` impacts on Σ⁻.
+
+        xi (…, 5): coordinates ξ of the source, for each of the five coordinates `eta`.
+
+        Returns
+        -------
+        tuple[Array, bool]
+            The images (…, 5, 2) in the coordinates of the target, and the flag.
+        """
         after, words = pi(source.centre + np.stack([xi, np.broadcast_to(eta, xi.shape)], -1) @ source.sides.T)
         return state_difference(after, target.centre) @ back.T, bool((words == word).all())
 

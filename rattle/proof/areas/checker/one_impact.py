@@ -60,7 +60,7 @@ class OneImpact:
             box = ParameterBox(IV.mpf([low.a, high.b]), self.d)
             over = height_at(*box.jets, self.x)
             y = box.mean_value(height_at(*box.centre, self.x).x, over)
-            # Φ − β is 0 at both impacts, so next to an impact the sign of its derivative is used
+            # Φ − β is 0 at both impacts, so next to an impact the sign of Φ' proves Φ − β < 0
             leaves = is_less(over.s, ZERO) if low == 0 else is_less(ZERO, over.s) if high == 1 else is_less(y, ZERO)
             if not (leaves and is_less(-2 * self.beta, y)):
                 if is_less(high - low, SHORTEST):

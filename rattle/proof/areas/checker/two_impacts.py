@@ -40,7 +40,7 @@ class Cell(ParameterBox):
         # the equations are a Z₁ + c Z₂ = b and e Z₁ + g Z₂ = h
         a, c, b, e, g, h = (self.mean_value(m.x, o) for m, o in zip(centre, over, strict=True))
         # lower bounds of ε², (16.8) of docs/proofs.md
-        self.least_squares = [b**2 / (a**2 + c**2), h**2 / (e**2 + g**2)]
+        self.square_bounds = [b**2 / (a**2 + c**2), h**2 / (e**2 + g**2)]
         self.solvable = is_less(ZERO, a * g - c * e) or is_less(a * g - c * e, ZERO)
         if self.solvable:
 
@@ -78,7 +78,7 @@ class Cell(ParameterBox):
 
     def has_no_motion(self, low: Interval, high: Interval) -> bool:
         """Return whether it is proved that no solution of the cell has low ≤ ε² ≤ high and both speeds above 0."""
-        if any(is_less(high, bound) for bound in self.least_squares):
+        if any(is_less(high, bound) for bound in self.square_bounds):
             return True
         if not self.solvable:
             return False
