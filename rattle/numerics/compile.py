@@ -51,7 +51,7 @@ COMPILE = (
 )
 STEP = "compiling "  # the lines in which the compiling process reports its steps begin with this word
 POLL_SECONDS = 0.1
-# in a compiling process, paths of the files that it creates when its kernels are compiled; in other processes no paths
+# paths of the files that this process creates when its kernels are compiled; empty if it is no compiling process
 _CREATED_NOTES: list[Path] = []
 _LOCK = threading.Lock()
 
@@ -219,7 +219,7 @@ class Kernel(Inline):
 
 
 def compile_one_kernel(about: str) -> dict[str, Callable[[], Any]]:
-    """Return the only step of a job that compiles one kernel for given types of its arguments (see `compile_apart`).
+    """Return the only step of a job of `compile_apart`: the compilation of one kernel for given argument types.
 
     about: a hash, a space, and in base64 the pickled tuple of the kernel's module, its name and the types.
 
@@ -259,7 +259,7 @@ def for_type(function: Callable[..., Any], kind: type) -> Callable[[Callable[...
             return implementation if getattr(arguments[-1], "instance_class", None) is kind else None
 
         chooser: Any = choose
-        chooser.__signature__ = inspect.signature(implementation)  # numba requires equal names of arguments in both
+        chooser.__signature__ = inspect.signature(implementation)  # numba requires that both name their arguments alike
         overload(function, strict=False, jit_options=_CALLED)(chooser)
         return implementation
 
@@ -346,7 +346,7 @@ def compile_in_this_process(about: str, *jobs: str) -> None:
     This process ends when standard input closes, so when its parent process ends. about, jobs: as in `compile_apart`.
     """
     threading.Thread(target=lambda: sys.stdin.read() or os._exit(1), daemon=True).start()
-    gc.set_threshold(100_000, 20, 20)  # with the default thresholds an eighth of a compilation is garbage collection
+    gc.set_threshold(100_000, 20, 20)  # the default thresholds spend an eighth of a compilation's time on garbage
     for job in jobs:
         _CREATED_NOTES[:] = [note_of(about, job)]
         module, _, name = job.partition(":")

@@ -177,7 +177,7 @@ def extrema(flight: FlightEnclosure, name: str) -> Iterator[tuple[int, arb]]:
     """Yield all extrema of Φ on a flight.
 
     M = e^(δt) Φ' is monotone between two neighbouring zeros of the contact force g (Lemma 4 of docs/proofs.md). So Φ
-    has one extremum between them if Φ' has different signs at them, and else none.
+    has one extremum between two such zeros if Φ' has different signs at them, otherwise none.
 
     Yields
     ------

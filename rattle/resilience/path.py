@@ -338,7 +338,7 @@ class _ChangeFinder:
         return CHAOS_THERE if attractor.kind == KINDS[Outcome.CHAOTIC] else -1
 
     def _family_of_orbit(self, orbit: TrackedOrbit, step: int, gear: AnyGear) -> int:
-        """Return the number of the family that has an orbit at a step, −1 if no attractor of the step is this orbit."""
+        """Return the number of the family whose attractor at a step is the orbit `orbit`, −1 if there is none."""
         all_of_it = gear.iterate(orbit.tau, orbit.v, np.arange(orbit.label[1]))
         for family, row in self.row_by_family[step].items():
             if self.rows.label(row) == orbit.label:

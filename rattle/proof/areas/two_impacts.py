@@ -32,8 +32,8 @@ class EnclosedFunctions(NamedTuple):
     """Several functions of (s, δ), enclosed over a cell by the mean value theorem.
 
     centre: the values at the centre of the cell.
-    by_s, by_delta: the partial derivatives, over the whole cell.
-    over_cell: the values, over the whole cell.
+    by_s, by_delta: balls that contain the partial derivatives over the whole cell.
+    over_cell: balls that contain the values over the whole cell.
     """
 
     centre: list[arb]
@@ -314,10 +314,10 @@ class SolutionCell:
         t = hull(low, upper_s if high == lower_s else high)
         t = hull(lower_s, t) if low == upper_s else t
         force = sign * self.force(t)
-        if force > 0:  # sign · e^(δt) Φ' grows, so sign · Φ' > 0 at the start of the part proves it on the part
+        if force > 0:  # sign · e^(δt) Φ' grows: it suffices that sign · Φ' > 0 at the start of the part
             starts_at_impact = low in (0, upper_s)
             return starts_at_impact or bool(sign * self.slope(low, sign) > 0)
-        if force < 0:  # sign · e^(δt) Φ' falls, so sign · Φ' > 0 at the end of the part proves it on the part
+        if force < 0:  # sign · e^(δt) Φ' falls: it suffices that sign · Φ' > 0 at the end of the part
             ends_at_impact = high in (1, lower_s)
             return ends_at_impact or bool(sign * self.slope(high, sign) > 0)
         return bool(sign * self.slope(t, sign) > 0)

@@ -60,7 +60,7 @@ class ParameterJet:
         return ParameterJet(value, [slope * each for each in self.slopes])
 
     def apply_chain_rule_to_two(self, other: Any, value: Interval, by: Interval, by_other: Interval) -> "ParameterJet":
-        """Return f(self, other) by the chain rule; `value` is this number, `by` and `by_other` are f's derivatives."""
+        """Return f(self, other) by the chain rule, from its `value` and its partial derivatives `by` and `by_other`."""
         own, others = self.slopes or [ZERO] * len(other.slopes), other.slopes or [ZERO] * len(self.slopes)
         return ParameterJet(value, [by * a + by_other * b for a, b in zip(own, others, strict=True)])
 

@@ -68,8 +68,8 @@ class CurveMotion:
 class ExtendedSystem:
     """The extended system of a bifurcating motion, as a function of its unknowns.
 
-    beta: the half-backlash. known: {name: value} of δ or ε, if it is no unknown. scaling: the vector l (n,) of the
-    equation ⟨l, φ⟩ = 1, which fixes the length of φ; empty for a graze.
+    beta: the half-backlash. known: {name: value} of δ or ε, or {} if both are unknowns. scaling: the vector l (n,) of
+    the equation ⟨l, φ⟩ = 1, which fixes the length of φ; empty for a graze.
     """
 
     motion: CurveMotion

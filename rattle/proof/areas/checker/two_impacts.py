@@ -131,7 +131,7 @@ class Cell(ParameterBox):
             first, last = low == start.b, high == end.a
             t = IV.mpf([start.a if first else low, end.b if last else high])
             push = sign * self.force_at(t)
-            # sign · e^(δt) Φ' grows if push > 0, and falls if push < 0: sign · Φ' > 0 at one end proves it on the part
+            # sign · e^(δt) Φ' grows if push > 0, and falls if push < 0: it suffices that sign · Φ' > 0 at one end
             at, known = (low, first) if is_less(ZERO, push) else (high, last) if is_less(push, ZERO) else (t, False)
             if not (known or is_less(ZERO, sign * self.velocity(sign, at))):
                 if is_less(high - low, SHORTEST):
