@@ -153,7 +153,8 @@ class CertifiedMotion:
     def require_admissible(self, x: Sequence[Interval]) -> None:
         """Raise Refused unless each flight and contact is proved to reach its end, with speeds > 0 at both ends."""
         for i, p in enumerate(self.pieces(x), 1):
-            side = p.wall if p.k != 0 else -p.wall  # sign of the velocity at the start: a contact moves into its wall
+            # sign of the velocity at the start: a contact moves into its wall, a flight away from it
+            side = p.wall if p.k != 0 else -p.wall
             speeds = side * p.w, (-p.wall if p.k != 0 else p.target) * self.velocity_factor * p.next
             require(
                 is_positive(p.duration, *speeds),

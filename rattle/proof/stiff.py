@@ -181,7 +181,7 @@ class StiffSystem:
     m: int
 
     def __call__(self, times: Sequence[arb]) -> StiffEnclosures:
-        """Return the contacts and flights between these times; they form a motion if their residual R is 0."""
+        """Return the contacts and flights with these times (2c,); they form a motion if their residual R is 0."""
         c, n, point = len(self.itinerary), len(times), self.parameters.point
         turns = [(2 * time).sin_cos_pi() for time in times]
         flights = [

@@ -20,9 +20,9 @@ CRISIS, QUIET_LIMIT, SAMPLING, CONTINUES, UNKNOWN = "crisis", "quiet limit", "sa
 #: Smallest step of continuation, as a share of the distance between two neighbouring points of the path.
 LEAST_STEP = 1e-9
 #: Orbits with more impacts are not followed, because an orbit of a hundred impacts would take half a minute.
-LONGEST = 32
+MOST_ORBIT_IMPACTS = 32
 #: Largest distance between the departures of an orbit and of its continuation, with speeds in units of `speed_unit_of`.
-FARTHEST = 0.1
+FARTHEST_CONTINUATION = 0.1
 #: Where the continuation of an orbit stops, a multiplier that is closer to ±1 than this counts as ±1: the orbit ends at
 #: a saddle-node or a flip.
 NEAR_ONE = 0.01
@@ -75,7 +75,7 @@ def find_orbit_end(start: Parameters, end: Parameters, orbit: TrackedOrbit) -> O
         The cause, and the shares of the way between which the orbit ends.
     """
     at, step, share = orbit, 1.0, 0.0
-    last = _orbit_near(gear_between(start, end, 0.0), at) if sum(orbit.label[1:]) <= LONGEST else None
+    last = _orbit_near(gear_between(start, end, 0.0), at) if sum(orbit.label[1:]) <= MOST_ORBIT_IMPACTS else None
     if last is None:
         return OrbitEnd(UNKNOWN, 0.0, 1.0)
     trail = [(share, last.multipliers)]
@@ -122,7 +122,11 @@ def _orbit_near(gear: AnyGear, tracked: TrackedOrbit) -> Any:
         return None
     far = np.hypot(wrapped(found.tau - tracked.tau), (found.v - tracked.v) / speed_unit_of(gear))
     label = found.m, found.n_plus, found.n_minus
-    if label != tracked.label or far > FARTHEST or distance_to_shorter_motion(gear, tracked, found) < SAME_POINT:
+    if (
+        label != tracked.label
+        or far > FARTHEST_CONTINUATION
+        or distance_to_shorter_motion(gear, tracked, found) < SAME_POINT
+    ):
         return None
     return found
 

@@ -114,5 +114,5 @@ def path_points(path: ArrayLike, beta: float, added: Mapping[str, float | None],
 
 
 def _model_with_parameters(n_added: int) -> type[Model]:
-    """Return the first model with `n_added` parameters besides δ, ε and β, or the default model; n_added < 0 counts as 0."""
+    """Return the first model with `n_added` parameters besides δ, ε and β, or the default model; −1 counts as 0."""
     return next((model for model in MODELS.values() if len(model.added) == max(n_added, 0)), MODELS[DEFAULT_MODEL])

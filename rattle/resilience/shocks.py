@@ -100,7 +100,7 @@ def smallest_shock(
         states, departure = _states_at_departures(gear, attractor), _departure_from_wall
     search = _ShockSearch(gear, attractor, states, departure, highest)
     search.run_scans()
-    return search.smallest()
+    return search.smallest_shock_found()
 
 
 def _states_at_departures(gear: AnyGear, attractor: Attractor) -> list[_StateBeforeShock]:
@@ -175,7 +175,7 @@ class _ShockSearch:
         for _ in range(NARROWING_SCANS):
             self._scan_shocks(np.array([self.state]), np.array([self.sign]), self.low, self.high)
 
-    def smallest(self) -> LeastShock:
+    def smallest_shock_found(self) -> LeastShock:
         """Return the smallest fatal shock that the scans found; its change is inf if they found none."""
         state = self.states[self.state]
         if self.attractor_after is None:

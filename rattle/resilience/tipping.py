@@ -1,4 +1,4 @@
-"""Tipping: which attractors states reach before and after a jump of the parameters."""
+"""Tipping: the attractors that states reach at the parameters before a jump, and at the parameters after it."""
 
 from __future__ import annotations
 

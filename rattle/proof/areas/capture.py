@@ -44,14 +44,14 @@ def require_captures(piece: PlanePiece, speed: Fraction) -> None:
 
 
 def _scaled_force(t: arb, share: arb) -> tuple[arb, arb, arb, arb]:
-    """Return the contact force g/4πδ, and its first three derivatives, a time t after a minimum of g.
+    """Return the contact force in units of its mean, g/(4πδ), and three derivatives, a time t after a minimum of g.
 
     share: ε divided by the quiet limit.
 
     Returns
     -------
     tuple[arb, arb, arb, arb]
-        g/4πδ = 1 − share cos 2πt, and the derivatives.
+        g/(4πδ) = 1 − share cos 2πt, and its first, second and third derivative.
     """
     sine, cosine = (2 * t).sin_cos_pi()
     turn = 2 * PI()
@@ -121,7 +121,7 @@ def _growth_coefficient(middle: arb, h: arb, delta: arb, share: arb) -> arb:
 
 
 def _acceleration_derivatives(t: arb, w: arb, delta: arb, share: arb) -> tuple[arb, arb, arb, arb]:
-    """Return a/4πδ and its first three derivatives by x, the acceleration a and the time x being those of (20.2).
+    """Return a/(4πδ) and its first three derivatives by x, the acceleration a and the time x being those of (20.2).
 
     (20.2) is in docs/proofs.md. t is the time since a minimum of the contact force, w = dt/dx = e^(δ(t − t₀)), and
     share is ε divided by the quiet limit.
@@ -129,7 +129,7 @@ def _acceleration_derivatives(t: arb, w: arb, delta: arb, share: arb) -> tuple[a
     Returns
     -------
     tuple[arb, arb, arb, arb]
-        a/4πδ and the derivatives.
+        a/(4πδ), and the first, second and third derivative.
     """
     g, g1, g2, g3 = _scaled_force(t, share)
     first, second = 2 * delta * g + g1, 6 * delta**2 * g + 5 * delta * g1 + g2

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from rattle.proof.areas.piece import FINEST, PlanePiece, hull, lower_end, mean_value_enclosure, upper_end
+from rattle.proof.areas.piece import SHORTEST_PART, PlanePiece, hull, lower_end, mean_value_enclosure, upper_end
 from rattle.proof.balls import PI, arb, arb_series
 
 
@@ -60,7 +60,8 @@ def attracts(piece: PlanePiece, letter: str) -> bool | None:
         None if neither is proved.
     """
     if letter == "A":
-        return False  # X < 0 for A, so the trace 1 + E − 4π (1 − E) X/δ² of A, with E = e^(−δ), is above 1 + E
+        # X < 0 for A, so the trace 1 + E − 4π (1 − E) X/δ² of A, with E = e^(−δ), is above 1 + E: A is a saddle
+        return False
     x, limit = (
         x_enclosure(piece, letter, mean_value_enclosure(minus_y, piece.delta)),
         mean_value_enclosure(x_at_flip, piece.delta),
@@ -105,7 +106,7 @@ def _stays_between_walls(piece: PlanePiece, x_low: arb, x_high: arb) -> bool:
     while parts:
         start, end = parts.pop()
         if not _stays_between_walls_during(piece, start, end, x_low, x_high):
-            if end - start < FINEST:
+            if end - start < SHORTEST_PART:
                 return False
             middle = (start + end) / 2
             parts += [(start, middle), (middle, end)]

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from rattle.proof.balls import arb, arb_series
 
 #: A part of a flight that is shorter than this, in forcing periods, is not bisected again: then the proof fails.
-FINEST = arb(2.0**-12)
+SHORTEST_PART = arb(2.0**-12)
 
 
 @dataclass(frozen=True)

@@ -16,11 +16,11 @@ from itertools import groupby
 from typing import NamedTuple, TypeVar
 
 from rattle.errors import NotProvedError
-from rattle.proof.areas.piece import FINEST, PlanePiece, hull, lower_end, upper_end
+from rattle.proof.areas.piece import SHORTEST_PART, PlanePiece, hull, lower_end, upper_end
 from rattle.proof.balls import PI, arb, arb_series
 
 #: A cell is not halved if its width in s, in forcing periods, is at most this.
-NARROWEST = 2.0**-20
+NARROWEST_CELL = 2.0**-20
 #: Sign of dε/ds along the solutions that are motions B or D.
 SLOPE_SIGN = {"B": -1, "D": 1}
 
@@ -121,9 +121,9 @@ class SolutionCell:
 
     @cached_property
     def halves(self) -> tuple[SolutionCell, SolutionCell]:
-        """The two halves of the cell. Raises NotProvedError if the cell is as narrow as NARROWEST."""
+        """The two halves of the cell. Raises NotProvedError if the cell is as narrow as NARROWEST_CELL."""
         middle = (self.start + self.end) / 2
-        if not self.end - self.start > NARROWEST:
+        if not self.end - self.start > NARROWEST_CELL:
             raise NotProvedError(
                 f"it is undecided whether a motion B or D reaches Σ⁻ {float(middle):.4f} forcing periods after Σ⁺: "
                 "try a smaller block"
@@ -296,12 +296,12 @@ class SolutionCell:
 
     def _slope_has_sign(self, sign: int, start: arb, end: arb) -> bool:
         """Return whether Φ' is proved to have this sign between the times `start` and `end` after the impact on Σ⁺."""
-        # at the impacts, which are the ends of each flight, Φ' has this sign because v > 0 and u > 0
+        # a part that begins or ends at an impact uses that Φ' has this sign there, because v > 0 and u > 0
         parts = [(start, end)]
         while parts:
             low, high = parts.pop()
             if not self._slope_has_sign_on_part(sign, low, high):
-                if high - low < FINEST:
+                if high - low < SHORTEST_PART:
                     return False
                 middle = (low + high) / 2
                 parts += [(low, middle), (middle, high)]

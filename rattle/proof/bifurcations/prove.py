@@ -20,7 +20,7 @@ from rattle.impacting.orbits.periodic import follow_impacts
 from rattle.numerics.complex_step import Array
 from rattle.proof.balls import BITS, VERSIONS, arb, ball, ends, precision
 from rattle.proof.bifurcations.certificate import BifurcationCertificate
-from rattle.proof.bifurcations.systems import FREE, CurveMotion, ExtendedSystem, require_admissible_at
+from rattle.proof.bifurcations.systems import POSSIBLE_UNKNOWNS, CurveMotion, ExtendedSystem, require_admissible_at
 from rattle.proof.certificate import Ends, Exact, exact_number
 from rattle.proof.finder import MOST_IMPACTS_AT_BITS, require_least_period
 from rattle.proof.krawczyk import enclose_zero
@@ -208,7 +208,7 @@ def _prove_solution(
     BifurcationCertificate
         The theorem.
     """
-    n, free = motion.n, [i for i, parameter in enumerate(FREE) if parameter not in known]
+    n, free = motion.n, [i for i, parameter in enumerate(POSSIBLE_UNKNOWNS) if parameter not in known]
     phi = _null_vector(motion, x, float(beta))
     start = np.concatenate([x[:n], x[n:][free], phi])
     with precision(BITS if n <= MOST_IMPACTS_AT_BITS else 2 * BITS):
@@ -221,7 +221,7 @@ def _prove_solution(
             name=name,
             motion=motion,
             known={"beta": beta, **known},
-            solved={FREE[i]: _widened_ends(each) for i, each in zip(free, found.zero[n:], strict=False)},
+            solved={POSSIBLE_UNKNOWNS[i]: _widened_ends(each) for i, each in zip(free, found.zero[n:], strict=False)},
             times=tuple(found.centre[:n]),
             radius=found.radius,
             versions={"gear-rattle": __version__, **VERSIONS},

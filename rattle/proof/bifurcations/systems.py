@@ -25,7 +25,7 @@ from rattle.proof.impacting import ImpactingSystem
 
 Series = arb_series
 #: Parameters that may be unknowns.
-FREE = ("delta", "epsilon")
+POSSIBLE_UNKNOWNS = ("delta", "epsilon")
 
 
 class FlightVelocities(NamedTuple):
@@ -84,7 +84,7 @@ class ExtendedSystem:
     def parameters(self, unknowns: Sequence[Any]) -> tuple[Any, Any]:
         """Return δ and ε: a known parameter as a ball, an unknown parameter as its entry in `unknowns`."""
         free = iter(unknowns[self.motion.n :])
-        delta, epsilon = (self.known[name] if name in self.known else next(free) for name in FREE)
+        delta, epsilon = (self.known[name] if name in self.known else next(free) for name in POSSIBLE_UNKNOWNS)
         return delta, epsilon
 
     def model_point(self, unknowns: Sequence[arb]) -> ModelPoint:

@@ -23,7 +23,7 @@ Pair = tuple[Fraction, Fraction]
 #: A set is cut into at most this number of parts, counting the parts that are cut further.
 MOST_SET_PARTS = 12_000
 #: Smallest half-width of a part, as a share of the half-width of its set.
-FINEST = 2.0**-12
+SMALLEST_PART = 2.0**-12
 
 
 class SetPart(NamedTuple):
@@ -185,7 +185,7 @@ def _is_cutting_useless(xi: arb, eta: arb, extents: Sequence[float], inside_allo
     bool
         True if the image lies where the covering forbids it, or is so small that cutting would not decide its position.
     """
-    return max(extents) < FINEST * 8 or bool(abs(xi) < 1 and (abs(eta) > 1 or not inside_allowed))
+    return max(extents) < SMALLEST_PART * 8 or bool(abs(xi) < 1 and (abs(eta) > 1 or not inside_allowed))
 
 
 def _halve_part(part: SetPart, extents: Sequence[float]) -> list[SetPart]:
@@ -201,10 +201,10 @@ def _halve_part(part: SetPart, extents: Sequence[float]) -> list[SetPart]:
     Raises
     ------
     NotProvedError
-        If the part is already smaller than FINEST.
+        If the part is already smaller than SMALLEST_PART.
     """
     xi, eta, width, height = part
-    if max(width, height) < FINEST:
+    if max(width, height) < SMALLEST_PART:
         raise NotProvedError("a covering is not proved even with the smallest parts of a set: use a smaller set")
     if (extents[0] * (width > 0), width) >= (extents[1], height):
         return [SetPart(xi + side * width / 2, eta, width / 2, height) for side in (-1, 1)]

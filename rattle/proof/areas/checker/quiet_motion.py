@@ -12,7 +12,7 @@ PARTS = 192
 #: The proof requires h²Q < GROWTH_SHARE · 2δ. By (20.5) of docs/proofs.md v³/g falls at each impact if h²Q < 2δ.
 GROWTH_SHARE = IV.mpf(96) / 100
 #: Factor that widens mpmath's logarithms, and cube roots e^(logarithm/3), by 2⁻⁵⁰ of their size, against rounding.
-UP = IV.mpf([1 - 2.0**-50, 1 + 2.0**-50])
+LOG_WIDENING = IV.mpf([1 - 2.0**-50, 1 + 2.0**-50])
 
 
 def require_side_of_quiet_limit(d: Interval, e: Interval, below: bool) -> None:
@@ -49,7 +49,12 @@ class BounceBounds:
         longest = ZERO
         # if v³/g falls from impact to impact, v³/g ≤ speed³/(least g), and v ≤ speed (g/(least g))^(1/3)
         for part in places:
-            v = speed / (4 * PI * self.d) * IV.exp(IV.ln(self.force_terms(part)[0].b / self.force_lower_bound) / 3) * UP
+            v = (
+                speed
+                / (4 * PI * self.d)
+                * IV.exp(IV.ln(self.force_terms(part)[0].b / self.force_lower_bound) / 3)
+                * LOG_WIDENING
+            )
             half = self.half_duration_bound(part, v.b)
             longest = half if is_less(longest, half) else longest
         h = (longest / (1 - self.d * longest)).b
@@ -90,7 +95,7 @@ class BounceBounds:
         half = found = (v / self.force_lower_bound).b * 1.001
         for _ in range(4):
             require(is_less(2 * half * self.d, 1), "the duration of a bounce is not bounded")
-            time = (IV.ln(1 / (1 - 2 * half * self.d)) * UP).b
+            time = (IV.ln(1 / (1 - 2 * half * self.d)) * LOG_WIDENING).b
             least = self.force_terms(IV.mpf([t.a, (t + time / self.d).b]))[0].a
             require(is_less(v, half * least), "the duration of a bounce is not bounded")
             require(is_less(v**2 * PI * self.d, self.beta * least), "a bounce may reach Σ⁻")
@@ -107,7 +112,7 @@ class BounceBounds:
         Interval
             Q.
         """
-        late, early = (IV.ln(1 / (1 - self.d * h)) * UP).b, (IV.ln(1 + self.d * h) * UP).b
+        late, early = (IV.ln(1 / (1 - self.d * h)) * LOG_WIDENING).b, (IV.ln(1 + self.d * h) * LOG_WIDENING).b
         span = IV.mpf([-early, late])
         one, _, _, centre = self.log_derivatives(t, ZERO)
         p1, p2, p3, size = self.log_derivatives(t + span / self.d, span)

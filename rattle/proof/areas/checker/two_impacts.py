@@ -23,7 +23,7 @@ from .intervals import (
 )
 
 #: Shortest part of a flight that is bisected, in forcing periods.
-SHORTEST = 2.0**-13
+SHORTEST_PART = 2.0**-13
 
 
 class Cell(ParameterBox):
@@ -134,7 +134,7 @@ class Cell(ParameterBox):
             # sign · e^(δt) Φ' grows if push > 0, and falls if push < 0: it suffices that sign · Φ' > 0 at one end
             at, known = (low, first) if is_less(ZERO, push) else (high, last) if is_less(push, ZERO) else (t, False)
             if not (known or is_less(ZERO, sign * self.velocity(sign, at))):
-                if is_less(high - low, SHORTEST):
+                if is_less(high - low, SHORTEST_PART):
                     return False
                 parts += [(low, midpoint(t).a), (midpoint(t).a, high)]
         return True
