@@ -151,7 +151,7 @@ _INLINE: dict[str, Any] = _OPTIONS | {"no_cpython_wrapper": True, "_nrt": False,
 
 
 class Inline:
-    """A function that is compiled into its callers; from Python it is the plain function.
+    """A function that is compiled into the kernels that call it; a call from Python runs the plain Python function.
 
     The function borrows its array arguments: it neither creates nor returns arrays, and counts no references to them.
     A kernel counts the references to every array of a named tuple at each call, in atomic operations of some

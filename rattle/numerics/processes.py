@@ -20,9 +20,9 @@ def module_path() -> list[str]:
     -------
     list of str
         Absolute entries of ``PYTHONPATH`` and ``sys.path`` in order, without the working directory and the script's
-        directory. The directory from which this process loaded the project is always included, as the last entry: so
-        files in it hide no other modules. If another entry has a copy of the project, this directory comes directly
-        before that entry.
+        directory. The directory from which this process loaded the project is always included: directly before the
+        first entry that has a copy of the project or, without such a copy, as the last entry. Files in the last entry
+        hide no other modules.
     """
     home = str(Path(__file__).parents[2])
     entries = os.environ.get("PYTHONPATH", "").split(os.pathsep) + sys.path

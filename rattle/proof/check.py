@@ -106,8 +106,8 @@ class CertifiedMotion:
     def equations(self, x: Sequence[Interval]) -> tuple[list[Interval], list[dict[int, Interval]]]:
         """Return the residual of the motion's equations and its Jacobian, at the unknowns x.
 
-        There are two equations for each flight and each contact: it ends on the next wall, and its final velocity,
-        reversed if an impact follows, is the initial velocity of the next flight or contact.
+        Each flight and each contact has two equations. By the first it ends on the next wall. By the second its final
+        velocity, which an impact reverses, is the initial velocity of the next flight or contact.
 
         Returns
         -------

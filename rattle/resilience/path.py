@@ -349,7 +349,7 @@ class _ChangeFinder:
         return -1
 
     def _is_attractor_of_row(self, attractor: Attractor, row: int, unit: float) -> bool:
-        """Return whether an attractor is the attractor in a row of the table; `unit` is the unit of speeds."""
+        """Return whether `attractor` and the attractor in a row of the table are the same. unit: the unit of speeds."""
         label = KINDS[self.rows.kind[row]], *self.rows.label(row)
         if label != (attractor.kind, attractor.m, attractor.n_plus, attractor.n_minus):
             return False

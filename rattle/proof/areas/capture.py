@@ -63,7 +63,7 @@ def _half_duration_bound(piece: PlanePiece, share: arb, invariant: arb) -> arb:
 
     A bounce starts at x = 0 with the speed v after an impact. Let G be the minimum of the contact force g until x = 2H.
     The height of the bounce is y ≤ x (v − xG/2). So it returns before x = 2H if v < HG, and its height stays below
-    v²/2G. Speeds and forces are in units in which the mean of g is 1; (20.2) is in docs/proofs.md.
+    v²/(2G). Speeds and forces are in units in which the mean of g is 1; (20.2) is in docs/proofs.md.
 
     share: ε divided by the quiet limit. invariant: an upper bound of v³/g at the impacts.
 

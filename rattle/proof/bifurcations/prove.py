@@ -101,8 +101,8 @@ def _first_guesses(
 ) -> Sequence[Array]:
     """Return first guesses (n + 2,) of the impact times, δ and ε of the motion that bifurcates on a curve.
 
-    The only guess is the given motion, if it meets the same walls as motions on the curve and the curve is no graze.
-    Otherwise the guesses are those that the curve's definition has.
+    If a motion is given that meets the same walls as motions on the curve, it is the only guess, except on a graze.
+    Otherwise the curve's definition supplies the guesses.
 
     Returns
     -------

@@ -166,7 +166,7 @@ def _jacobian_product_entry(
 
 
 def _codimension_two_condition(point: str, delta: Series, epsilon: Series, times: Sequence[Series]) -> Series:
-    """Return the function that is 0 at a codimension-two point, besides the equations of the grazing motion C."""
+    """Return the value of the condition that is 0 at a codimension-two point, besides the equations of the graze."""
     x = epsilon * (2 * PI() * times[0]).cos()
     return CONDITIONS[point](delta, x, times[1] - times[0], (-delta).exp())
 

@@ -263,8 +263,8 @@ class HorseshoeClaim:
         Returns
         -------
         tuple[Vector, list[Any]]
-            Intervals of ξ and η over the image. For each half side of the parallelogram the larger of two extents, that
-            in ξ and that in η.
+            Intervals of ξ and η over the image. Then, for each half side of the parallelogram (a vector), the larger of
+            its two extents, in ξ and in η.
         """
         (t, v, a, c, b, d), (middle, sides) = self.sets[target], image
         size = a * d - b * c
@@ -345,9 +345,9 @@ class HorseshoeClaim:
 
 
 def halve_part(part: Part, extents: list[float]) -> list[Part]:
-    """Cut a part in two across the side that Π stretches more. Raises Refused if the part is too small.
+    """Cut a part in two: halve its side whose image is longer. Raises Refused if the part is too small.
 
-    extents: for each side of the part the extent of its image, from `coordinates_in`.
+    extents: for each side of the part the extent of the side's image, from `coordinates_in`.
 
     Returns
     -------

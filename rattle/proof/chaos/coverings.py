@@ -175,7 +175,7 @@ def _coordinates_in(target: HSet, periods: int, part_image: Image) -> tuple[tupl
 
 
 def _is_cutting_useless(xi: arb, eta: arb, extents: Sequence[float], inside_allowed: bool) -> bool:
-    """Return whether it is useless to cut a part further to prove a covering.
+    """Return whether cutting a part further cannot help to prove a covering.
 
     xi, eta: the part's image in the target's coordinates. extents: for each side of the part the extent of its image.
     inside_allowed: whether the image may lie at |ξ| < 1, if it has |η| < 1.

@@ -123,7 +123,7 @@ def enclose_arrival(point: ModelPoint, middle: tuple[arb, arb], sides: arb_mat, 
 
 
 def largest_over_sides(sides: arb_mat, by_t0: arb, by_w0: arb) -> arb:
-    """Return the largest by_t0 dt₀ + by_w0 dw₀ for (dt₀, dw₀) in sides [−1, 1]²."""
+    """Return the largest value of by_t0 · dt₀ + by_w0 · dw₀ over all (dt₀, dw₀) in sides [−1, 1]²."""
     return sum((abs(by_t0 * sides[0, j] + by_w0 * sides[1, j]) for j in range(2)), arb(0))
 
 
