@@ -1,4 +1,4 @@
-"""Compilation of kernels: by numba, into a cache that an edit can never leave stale.
+"""Compile kernels by numba, with a cache on disk that holds no outdated kernel after an edit of the sources.
 
 Numba's own cache looks only at the file that holds a function, so it misses an edit in a helper that the function
 imports. The name of our cache directory is a hash of the library's sources, the compiler's versions and the processor.
@@ -44,22 +44,32 @@ log = logging.getLogger(__name__)  # a message of level INFO names each step of 
 
 #: Parts of the library that compute no number of a survey.
 COMPUTE_NOTHING = {"plot", "paper", "proof", "resilience", "notebook.py", "precompile.py"}
-COMPILE_NOTHING = COMPUTE_NOTHING | {"models"}  # parts that define no kernels; `models` calls kernels of other parts
-COMPILE = "import sys; from rattle.numerics.compile import compile_here; compile_here(*sys.argv[1:])"
+#: Parts of the library that define no kernels. `models` computes, but by calling kernels of other parts.
+COMPILE_NOTHING = COMPUTE_NOTHING | {"models"}
+COMPILE = (
+    "import sys; from rattle.numerics.compile import compile_in_this_process; compile_in_this_process(*sys.argv[1:])"
+)
 STEP = "compiling "  # the lines in which the compiling process reports its steps begin with this word
 POLL_SECONDS = 0.1
-# files that a compiling process creates when its kernels are compiled; always empty in other processes
+# paths of the files that this process creates when its kernels are compiled; empty if it is no compiling process
 _CREATED_NOTES: list[Path] = []
 _LOCK = threading.Lock()
 
 
 @cache
 def source_hash() -> str:
-    """Return the hex SHA-256 of the sources that compute: equal hashes mean bit-identical numbers on one machine."""
+    """Return the hex SHA-256 of all sources of the library, except the parts COMPUTE_NOTHING.
+
+    Returns
+    -------
+    str
+        On one machine with the same `toolchain`, equal hashes mean that computed numbers are equal to the last bit.
+    """
     return _hash_without(COMPUTE_NOTHING)
 
 
 def _hash_without(left_out: set[str]) -> str:
+    """Return the hex SHA-256 of the library's sources without the folders and files `left_out`."""
     digest, root = hashlib.sha256(), Path(__file__).parents[1]
     for path in sorted(root.rglob("*.py")):
         name = path.relative_to(root)
@@ -114,7 +124,13 @@ def cache_directory() -> Path:
 
 @cache
 def is_cache_writable() -> bool:
-    """Return whether the cache can be written, and warn if not: numba's own cache, which may be stale, is not used."""
+    """Return whether the cache can be written, and log a warning if it cannot.
+
+    Returns
+    -------
+    bool
+        If False, every process compiles its own kernels. Numba's own cache, whose kernels may be stale, is not used.
+    """
     try:
         cache_directory().mkdir(parents=True, exist_ok=True)
         tempfile.TemporaryFile(dir=cache_directory()).close()
@@ -135,7 +151,7 @@ _INLINE: dict[str, Any] = _OPTIONS | {"no_cpython_wrapper": True, "_nrt": False,
 
 
 class Inline:
-    """A function that is compiled into its callers; from Python it is the plain function.
+    """A function that is compiled into the kernels that call it; a call from Python runs the plain Python function.
 
     The function borrows its array arguments: it neither creates nor returns arrays, and counts no references to them.
     A kernel counts the references to every array of a named tuple at each call, in atomic operations of some
@@ -151,8 +167,8 @@ class Inline:
         self.name, self._run = function.__name__, function
 
     @cached_property
-    def in_kernels(self) -> Any:
-        """Return numba's dispatcher of this function, for kernels that call it."""
+    def kernel_dispatcher(self) -> Any:
+        """Return numba's dispatcher for calls from kernels; it compiles the function for each set of argument types."""
         Inline.compiled.append(self)
         return numba.njit(**self.options)(self._run)
 
@@ -163,7 +179,7 @@ class Inline:
 
 @typeof_impl.register(Inline)
 def _type_in_kernels(function: Inline, _context: Any) -> Any:
-    return numba.typeof(function.in_kernels)
+    return numba.typeof(function.kernel_dispatcher)
 
 
 class Kernel(Inline):
@@ -174,36 +190,36 @@ class Kernel(Inline):
     """
 
     options = _CALLED
-    _entry: Any = None
+    _python_dispatcher: Any = None
 
     @property
-    def entry(self) -> Any:
-        """Return numba's dispatcher for calls from Python."""
+    def python_dispatcher(self) -> Any:
+        """Return numba's dispatcher for calls from Python; it compiles the function for each set of argument types."""
         config: Any = numba.config
         with _LOCK:
-            if self._entry is None:
+            if self._python_dispatcher is None:
                 before, config.CACHE_DIR = (
                     config.CACHE_DIR,
                     str(cache_directory()),
-                )  # numba reads CACHE_DIR only when it decorates
+                )  # numba reads CACHE_DIR only in `njit`, so it is set for that call alone
                 try:
-                    self._entry = numba.njit(cache=is_cache_writable(), **_ENTRY)(self._run)
+                    self._python_dispatcher = numba.njit(cache=is_cache_writable(), **_ENTRY)(self._run)
                 finally:
                     config.CACHE_DIR = before
-        return self._entry
+        return self._python_dispatcher
 
     def __call__(self, *arguments: Any) -> Any:
         """Run the compiled function. Before its first run, a separate process compiles it for these argument types."""
-        if self._entry is None and self.__module__.startswith("rattle."):
+        if self._python_dispatcher is None and self.__module__.startswith("rattle."):
             wanted = self.__module__, self.name, *map(numba.typeof, arguments)
             # the name is a hash of the types as text, because pickles of equal types may differ
             name = hashlib.sha256(repr(wanted).encode()).hexdigest()[:24]
             compile_apart(f"{name} {base64.b64encode(pickle.dumps(wanted)).decode()}", f"{__name__}:compile_one_kernel")
-        return (self._entry or self.entry)(*arguments)
+        return (self._python_dispatcher or self.python_dispatcher)(*arguments)
 
 
 def compile_one_kernel(about: str) -> dict[str, Callable[[], Any]]:
-    """Return the step of a job of `compile_apart` that compiles one kernel for given types of its arguments.
+    """Return the only step of a job of `compile_apart`: the compilation of one kernel for given argument types.
 
     about: a hash, a space, and in base64 the pickled tuple of the kernel's module, its name and the types.
 
@@ -213,7 +229,7 @@ def compile_one_kernel(about: str) -> dict[str, Callable[[], Any]]:
         {name of the kernel: function that compiles it}.
     """
     module, name, *arguments = pickle.loads(base64.b64decode(about.split()[1]))
-    return {name: lambda: getattr(import_module(module), name).entry.compile(tuple(arguments))}
+    return {name: lambda: getattr(import_module(module), name).python_dispatcher.compile(tuple(arguments))}
 
 
 kernel = Kernel  #: decorator: compiles at the first call, caches on disk, runs without the GIL
@@ -243,28 +259,28 @@ def for_type(function: Callable[..., Any], kind: type) -> Callable[[Callable[...
             return implementation if getattr(arguments[-1], "instance_class", None) is kind else None
 
         chooser: Any = choose
-        chooser.__signature__ = inspect.signature(implementation)  # numba matches arguments by their names
+        chooser.__signature__ = inspect.signature(implementation)  # numba requires that both name their arguments alike
         overload(function, strict=False, jit_options=_CALLED)(chooser)
         return implementation
 
     return register
 
 
-def note_of(about: str, work: str) -> Path:
-    """Return the path of the file that marks the job `work` of `compile_apart` as done.
+def note_of(about: str, job: str) -> Path:
+    """Return the path of the file whose existence marks a job of `compile_apart` as done.
 
-    about: the argument of the job, of which only the first word counts.
+    about: the argument of the job; only its first word enters the path. job: the job's function, ``module:name``.
 
     Returns
     -------
     Path
-        A file of the cache, which may not exist.
+        A path in the cache directory. The file may not exist.
     """
-    return cache_directory() / f"{work.rpartition(':')[2]}-{about.split()[0]}.note"
+    return cache_directory() / f"{job.rpartition(':')[2]}-{about.split()[0]}.note"
 
 
-def compile_apart(about: str, *works: str) -> None:
-    """Compile the kernels of some jobs (`works`) in one separate process, unless the cache has them already.
+def compile_apart(about: str, *jobs: str) -> None:
+    """Compile the kernels of the jobs `jobs` in one separate process, unless the cache has them already.
 
     Numba's functions are weak symbols: a process that compiles a kernel takes copies of its callees that are optimised
     differently from the copies that it loads from the cache, and the last bits of results differ. So every process
@@ -276,7 +292,7 @@ def compile_apart(about: str, *works: str) -> None:
     about : str
         The argument of the jobs, such as the name of a model. Its first word tells calls of one job apart; a job is not
         repeated for the same first word.
-    *works : str
+    *jobs : str
         Jobs: functions, as ``module:name``, which take `about` and return steps by name. Each step is a function that
         compiles the kernels that it needs.
 
@@ -285,14 +301,14 @@ def compile_apart(about: str, *works: str) -> None:
     RattleError
         If the kernels cannot be compiled; the message says why.
     """
-    notes = [note_of(about, work) for work in works]
-    if _CREATED_NOTES:  # this is the compiling process: it compiles these kernels in the course of its job
+    notes = [note_of(about, job) for job in jobs]
+    if _CREATED_NOTES:  # this is the compiling process, which compiles these kernels itself when its job calls them
         _CREATED_NOTES.extend(notes)
     elif sys.executable and not all(note.exists() for note in notes) and is_cache_writable():
         with open(cache_directory() / "lock", "w") as lock:
             while not try_to_lock(lock) and not all(note.exists() for note in notes):
                 time.sleep(POLL_SECONDS)
-            if missing := [work for work, note in zip(works, notes, strict=True) if not note.exists()]:
+            if missing := [job for job, note in zip(jobs, notes, strict=True) if not note.exists()]:
                 _compile_in_new_process(about, *missing)
 
 
@@ -307,10 +323,10 @@ def try_to_lock(file: IO[str]) -> bool:
     return True
 
 
-def _compile_in_new_process(*work: str) -> None:
+def _compile_in_new_process(*arguments: str) -> None:
     pipes: Any = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True}
     said: list[str] = []
-    with subprocess.Popen([sys.executable, "-c", COMPILE, *work], env=environment(), **pipes) as process:
+    with subprocess.Popen([sys.executable, "-c", COMPILE, *arguments], env=environment(), **pipes) as process:
         try:
             for line in process.stdout or ():
                 said.append(line)
@@ -324,13 +340,16 @@ def _compile_in_new_process(*work: str) -> None:
         raise RattleError(f"kernels cannot be compiled: {''.join(said[-20:]).strip() or code}")
 
 
-def compile_here(about: str, *works: str) -> None:
-    """Compile the kernels of these jobs in this process, and mark each job as done; end if the parent process ends."""
+def compile_in_this_process(about: str, *jobs: str) -> None:
+    """Compile the kernels of these jobs in this process, and mark each job as done.
+
+    This process ends when standard input closes, so when its parent process ends. about, jobs: as in `compile_apart`.
+    """
     threading.Thread(target=lambda: sys.stdin.read() or os._exit(1), daemon=True).start()
-    gc.set_threshold(100_000, 20, 20)  # with the default thresholds garbage collection takes an eighth of the time
-    for work in works:
-        _CREATED_NOTES[:] = [note_of(about, work)]
-        module, _, name = work.partition(":")
+    gc.set_threshold(100_000, 20, 20)  # the default thresholds spend an eighth of a compilation's time on garbage
+    for job in jobs:
+        _CREATED_NOTES[:] = [note_of(about, job)]
+        module, _, name = job.partition(":")
         steps = getattr(import_module(module), name)(about)
         for number, (step, compile_step) in enumerate(steps.items(), 1):
             print(f"{STEP}{step}{f' of the {about} model' * about.isalpha()}, {number} of {len(steps)}", flush=True)
@@ -349,6 +368,6 @@ def refuse_array_returns() -> None:
         If an inline function that this process has compiled returns an array.
     """
     for each in Inline.compiled:
-        returned = [str(signature.return_type) for signature in each.in_kernels.nopython_signatures]
+        returned = [str(signature.return_type) for signature in each.kernel_dispatcher.nopython_signatures]
         if each.options is _INLINE and any(re.search(r"\barray\(", kind) for kind in returned):
             raise RattleError(f"{each.name} is inline and returns an array: make it a kernel")

@@ -13,6 +13,7 @@ Function = Callable[[NDArray], NDArray]
 
 @lru_cache(maxsize=64)
 def _complex_steps(n: int) -> NDArray[np.complex128]:
+    """Return i · COMPLEX_STEP times the unit matrix (n, n): row j is the step in variable j."""
     steps = (1j * COMPLEX_STEP * np.eye(n)).astype(np.complex128)
     steps.setflags(write=False)
     return steps
@@ -35,10 +36,10 @@ def batch_of(x: NDArray) -> NDArray[np.complex128]:
     return np.ascontiguousarray(x, np.complex128).reshape(-1, x.shape[-1])
 
 
-def reshape_like(x: NDArray, found: NDArray, axis: int = 0) -> NDArray:
-    """Return the results of a kernel for the k arguments `batch_of(x)` in the shape of x (…, N).
+def reshape_like(x: NDArray, results: NDArray, axis: int = 0) -> NDArray:
+    """Return the results of a kernel for the k arguments `batch_of(x)`, with the leading axes of x (…, N).
 
-    found: the results; its axis number `axis` has length k, and is replaced by the leading axes of x.
+    results: an array whose axis number `axis` has the length k. The leading axes of x take the place of this axis.
 
     Returns
     -------
@@ -46,8 +47,8 @@ def reshape_like(x: NDArray, found: NDArray, axis: int = 0) -> NDArray:
         The results, real if x is real.
     """
     if x.ndim != 2:
-        found = found.reshape(found.shape[:axis] + x.shape[:-1] + found.shape[axis + 1 :])
-    return found if x.dtype.kind == "c" else found.real
+        results = results.reshape(results.shape[:axis] + x.shape[:-1] + results.shape[axis + 1 :])
+    return results if x.dtype.kind == "c" else results.real
 
 
 def singularity_function(matrix: NDArray, column: Array, row: Array) -> NDArray:

@@ -20,9 +20,9 @@ def module_path() -> list[str]:
     -------
     list of str
         Absolute entries of ``PYTHONPATH`` and ``sys.path`` in order, without the working directory and the script's
-        directory. The directory from which this process loaded the project is always included, as the last entry: so
-        files in it hide no other modules. If another entry has a copy of the project, this directory comes directly
-        before that entry.
+        directory. The directory from which this process loaded the project is always included: directly before the
+        first entry that has a copy of the project or, without such a copy, as the last entry. Files in the last entry
+        hide no other modules.
     """
     home = str(Path(__file__).parents[2])
     entries = os.environ.get("PYTHONPATH", "").split(os.pathsep) + sys.path
@@ -40,12 +40,16 @@ def environment() -> dict[str, str]:
 
 
 def leave_working_directory() -> None:
-    """Import from `module_path` only, in this process and in processes that libraries start from it."""
+    """Let this process, and processes that libraries start from it, import modules from `module_path` only.
+
+    The current directory stays the same; Python no longer searches it, or the script's directory, for modules.
+    """
     sys.path[:] = module_path()
     os.environ[SAFE_PATH] = "1"
 
 
 def _untrusted_directories() -> set[str]:
+    """Return the working directory and the script's directory, unless they are directories of Python itself."""
     script = getattr(sys.modules.get("__main__"), "__file__", None)
     directories = {os.path.realpath(os.curdir), os.path.realpath(os.path.dirname(script or ""))}
     return directories - {os.path.realpath(path) for path in sysconfig.get_paths().values()}

@@ -9,10 +9,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from rattle.errors import real_array, require
 
-GOLDEN = np.array([0x9E3779B97F4A7C15], np.uint64)  # increment of SplitMix64
-SOBOL_BITS = 32  # bits of a coordinate
+GOLDEN_INCREMENT = np.array([0x9E3779B97F4A7C15], np.uint64)  # increment of the random number generator SplitMix64
+SOBOL_BITS = 32  # number of bits of a coordinate of a Sobol point
 LAST_PHASE = float(np.nextafter(1.0, 0.0))  # largest double below 1
-Z_95 = 1.959963984540054  # 97.5 % point of the normal distribution
+Z_95 = 1.959963984540054  # a standard normal variable lies within ±Z_95 with probability 95 %
 
 
 @lru_cache(maxsize=8)
@@ -31,7 +31,7 @@ def sobol_points(count: int) -> NDArray[np.float64]:
     index = np.arange(count, dtype=np.uint64)
     gray = index ^ (index >> np.uint64(1))
     numerators = np.zeros((count, 2), np.uint64)
-    second = 1  # direction number of the second coordinate divided by that of the first
+    second = 1  # quotient of the direction numbers of both coordinates, second by first
     for bit in range(max(count - 1, 1).bit_length()):
         place = SOBOL_BITS - 1 - bit
         directions = np.array([1 << place, second << place], np.uint64)
@@ -61,25 +61,28 @@ def uniforms(seed: int, stream: int, rows: NDArray[np.int64], columns: int) -> N
         (n, columns).
     """
     state = np.zeros(rows.size, np.uint64)
-    words: list[NDArray[np.uint64]] = [*_words_of_seed(seed), np.array([stream], np.uint64), rows.astype(np.uint64)]
+    words: list[NDArray[np.uint64]] = [*_halves_of_seed(seed), np.array([stream], np.uint64), rows.astype(np.uint64)]
     for word in words:
-        state = _mix_bits((state ^ word) + GOLDEN)
-    steps = GOLDEN * np.arange(1, columns + 1, dtype=np.uint64)
+        state = _mix_bits((state ^ word) + GOLDEN_INCREMENT)
+    steps = GOLDEN_INCREMENT * np.arange(1, columns + 1, dtype=np.uint64)
     drawn = _mix_bits(np.asarray(state[:, None] + steps, np.uint64))
     return (drawn >> np.uint64(11)) / 2.0**53
 
 
-def _words_of_seed(seed: int) -> list[NDArray[np.uint64]]:
+def _halves_of_seed(seed: int) -> list[NDArray[np.uint64]]:
+    """Return the lower and the upper 64 bits of a seed of at most 128 bits, each as an array (1,)."""
     return [np.array([half], np.uint64) for half in (seed & (2**64 - 1), seed >> 64)]
 
 
 def _random_shifts(seed: int, *parameters: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return two numbers in [0, 1) for each of n cells, (n, 2), from the seed and the cell's parameters (n,) alone."""
     state = np.zeros(parameters[0].size, np.uint64)
-    words: list[NDArray[np.uint64]] = [*_words_of_seed(seed), *((p + 0.0).view(np.uint64) for p in parameters)]
+    words: list[NDArray[np.uint64]] = [*_halves_of_seed(seed), *((p + 0.0).view(np.uint64) for p in parameters)]
     for word in words:
-        state = _mix_bits((state ^ word) + GOLDEN)
-    drawn = np.stack([_mix_bits(state + GOLDEN), _mix_bits(state + GOLDEN + GOLDEN)], axis=1)
+        state = _mix_bits((state ^ word) + GOLDEN_INCREMENT)
+    drawn = np.stack(
+        [_mix_bits(state + GOLDEN_INCREMENT), _mix_bits(state + GOLDEN_INCREMENT + GOLDEN_INCREMENT)], axis=1
+    )
     return (drawn >> np.uint64(11)) / 2.0**53
 
 
@@ -106,7 +109,7 @@ def initial_conditions(
     """
     shifts, points = _random_shifts(seed, delta, epsilon, beta), sobol_points(count)
     x, y = (points[:, i] + shifts[:, i, None] for i in range(2))
-    x -= x >= 1.0  # exact remainder modulo 1, because both terms are below 1
+    x -= x >= 1.0  # the exact remainder modulo 1, because x is below 2: a sum of a point and a shift in [0, 1)
     y -= y >= 1.0
     speeds = np.broadcast_to(np.asarray(v_max, np.float64), delta.shape)[:, None]
     phases = np.minimum(tau[0] + (tau[1] - tau[0]) * x, LAST_PHASE)

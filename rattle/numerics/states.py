@@ -11,13 +11,13 @@ from rattle.errors import RattleError, require, require_integer, require_pair
 from rattle.numerics.sampling import sobol_points
 
 MOST_STATES = 1 << 20
-CELLS = 512  # number of cells along τ and along v; a density counts as constant in each
+DENSITY_STEPS = 512  # a density counts as constant in each of DENSITY_STEPS × DENSITY_STEPS rectangles of (τ, v)
 Array = NDArray[np.float64]
 Density = Callable[[Array, Array], ArrayLike]
 
 
 def box_of(tau: ArrayLike, v: ArrayLike) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Return a checked box of states: phases within [0, 1], speeds from 0 on. Raises ParameterError."""
+    """Return the ranges (low, high) of τ and v. Raises ParameterError unless 0 ≤ low < high, and high ≤ 1 for τ."""
     phases, speeds = require_pair("tau", tau), require_pair("v", v)
     require(0.0 <= phases[0] < phases[1] <= 1.0, f"tau must be (low, high) within [0, 1], got {phases}")
     require(0.0 <= speeds[0] < speeds[1], f"v must be (low, high) with 0 <= low < high, got {speeds}")
@@ -36,8 +36,8 @@ def sampled_states(
     v, tau : tuple[float, float]
         Ranges (low, high) of speed and phase.
     density : Density | None
-        A function of arrays τ and v, not negative, with any scale. It counts as constant in each of 512 × 512 cells of
-        the box, with its value at the middle. Without a density the states are uniform.
+        A function of arrays τ and v, not negative, with any scale. It counts as constant in each of 512 × 512
+        rectangles of the box, with its value at the middle. Without a density the states are uniform.
     seed : int
         Seed of the random shift of the states.
 
@@ -66,10 +66,12 @@ def _map_by_density(
     points: Array, density: Density, tau: tuple[float, float], v: tuple[float, float]
 ) -> tuple[Array, Array]:
     """Map points of the unit square by the inverse distribution function: first along τ, then along v given τ."""
-    centres = (np.arange(CELLS) + 0.5) / CELLS
+    centres = (np.arange(DENSITY_STEPS) + 0.5) / DENSITY_STEPS
     phases, speeds = (low + (high - low) * centres for low, high in (tau, v))
     try:
-        weight = np.broadcast_to(np.asarray(density(phases[:, None], speeds), np.float64), (CELLS, CELLS))
+        weight = np.broadcast_to(
+            np.asarray(density(phases[:, None], speeds), np.float64), (DENSITY_STEPS, DENSITY_STEPS)
+        )
     except (TypeError, ValueError) as error:
         raise RattleError(
             f"density must take arrays of τ and v that broadcast, and return a number for each state: {error}"
@@ -82,14 +84,15 @@ def _map_by_density(
 
 
 def _inverse_distribution(weight: Array, row: NDArray[np.int64], share: Array) -> tuple[Array, NDArray[np.int64]]:
-    """Return the positions in [0, 1] at which distributions reach the shares (n,), and the cells of these positions.
+    """Return the positions in [0, 1] at which distribution functions reach given shares (n,) of their largest value.
 
-    weight (rows, cells): densities on equal cells of [0, 1]. row (n,): the density that belongs to each share.
+    weight (rows, k): in each row the density on k equal intervals of [0, 1]. row (n,): for each share, the number of
+    the density whose distribution function is used.
 
     Returns
     -------
     tuple[Array, NDArray[np.int64]]
-        Positions (n,) and cells (n,).
+        Positions (n,), and the number (n,) of the interval in which each lies.
     """
     total = np.cumsum(weight, axis=1)
     ends = np.hstack([np.zeros((len(weight), 1)), total])

@@ -25,8 +25,8 @@ def read_columns(path: str | Path, names: Iterable[str], needed: str | None = No
     Raises
     ------
     ParameterError
-        If `needed` is given and the file does not have this column, or `needed` is None and the file has none of the
-        columns. If a column appears twice, or a cell of these columns is not a number.
+        If the file lacks the column `needed`; or, where `needed` is None, lacks all of the columns `names`. If one of
+        these columns appears twice, or has an entry that is not a number.
     RattleError
         If the file cannot be read.
     """

@@ -2,7 +2,7 @@
 
 A ball is an interval midpoint ± radius. The result of an operation is a ball that contains the results for all numbers
 of the operands. A comparison is True only if it holds for all numbers of both balls. Proofs therefore write
-`if not (x > 0)` before they refuse: this also refuses where the sign of x is undecided.
+`if not (x > 0)` before they refuse: this also refuses where x > 0 is neither proved nor disproved.
 """
 
 import threading

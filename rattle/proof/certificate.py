@@ -69,7 +69,7 @@ class Certificate:
     def __str__(self) -> str:
         """Return the theorem in one sentence."""
         m, n_plus, n_minus = self.label
-        where = ", ".join(f"{name} = {text(value)}" for name, value in self.parameters.items())
+        where = ", ".join(f"{name} = {text_of_number(value)}" for name, value in self.parameters.items())
         return (
             f"At {where} the {self.model} gear has one P({m}, {n_plus}, {n_minus}) with these times ± "
             f"{float(self.time_radius):.0e}, {'not decided' if self.verdict is Verdict.UNDECIDED else self.verdict}."
@@ -80,16 +80,16 @@ class Certificate:
         return {
             "format": FORMAT,
             "model": self.model,
-            "parameters": {name: text(value) for name, value in self.parameters.items()},
+            "parameters": {name: text_of_number(value) for name, value in self.parameters.items()},
             "label": list(self.label),
             "walls": list(self.walls),
-            "times": texts(self.times),
-            "speeds": texts(self.speeds),
-            "time_radius": text(self.time_radius),
-            "speed_radius": text(self.speed_radius),
-            "trace": texts(self.trace),
-            "determinant": texts(self.determinant),
-            "multipliers": [texts(ends) for ends in self.multipliers],
+            "times": texts_of_numbers(self.times),
+            "speeds": texts_of_numbers(self.speeds),
+            "time_radius": text_of_number(self.time_radius),
+            "speed_radius": text_of_number(self.speed_radius),
+            "trace": texts_of_numbers(self.trace),
+            "determinant": texts_of_numbers(self.determinant),
+            "multipliers": [texts_of_numbers(ends) for ends in self.multipliers],
             "verdict": str(self.verdict),
             "versions": self.versions,
         }
@@ -111,7 +111,7 @@ def exact_number(name: str, value: Exact) -> Fraction:
     raise ParameterError(f"{name} must be a number, or text with an exact number such as '0.6' or '3/5', got {value!r}")
 
 
-def text(value: Fraction) -> str:
+def text_of_number(value: Fraction) -> str:
     """Return an exact number as text: a decimal if finitely many decimals suffice, else a ratio of integers."""
     twos, fives, rest = 0, 0, value.denominator
     while rest % 2 == 0:
@@ -126,6 +126,6 @@ def text(value: Fraction) -> str:
     return ("-" if value < 0 else "") + whole + (f".{part}" if part else "")
 
 
-def texts(values: Sequence[Fraction]) -> list[str]:
+def texts_of_numbers(values: Sequence[Fraction]) -> list[str]:
     """Return the texts of several exact numbers."""
-    return [text(value) for value in values]
+    return [text_of_number(value) for value in values]

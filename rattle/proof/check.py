@@ -65,7 +65,7 @@ class CertifiedMotion:
     m: the number of forcing periods.
     k: the stiffness after each event: [0] for the impacting gear, whose events are followed by flights; [2κ, 0] for the
     stiff gear, whose contacts and flights alternate.
-    turns: the factor by which an event multiplies the velocity, −1 for the impacting gear and 1 for the stiff gear.
+    velocity_factor: an event multiplies the velocity by this factor, −1 for the impacting and 1 for the stiff gear.
     centre, radii: the centre and the half-widths of the box of the unknowns x.
     """
 
@@ -80,7 +80,7 @@ class CertifiedMotion:
             "each of `walls` must be 1 or -1, and the first number of `label`, the forcing periods, a positive integer",
         )
         require(counts == [self.itinerary.count(1), self.itinerary.count(-1)], "`label` must count the walls 1 and -1")
-        self.k, self.turns = ([2 * kappa[0], ZERO], 1) if kappa else ([ZERO], -1)
+        self.k, self.velocity_factor = ([2 * kappa[0], ZERO], 1) if kappa else ([ZERO], -1)
         self.walls = [wall for wall in self.itinerary for _ in self.k]
         times, speeds = document["times"], document["speeds"]
         require(
@@ -106,8 +106,8 @@ class CertifiedMotion:
     def equations(self, x: Sequence[Interval]) -> tuple[list[Interval], list[dict[int, Interval]]]:
         """Return the residual of the motion's equations and its Jacobian, at the unknowns x.
 
-        There are two equations for each flight and each contact: it ends on the next wall, and its final velocity,
-        reversed if an impact follows, is the initial velocity of the next flight or contact.
+        Each flight and each contact has two equations. By the first it ends on the next wall. By the second its final
+        velocity, which an impact reverses, is the initial velocity of the next flight or contact.
 
         Returns
         -------
@@ -118,9 +118,12 @@ class CertifiedMotion:
         for p in self.pieces(x):
             (y, v), (c, s, c1, s1) = p.state_after(p.duration), p.tangent(p.duration)
             start, end = p.force(ZERO) - self.delta * p.w, p.force(p.duration) - self.delta * v - p.k * y
-            values += [y - (p.target - p.wall) * self.beta, self.turns * v - p.next]
-            by_y, by_v = (-c * p.w - s * start, s, v, ZERO), (-c1 * p.w - s1 * start, s1, end, ZERO - self.turns)
-            for sign, derivatives in ((1, by_y), (self.turns, by_v)):
+            values += [y - (p.target - p.wall) * self.beta, self.velocity_factor * v - p.next]
+            by_y, by_v = (
+                (-c * p.w - s * start, s, v, ZERO),
+                (-c1 * p.w - s1 * start, s1, end, ZERO - self.velocity_factor),
+            )
+            for sign, derivatives in ((1, by_y), (self.velocity_factor, by_v)):
                 rows.append(dict.fromkeys(p.unknowns, ZERO))
                 for unknown, value in zip(p.unknowns, derivatives, strict=True):
                     rows[-1][unknown] += sign * value
@@ -150,8 +153,9 @@ class CertifiedMotion:
     def require_admissible(self, x: Sequence[Interval]) -> None:
         """Raise Refused unless each flight and contact is proved to reach its end, with speeds > 0 at both ends."""
         for i, p in enumerate(self.pieces(x), 1):
-            side = p.wall if p.k != 0 else -p.wall  # sign of the velocity at the start: a contact moves into its wall
-            speeds = side * p.w, (-p.wall if p.k != 0 else p.target) * self.turns * p.next
+            # sign of the velocity at the start: a contact moves into its wall, a flight away from it
+            side = p.wall if p.k != 0 else -p.wall
+            speeds = side * p.w, (-p.wall if p.k != 0 else p.target) * self.velocity_factor * p.next
             require(
                 is_positive(p.duration, *speeds),
                 f"piece {i} is not proved to take time, and to start and end with velocities that its walls allow",
@@ -177,7 +181,7 @@ class CertifiedMotion:
         for p in self.pieces(x):
             e, f, g, h = p.tangent(p.duration)
             a, b, c, d = e * a + f * c, e * b + f * d, g * a + h * c, g * b + h * d
-            if self.turns < 0:
+            if self.velocity_factor < 0:
                 # the tangent map of an impact that is reached with velocity v is [[−1, 0], [2g/v, −1]]
                 kick = -2 * p.force(p.duration) / p.next
                 a, b, c, d = -a, -b, kick * a - c, kick * b - d
@@ -251,7 +255,7 @@ class MotionPiece:
                 y = self.state_after(middle)[0]
                 if not is_clear(y):
                     return False
-                if not is_clear(y + slope * (part - middle)):  # by the mean value theorem
+                if not is_clear(y + slope * (part - middle)):  # the sum encloses y on the part
                     parts += [(low, middle), (middle, high)]
             if not parts:
                 return True
@@ -259,7 +263,7 @@ class MotionPiece:
 
 
 def roots(trace: Interval, determinant: Interval) -> list[Interval]:
-    """Return the real and the imaginary part of both roots of λ² − trace λ + determinant, in turn."""
+    """Return the roots λ₁ and λ₂ of λ² − trace λ + determinant as [Re λ₁, Im λ₁, Re λ₂, Im λ₂]."""
     half, square = trace / 2, trace**2 / 4 - determinant
     root = IV.sqrt(abs(square))
     if is_positive(square):

@@ -32,7 +32,7 @@ from rattle.proof.krawczyk import MOST_MOVED, EvaluatedEquations, enclose_zero
 #: A published enclosure is wider than its ball by this multiple of the ball's width: other programs round differently.
 WIDENING = 10**4
 #: Least unit to which the ends of a published enclosure are rounded; the unit is larger for wide or large enclosures.
-FINEST = Fraction(1, 10**12)
+LEAST_UNIT = Fraction(1, 10**12)
 #: Decimals of published speeds.
 PLACES = 25
 #: Largest relative difference between the stated and the proved trace that rounding can explain.
@@ -49,7 +49,7 @@ class MotionEnclosures(EvaluatedEquations, Protocol):
 
     @property
     def speeds(self) -> list[arb]:
-        """The speeds after the impacts, or at the beginning and the end of each contact."""
+        """The speeds after the impacts; in the stiff gear, those at the beginning and the end of each contact."""
 
     @property
     def trace(self) -> arb:
@@ -177,7 +177,7 @@ def widened_ends(x: arb) -> Ends:
             "the multipliers are not enclosed: the motion is too long or too unstable for the precision"
         )
     low, high = ends(x)
-    least, unit = max(WIDENING * (high - low), FINEST * abs(high)), FINEST
+    least, unit = max(WIDENING * (high - low), LEAST_UNIT * abs(high)), LEAST_UNIT
     while unit < least:
         unit *= 10
     return (low // unit - 1) * unit, (-(-high // unit) + 1) * unit

@@ -50,7 +50,13 @@ class ModelPoint:
 
     @cached_property
     def force_zero_phases(self) -> tuple[arb, ...]:
-        """The two phases at which the contact force is 0, or () below the quiet limit. NotProvedError if undecided."""
+        """The two phases at which the contact force is 0, or () if ε is proved to be below the quiet limit.
+
+        Raises
+        ------
+        NotProvedError
+            If ε is not proved to be below the quiet limit, nor proved to be above it.
+        """
         share = 2 * self.delta / (self.epsilon * (4 * PI() ** 2 + self.delta**2).sqrt())
         if share > 1:
             return ()
@@ -67,7 +73,7 @@ class FlightEnclosure:
     """A flight, all of whose numbers are balls.
 
     t0, t1: times at which it starts and ends.
-    rest: the constant C of equations (1.4) to (1.7) of docs/proofs.md.
+    constant: the constant C of equations (1.4) to (1.7) of docs/proofs.md.
     cos0: cos 2πt0.
     w0, w1: velocities at t0 and t1.
     decay: e^(−δ(t1 − t0)).
@@ -77,7 +83,7 @@ class FlightEnclosure:
     point: ModelPoint
     t0: arb
     t1: arb
-    rest: arb
+    constant: arb
     cos0: arb
     w0: arb
     w1: arb
@@ -91,18 +97,20 @@ class FlightEnclosure:
         """Return Φ(t) − Φ(t0) and Φ'(t), by (1.4) and (1.5) of docs/proofs.md."""
         point, sine, cosine = self.point, *(2 * t).sin_cos_pi()
         kept = (-point.delta * (t - self.t0)).exp()
-        height = self.rest * (kept - 1) / point.delta + point.epsilon * (cosine - self.cos0)
-        return height + point.drift * (t - self.t0), point.drift - point.velocity_amplitude * sine - self.rest * kept
+        height = self.constant * (kept - 1) / point.delta + point.epsilon * (cosine - self.cos0)
+        return height + point.drift * (
+            t - self.t0
+        ), point.drift - point.velocity_amplitude * sine - self.constant * kept
 
 
 def flight(
-    point: ModelPoint, t0: arb, t1: arb, turn0: tuple[arb, arb], turn1: tuple[arb, arb], distance: arb
+    point: ModelPoint, t0: arb, t1: arb, sine_cosine0: tuple[arb, arb], sine_cosine1: tuple[arb, arb], distance: arb
 ) -> FlightEnclosure:
     """Return the flight over a distance between two times, by (1.7) to (1.10) of docs/proofs.md.
 
     Parameters
     ----------
-    turn0, turn1 : tuple[arb, arb]
+    sine_cosine0, sine_cosine1 : tuple[arb, arb]
         (sin 2πt, cos 2πt) at t0 and at t1.
     distance : arb
         Φ(t1) − Φ(t0).
@@ -112,7 +120,7 @@ def flight(
     FlightEnclosure
         The flight.
     """
-    (sin0, cos0), (sin1, cos1), delta = turn0, turn1, point.delta
+    (sin0, cos0), (sin1, cos1), delta = sine_cosine0, sine_cosine1, point.delta
     lost = -(-delta * (t1 - t0)).expm1()
     decay, pull = 1 - lost, delta / lost
     rest = (point.drift * (t1 - t0) + point.epsilon * (cos1 - cos0) - distance) * pull
@@ -130,7 +138,7 @@ def flight(
 
 
 def sign(x: arb) -> int:
-    """Return the sign of all numbers of a ball: 1 or −1, and 0 if it is undecided or the ball is 0."""
+    """Return 1 if all numbers of a ball are above 0, −1 if all are below 0, otherwise 0."""
     return UP if x > 0 else DOWN if x < 0 else 0
 
 
@@ -169,7 +177,7 @@ def extrema(flight: FlightEnclosure, name: str) -> Iterator[tuple[int, arb]]:
     """Yield all extrema of Φ on a flight.
 
     M = e^(δt) Φ' is monotone between two neighbouring zeros of the contact force g (Lemma 4 of docs/proofs.md). So Φ
-    has one extremum between them if Φ' has different signs at them, and else none.
+    has one extremum between two such zeros if Φ' has different signs at them, otherwise none.
 
     Yields
     ------
@@ -180,7 +188,7 @@ def extrema(flight: FlightEnclosure, name: str) -> Iterator[tuple[int, arb]]:
     Raises
     ------
     NotProvedError
-        If the sign of Φ' at a zero of g is undecided.
+        If the sign of Φ' at a zero of g is not proved.
     """
     places = [flight.t0]
     for time in [*force_zero_times(flight), flight.t1]:
@@ -217,19 +225,19 @@ def force_zero_times(flight: FlightEnclosure) -> list[arb]:
 def extremum(flight: FlightEnclosure, start: arb, end: arb, name: str) -> arb:
     """Return a ball that contains Φ − Φ(t0) at the only zero t* of Φ' between start and end.
 
-    M = e^(δt) Φ' must be monotone between start and end. For any time e between them |M| ≤ |M(e)| from e to t*, so
-    |Φ(t*) − Φ(e)| ≤ L e^(δL) |Φ'(e)| with L = end − start (Lemma 5 of docs/proofs.md). The closer e is to t*, the
-    narrower is the ball.
+    M = e^(δt) Φ' must be monotone between start and end. For any time u between them |M| ≤ |M(u)| from u to t*, so
+    |Φ(t*) − Φ(u)| ≤ L exp(δL) |Φ'(u)| with L = end − start (Lemma 5 of docs/proofs.md). u is a guess of t*: the closer
+    u is to t*, the narrower is the ball.
 
     Returns
     -------
     arb
-        Φ(e) − Φ(t0) ± this bound.
+        Φ(u) − Φ(t0) ± this bound.
 
     Raises
     ------
     NotProvedError
-        If the guess of t* is not between start and end.
+        If the guess u is not between start and end.
     """
     turn = arb(_guess_extremum_time(flight, float(start.mid()), float(end.mid())))
     if not (turn > start and turn < end):
@@ -242,7 +250,7 @@ def extremum(flight: FlightEnclosure, start: arb, end: arb, name: str) -> arb:
 def _guess_extremum_time(flight: FlightEnclosure, start: float, end: float) -> float:
     """Return a guess, in doubles, of the time at which Φ' changes sign. The bound of `extremum` holds for any guess."""
     delta, epsilon = float(flight.point.delta), float(flight.point.epsilon)
-    t0, rest = float(flight.t0), float(flight.rest)
+    t0, rest = float(flight.t0), float(flight.constant)
 
     def slope(t: float) -> float:
         return 4 * math.pi - 2 * math.pi * epsilon * math.sin(2 * math.pi * t) - rest * math.exp(-delta * (t - t0))

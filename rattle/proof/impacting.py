@@ -77,7 +77,7 @@ class ImpactingSystem:
     m: int
 
     def __call__(self, times: Sequence[arb]) -> ImpactEnclosures:
-        """Return the flights between these times; they form a motion if their residual R is 0."""
+        """Return the flights between impacts at these times (n,); they form a motion if their residual R is 0."""
         n, turns = len(times), [(2 * time).sin_cos_pi() for time in times]
         flights = [
             flight(

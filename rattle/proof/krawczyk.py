@@ -19,7 +19,7 @@ RADII = tuple(Fraction(1, 10**k) for k in (11, 13, 15, 17, 20))
 PLACES = 28
 #: Largest number of times that the operator is applied to its own result to make the enclosure narrower.
 MOST_REPETITIONS = 12
-#: Largest distance between a computed motion and the proved zero that rounding can explain.
+#: Largest difference in any unknown, between a computed motion and the proved zero, that rounding can explain.
 MOST_MOVED = 1e-9
 
 
@@ -81,7 +81,7 @@ def enclose_zero(equations: Equations, start: NDArray[np.float64]) -> Enclosure:
             for _ in range(MOST_REPETITIONS):
                 if all(each.rad() < small for each in moved):
                     break
-                # the image contains the zero, because the box does
+                # each image contains the zero, because the box that is mapped contains it
                 moved = _krawczyk_image(equations, x, step, inverse, moved)
             return Enclosure(centre, radius, [a + b for a, b in zip(x, moved, strict=True)])
     raise NotProvedError(

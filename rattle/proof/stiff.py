@@ -42,7 +42,7 @@ class StiffParameters:
 
     @cached_property
     def steady_mean(self) -> arb:
-        """4πδ/2κ, the mean penetration y in the steady motion (permanent contact)."""
+        """4πδ/(2κ), the mean penetration y in the steady motion (permanent contact)."""
         return self.point.delta * self.point.drift / (2 * self.kappa)
 
     @cached_property
@@ -181,7 +181,7 @@ class StiffSystem:
     m: int
 
     def __call__(self, times: Sequence[arb]) -> StiffEnclosures:
-        """Return the contacts and flights between these times; they form a motion if their residual R is 0."""
+        """Return the contacts and flights with these times (2c,); they form a motion if their residual R is 0."""
         c, n, point = len(self.itinerary), len(times), self.parameters.point
         turns = [(2 * time).sin_cos_pi() for time in times]
         flights = [

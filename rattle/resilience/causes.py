@@ -20,16 +20,17 @@ CRISIS, QUIET_LIMIT, SAMPLING, CONTINUES, UNKNOWN = "crisis", "quiet limit", "sa
 #: Smallest step of continuation, as a share of the distance between two neighbouring points of the path.
 LEAST_STEP = 1e-9
 #: Orbits with more impacts are not followed, because an orbit of a hundred impacts would take half a minute.
-LONGEST = 32
+MOST_ORBIT_IMPACTS = 32
 #: Largest distance between the departures of an orbit and of its continuation, with speeds in units of `speed_unit_of`.
-FARTHEST = 0.1
+FARTHEST_CONTINUATION = 0.1
 #: Where the continuation of an orbit stops, a multiplier that is closer to ±1 than this counts as ±1: the orbit ends at
 #: a saddle-node or a flip.
 NEAR_ONE = 0.01
-#: Least ratio of the two values from which `_distance_to_zero` extrapolates; values closer together are too inexact.
+#: `_distance_to_zero` extrapolates from the last value and an earlier value that is larger by more than this factor,
+#: because the extrapolation from two closer values would be too inexact.
 LEAST_RATIO = 1.5
-#: Distance beyond the end of an orbit, as a share of the distance between two points of the path, at which the orbit is
-#: sought again: if it is virtual there, it ended at a graze.
+#: An orbit is sought again at this distance beyond the last position at which it was found, as a share of the distance
+#: between two points of the path. If the orbit is virtual there, or is not found, a graze ended it.
 BEYOND_END = 1e-3
 
 
@@ -58,7 +59,7 @@ class OrbitEnd:
 
 
 def gear_between(start: Parameters, end: Parameters, share: float) -> AnyGear:
-    """Return the gear at a share of the way between two points."""
+    """Return the gear whose parameters are at a share of the way from `start` (share 0) to `end` (share 1)."""
     return gear_at(start.interpolate(end, share))
 
 
@@ -74,7 +75,7 @@ def find_orbit_end(start: Parameters, end: Parameters, orbit: TrackedOrbit) -> O
         The cause, and the shares of the way between which the orbit ends.
     """
     at, step, share = orbit, 1.0, 0.0
-    last = _orbit_near(gear_between(start, end, 0.0), at) if sum(orbit.label[1:]) <= LONGEST else None
+    last = _orbit_near(gear_between(start, end, 0.0), at) if sum(orbit.label[1:]) <= MOST_ORBIT_IMPACTS else None
     if last is None:
         return OrbitEnd(UNKNOWN, 0.0, 1.0)
     trail = [(share, last.multipliers)]
@@ -121,16 +122,21 @@ def _orbit_near(gear: AnyGear, tracked: TrackedOrbit) -> Any:
         return None
     far = np.hypot(wrapped(found.tau - tracked.tau), (found.v - tracked.v) / speed_unit_of(gear))
     label = found.m, found.n_plus, found.n_minus
-    if label != tracked.label or far > FARTHEST or distance_after_part(gear, tracked, found) < SAME_POINT:
+    if (
+        label != tracked.label
+        or far > FARTHEST_CONTINUATION
+        or distance_to_shorter_motion(gear, tracked, found) < SAME_POINT
+    ):
         return None
     return found
 
 
-def distance_after_part(gear: AnyGear, label: TrackedOrbit, found: Any) -> float:
+def distance_to_shorter_motion(gear: AnyGear, tracked: TrackedOrbit, motion: Any) -> float:
     """Return the least distance between the start of a motion and its states after 1/2, 1/3, … of its period.
 
     The fractions are 1/k for all k ≥ 2 that divide m, n₊ and n₋ of the motion. A motion that closes after 1/k of its
-    period is a shorter motion, run through k times. found: the motion. label: a record with the motion's label.
+    period is a shorter motion, run through k times. motion: the gear's periodic motion. tracked: a record with its
+    label.
 
     Returns
     -------
@@ -138,10 +144,10 @@ def distance_after_part(gear: AnyGear, label: TrackedOrbit, found: Any) -> float
         The distance, with speeds in units of `speed_unit_of`; 0 for a motion that closes after 1/k of its period,
         inf if no k divides m, n₊ and n₋.
     """
-    m, n_plus, n_minus = label.label
+    m, n_plus, n_minus = tracked.label
     parts = [n for n in range(2, m + 1) if not (m % n or n_plus % n or n_minus % n)]
-    after = gear.iterate(found.tau, found.v, np.array([n_plus // n for n in parts], np.int64))
-    far = np.maximum(abs(wrapped(after.tau - found.tau)), abs(after.v - found.v) / speed_unit_of(gear))
+    after = gear.iterate(motion.tau, motion.v, np.array([n_plus // n for n in parts], np.int64))
+    far = np.maximum(abs(wrapped(after.tau - motion.tau)), abs(after.v - motion.v) / speed_unit_of(gear))
     return float(far.min(initial=np.inf))
 
 

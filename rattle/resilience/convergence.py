@@ -14,7 +14,7 @@ from rattle.flight.law import wrapped
 from rattle.models import AnyGear
 from rattle.numerics.sampling import wilson_interval
 from rattle.resilience.accumulate import accumulated
-from rattle.resilience.gears import States, sample_of, speed_unit_of
+from rattle.resilience.gears import States, initial_states_of, speed_unit_of
 
 Array = NDArray[np.float64]
 #: Default observation time, in relaxation times 1/δ.
@@ -94,9 +94,8 @@ class _ArrivalAccumulator:
         for i, points in enumerate(self.points):
             mine = np.flatnonzero((self.which[sample] == i) & ~there)
             if points is None or not mine.size:
-                there[mine] = (
-                    points is None
-                )  # samples of chaotic and undecided motion are not followed: they never arrive
+                # samples of chaotic and undecided motion (points is None) never arrive, so they are not followed
+                there[mine] = points is None
                 continue
             if not len(points):
                 there[mine] = v[mine] < self.near * self.unit
@@ -150,7 +149,7 @@ def convergence(
     """
     within = require_number("within", within, positive=True)
     require(within < 0.5, f"within must be below 0.5, half a forcing period, got {within}")
-    tau, v = sample_of(gear, count, v_max, seed, states)
+    tau, v = initial_states_of(gear, count, v_max, seed, states)
     found = gear.reached(tau, v)
     points = [_departures_of(gear, each) for each in found.attractors]
     arrival = _ArrivalAccumulator(found.which, points, within, speed_unit_of(gear))

@@ -28,7 +28,7 @@ PARTS = 64
 #: Default of `turns`, the largest number of bisections.
 MOST_TURNS = 200
 #: Largest number of impacts on Σ⁺ per period of the saddles that are sought.
-LONGEST = 8
+MOST_SADDLE_IMPACTS = 8
 #: A saddle with more impacts replaces a saddle with fewer impacts only if its distance from the state on the boundary
 #: is less than this share of the other saddle's distance: otherwise both may be one saddle, run through several times.
 REPLACING_RATIO = 0.1
@@ -71,7 +71,7 @@ def edge_state(gear: AnyGear, one: ArrayLike, other: ArrayLike, turns: int = MOS
     Returns
     -------
     EdgeState
-        A state on the edge state, and the unstable periodic motion if one was found.
+        One departure from Σ⁺ on the edge state, and the unstable periodic motion if it was found.
 
     Raises
     ------
@@ -133,9 +133,10 @@ def _bisect_to_boundary(gear: AnyGear, pair: Array, unit: float) -> Array:
 def _find_saddle(gear: AnyGear, state: Array, unit: float) -> tuple[Any, float] | None:
     """Return an unstable periodic motion near a state, and its distance from the state; None if none is found.
 
-    All numbers n of impacts on Σ⁺ up to LONGEST are tried. If the state returns to within RETURN_DISTANCE of itself
-    after n impacts, Newton's method seeks a periodic motion with n impacts from there. A motion with more impacts is
-    returned only if its distance is less than REPLACING_RATIO times the distance of each motion with fewer impacts.
+    All numbers n of impacts on Σ⁺ up to MOST_SADDLE_IMPACTS are tried. If the motion from the state returns
+    after n impacts to within RETURN_DISTANCE of the state, Newton's method seeks a periodic motion with n impacts from
+    there. A motion replaces a motion with fewer impacts only if its distance is less than REPLACING_RATIO times the
+    other's distance.
 
     Returns
     -------
@@ -143,7 +144,7 @@ def _find_saddle(gear: AnyGear, state: Array, unit: float) -> tuple[Any, float] 
         The motion and the distance, with speeds in the given unit.
     """
     best = None
-    for n in range(1, LONGEST + 1):
+    for n in range(1, MOST_SADDLE_IMPACTS + 1):
         after = gear.iterate(state[0], state[1], n)
         if np.hypot(wrapped(after.tau - state[0]), (after.v - state[1]) / unit) > RETURN_DISTANCE:
             continue

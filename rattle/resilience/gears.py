@@ -23,8 +23,10 @@ MOST_STEPS = 100_000
 SAME_POINT = 1e-6
 
 
-def sample_of(gear: AnyGear, count: int, v_max: SpeedLimit, seed: int, states: States = None) -> tuple[Array, Array]:
-    """Return the initial states (τ, v) that `Gear.attractors` draws, or `states` if given, as flat arrays.
+def initial_states_of(
+    gear: AnyGear, count: int, v_max: SpeedLimit, seed: int, states: States = None
+) -> tuple[Array, Array]:
+    """Return the initial states that `Gear.attractors` draws, or `states` if given, as flat arrays of τ and v.
 
     Returns
     -------
@@ -111,6 +113,6 @@ def path_points(path: ArrayLike, beta: float, added: Mapping[str, float | None],
     return Parameters(model.name, delta, epsilon, beta_, dict(zip(names[3:], rest, strict=True)))
 
 
-def _model_with_parameters(more: int) -> type[Model]:
-    """Return the first model with this number of parameters besides δ, ε and β; the default model if none has it."""
-    return next((model for model in MODELS.values() if len(model.added) == max(more, 0)), MODELS[DEFAULT_MODEL])
+def _model_with_parameters(n_added: int) -> type[Model]:
+    """Return the first model with `n_added` parameters besides δ, ε and β, or the default model; −1 counts as 0."""
+    return next((model for model in MODELS.values() if len(model.added) == max(n_added, 0)), MODELS[DEFAULT_MODEL])

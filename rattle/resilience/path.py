@@ -90,7 +90,7 @@ class GlobalContinuation:
 
     @property
     def families(self) -> tuple[int, ...]:
-        """The numbers of the families, rising: 0 for quiet motion, then families from the most to the fewest steps."""
+        """The numbers of the families, rising: 0 is quiet motion; the others are numbered from most to fewest steps."""
         return tuple(int(x) for x in np.unique(self.family) if x >= 0)
 
     def label(self, number: int) -> tuple[str, int, int, int]:
@@ -100,17 +100,19 @@ class GlobalContinuation:
 
     def fractions(self, number: int) -> Array:
         """Return the basin fraction of a family at each step (n,), NaN where the family does not exist."""
-        won = self._sample_numbers(number)
+        won = self._sample_counts(number)
         return np.where(won >= 0, won / self.count, np.nan)
 
     def intervals(self, number: int) -> tuple[Array, Array]:
         """Return the ends (n,) of the 95 % Wilson intervals of a family's basin fractions."""
-        won = self._sample_numbers(number)
+        won = self._sample_counts(number)
         low, high = wilson_interval(np.maximum(won, 0), self.count)
         return np.where(won >= 0, low, np.nan), np.where(won >= 0, high, np.nan)
 
     def means(self, name: str, number: int) -> tuple[Array, Array]:
-        """Return the mean of a quantity over the samples of a family, and its standard error, at each step (n,).
+        """Return the mean of a quantity over the samples of a family, and the mean's standard error, at each step (n,).
+
+        name: the name of the quantity in `quantities`. number: the number of the family.
 
         Returns
         -------
@@ -133,7 +135,7 @@ class GlobalContinuation:
         require(rows.size > 0, f"there is no family {number}: choose one of {', '.join(map(str, self.families))}")
         return rows
 
-    def _sample_numbers(self, number: int) -> NDArray[np.int64]:
+    def _sample_counts(self, number: int) -> NDArray[np.int64]:
         """Return the number of samples that reach a family at each step (n,), −1 where the family does not exist."""
         rows = self._rows_of_family(number)
         cell, n = self.attractors.cell[rows], len(self.parameters)
@@ -286,7 +288,7 @@ class _ChangeFinder:
         elif (because := others.get((other, step, not begins))) is not None:
             return Change(family, step, begins, *because[3:6], other)
         elif other >= 0:
-            # `other` is chaotic too, because its change has no cause yet; it visits other states
+            # only changes of chaotic families are not explained yet, so `other` is chaotic too; it visits other states
             end = OrbitEnd(CRISIS, 0.0, 1.0)
         elif other == CHAOS_THERE:
             end, other = OrbitEnd(SAMPLING, 0.0, 1.0), -1
@@ -325,7 +327,8 @@ class _ChangeFinder:
         if self.rows.kind[row] == Outcome.CHAOTIC and model_at(gear_there).rests_late(
             gear_there.delta, gear_there.epsilon
         ):
-            return -1  # at `step`, motions that become quiet make too many impacts to be told from chaotic ones
+            # at `step`, motions that become quiet would first make so many impacts that they would count as chaotic
+            return -1
         many = CHAOTIC_STATES if self.rows.kind[row] == Outcome.CHAOTIC else 1
         on = gear.iterate(tau, v, 7 * np.arange(many))
         attractor = gear_there.reached(on.tau, on.v).attractors[0]
@@ -335,7 +338,7 @@ class _ChangeFinder:
         return CHAOS_THERE if attractor.kind == KINDS[Outcome.CHAOTIC] else -1
 
     def _family_of_orbit(self, orbit: TrackedOrbit, step: int, gear: AnyGear) -> int:
-        """Return the family at a step to which an orbit belongs, −1 if no attractor of the step is this orbit."""
+        """Return the number of the family whose attractor at a step is the orbit `orbit`, −1 if there is none."""
         all_of_it = gear.iterate(orbit.tau, orbit.v, np.arange(orbit.label[1]))
         for family, row in self.row_by_family[step].items():
             if self.rows.label(row) == orbit.label:
@@ -346,7 +349,7 @@ class _ChangeFinder:
         return -1
 
     def _is_attractor_of_row(self, attractor: Attractor, row: int, unit: float) -> bool:
-        """Return whether an attractor is the attractor in a row of the table; `unit` is the unit of speeds."""
+        """Return whether `attractor` and the attractor in a row of the table are the same. unit: the unit of speeds."""
         label = KINDS[self.rows.kind[row]], *self.rows.label(row)
         if label != (attractor.kind, attractor.m, attractor.n_plus, attractor.n_minus):
             return False

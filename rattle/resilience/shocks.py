@@ -18,10 +18,10 @@ Array = NDArray[np.float64]
 #: Number of shocks of each sign that are tried from a state in one scan.
 SHOCKS_PER_SCAN = 64
 #: Number of scans of all states. Each scan tries shocks up to the smallest fatal shock that was found before.
-ROUNDS = 3
+FULL_SCANS = 3
 #: Number of further scans, of the state from which the smallest fatal shock was found. Each scan makes the interval
 #: between a harmless and a fatal size of the shock SHOCKS_PER_SCAN times shorter.
-HALVINGS = 5
+NARROWING_SCANS = 5
 #: Number of phases at which shocks are applied to quiet motion.
 PHASES = 64
 #: A departure at this speed stands for a motion at rest on Σ⁺, in units of `speed_unit_of`.
@@ -100,7 +100,7 @@ def smallest_shock(
         states, departure = _states_at_departures(gear, attractor), _departure_from_wall
     search = _ShockSearch(gear, attractor, states, departure, highest)
     search.run_scans()
-    return search.smallest()
+    return search.smallest_shock_found()
 
 
 def _states_at_departures(gear: AnyGear, attractor: Attractor) -> list[_StateBeforeShock]:
@@ -113,7 +113,7 @@ def _states_at_departures(gear: AnyGear, attractor: Attractor) -> list[_StateBef
 
 
 def _departure_from_wall(state: _StateBeforeShock, change: float) -> tuple[float, float] | None:
-    """Return the departure (τ, v) after a shock to a state on Σ⁺, or None if the shock is towards the wall."""
+    """Return the departure (τ, v) after a shock to a state on Σ⁺, or None if Φ' is not negative after the shock."""
     v = -(state.velocity + change)
     return (state.tau, v) if v > 0.0 else None
 
@@ -133,7 +133,7 @@ def _states_at_phase(gear: AnyGear, attractor: Attractor, phase: float) -> tuple
         states.append(_StateBeforeShock(phase, float(moving.phi[-1]), float(moving.velocity[-1])))
 
     def departure(state: _StateBeforeShock, change: float) -> tuple[float, float] | None:
-        """Return the first departure from Σ⁺ after a shock, or None if there is none."""
+        """Return the first departure (τ, v) from Σ⁺ after a shock, or None if the motion departs no more."""
         try:
             tau, v = gear.departure(state.tau, state.position, state.velocity + change)
         except RattleError:
@@ -161,20 +161,21 @@ class _ShockSearch:
         self.attractor_after: Attractor | None = None
 
     def run_scans(self) -> None:
-        """Scan all states ROUNDS times. If a fatal shock is found, scan the state before it HALVINGS times more.
+        """Scan all states FULL_SCANS times, and then the state with the smallest fatal shock NARROWING_SCANS times.
 
-        The further scans narrow the interval from `low` to `high`, which holds the least fatal size.
+        The latter scans narrow the interval from `low` to `high`, which holds the least fatal size. They are left out
+        if no fatal shock is found.
         """
         every, both = np.arange(len(self.states)), np.array([-1.0, 1.0])
-        for _ in range(ROUNDS):
+        for _ in range(FULL_SCANS):
             limit = min(self.high, self.highest)
             self._scan_shocks(every, both, 0.0, limit)
             if self.high == np.inf:
                 return
-        for _ in range(HALVINGS):
+        for _ in range(NARROWING_SCANS):
             self._scan_shocks(np.array([self.state]), np.array([self.sign]), self.low, self.high)
 
-    def smallest(self) -> LeastShock:
+    def smallest_shock_found(self) -> LeastShock:
         """Return the smallest fatal shock that the scans found; its change is inf if they found none."""
         state = self.states[self.state]
         if self.attractor_after is None:

@@ -1,4 +1,4 @@
-"""Tipping: which attractors states reach before and after a jump of the parameters."""
+"""Tipping: the attractors that states reach at the parameters before a jump, and at the parameters after it."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from rattle.errors import require
 from rattle.flight.forcing import phase_of_entry
 from rattle.models import AnyGear
 from rattle.numerics.sampling import wilson_interval
-from rattle.resilience.gears import States, sample_of, speed_unit_of
+from rattle.resilience.gears import States, initial_states_of, speed_unit_of
 
 #: Speed of the departure that stands for a motion at rest on Σ⁺, in units of `speed_unit_of`.
 REST_SPEED = 1e-4
@@ -94,7 +94,7 @@ def tipping(
     """
     models = before.parameters.model, after.parameters.model
     require(models[0] == models[1], f"both gears must be of the same model, got {' and '.join(models)}")
-    tau, v = sample_of(before, count, v_max, seed, states)
+    tau, v = initial_states_of(before, count, v_max, seed, states)
     first = before.reached(tau, v)
     on = [departure_from_rest(after) if each.kind == "quiet" else (each.tau, each.v) for each in first.attractors]
     then = after.reached(np.append(tau, [x for x, _ in on]), np.append(v, [y for _, y in on]))

@@ -87,18 +87,18 @@ MUTATIONS = {
     ),
     "motions of one impact before they are born": (
         "areas/one_impact",
-        "if upper(piece.epsilon) < lower(y):",
-        "if lower(piece.epsilon) < lower(y):",
+        "if upper_end(piece.epsilon) < lower_end(y):",
+        "if lower_end(piece.epsilon) < lower_end(y):",
     ),
     "a flight that is looked at for the wrong amplitude": (
         "areas/one_impact",
-        "if not height_over(most) > -2 * piece.beta:",
-        "if not height_over(least) > -2 * piece.beta:",
+        "if not height_over(x_high) > -2 * piece.beta:",
+        "if not height_over(x_low) > -2 * piece.beta:",
     ),
     "a flip that only part of a block has passed": (
         "areas/one_impact",
-        "True if upper(x) < lower(limit)",
-        "True if lower(x) < lower(limit)",
+        "True if upper_end(x) < lower_end(limit)",
+        "True if lower_end(x) < lower_end(limit)",
     ),
     "a mean value without its derivative": ("areas/piece", " + function(arb_series([at, 1]))[1] * (at - middle)", ""),
     "cells that are empty for a part of a block": (
@@ -114,7 +114,7 @@ MUTATIONS = {
     ),
     "motions that leave Σ⁻ the wrong way": (
         "areas/two_impacts",
-        "sigma_minus = self.solution.over[3] > 0",
+        "sigma_minus = self.solution.over_cell[3] > 0",
         "sigma_minus = True",
     ),
     "a graze that is compared with the wrong edge": (

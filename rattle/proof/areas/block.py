@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from fractions import Fraction
 
-from rattle.proof.certificate import Ends, text, texts
+from rattle.proof.certificate import Ends, text_of_number, texts_of_numbers
 
 FORMAT = 1
 
@@ -34,11 +34,11 @@ REGIONS = {
     "IV": {"A": _SADDLE, "B": _SADDLE, "C": _THERE, "D": _SADDLE},
     "V": {"A": _SADDLE, "B": _NONE, "C": _NONE, "D": _THERE},
 }
-#: {letter: claim} for claims about C or D alone.
+#: The claims about one motion alone, C or D, as {letter: claim}. ABSENT: the motion does not exist.
 ATTRACTING = {letter: f"{letter} attracts" for letter in "CD"}
 SADDLE = {letter: f"{letter} is a saddle" for letter in "CD"}
 ABSENT = {letter: f"{letter} is not there" for letter in "CD"}
-#: The state that a claim gives to each motion; a claim says nothing about the motions that are missing here.
+#: {claim: {letter: the state that the claim gives to this motion}}. A claim says nothing about other motions.
 CLAIMS: dict[str, dict[str, ClaimedState]] = {
     **REGIONS,
     **{claim: {letter: _ATTRACTING} for letter, claim in ATTRACTING.items()},
@@ -76,11 +76,11 @@ class ProvedBlock:
             "format": FORMAT,
             "theorem": "area",
             "claim": self.claim,
-            "beta": text(self.beta),
-            "delta": texts(self.delta),
-            "epsilon": texts(self.epsilon),
+            "beta": text_of_number(self.beta),
+            "delta": texts_of_numbers(self.delta),
+            "epsilon": texts_of_numbers(self.epsilon),
         }
-        return document if self.speed is None else {**document, "speed": text(self.speed)}
+        return document if self.speed is None else {**document, "speed": text_of_number(self.speed)}
 
     def json(self) -> str:
         """Return the block as JSON text on one line."""

@@ -13,7 +13,7 @@ from __future__ import annotations
 from fractions import Fraction
 
 from rattle.errors import NotProvedError
-from rattle.proof.areas.piece import PlanePiece, hull, upper
+from rattle.proof.areas.piece import PlanePiece, hull, upper_end
 from rattle.proof.areas.quiet_enclosure import quiet_limit_enclosure
 from rattle.proof.balls import PI, arb, arb_series
 
@@ -30,7 +30,7 @@ def require_captures(piece: PlanePiece, speed: Fraction) -> None:
         raise NotProvedError("the block is not proved to be below the quiet limit: choose a smaller ε")
     mean = 4 * PI() * piece.delta
     # at a departure slower than `speed`, v³/g ≤ invariant: g ≥ 1 − share in units in which the mean of g is 1
-    invariant = (arb(speed.numerator) / speed.denominator / mean) ** 3 / (1 - upper(share))
+    invariant = (arb(speed.numerator) / speed.denominator / mean) ** 3 / (1 - upper_end(share))
     longest = _half_duration_bound(piece, share, invariant)
     h = longest / (1 - piece.delta * longest)
     if not piece.delta * h < 1:
@@ -44,14 +44,14 @@ def require_captures(piece: PlanePiece, speed: Fraction) -> None:
 
 
 def _scaled_force(t: arb, share: arb) -> tuple[arb, arb, arb, arb]:
-    """Return the contact force g/4πδ, and its first three derivatives, a time t after a minimum of g.
+    """Return the contact force in units of its mean, g/(4πδ), and three derivatives, a time t after a minimum of g.
 
     share: ε divided by the quiet limit.
 
     Returns
     -------
     tuple[arb, arb, arb, arb]
-        g/4πδ = 1 − share cos 2πt, and the derivatives.
+        g/(4πδ) = 1 − share cos 2πt, and its first, second and third derivative.
     """
     sine, cosine = (2 * t).sin_cos_pi()
     turn = 2 * PI()
@@ -63,7 +63,7 @@ def _half_duration_bound(piece: PlanePiece, share: arb, invariant: arb) -> arb:
 
     A bounce starts at x = 0 with the speed v after an impact. Let G be the minimum of the contact force g until x = 2H.
     The height of the bounce is y ≤ x (v − xG/2). So it returns before x = 2H if v < HG, and its height stays below
-    v²/2G. Speeds and forces are in units in which the mean of g is 1; (20.2) is in docs/proofs.md.
+    v²/(2G). Speeds and forces are in units in which the mean of g is 1; (20.2) is in docs/proofs.md.
 
     share: ε divided by the quiet limit. invariant: an upper bound of v³/g at the impacts.
 
@@ -80,15 +80,15 @@ def _half_duration_bound(piece: PlanePiece, share: arb, invariant: arb) -> arb:
     mean, longest = 4 * PI() * piece.delta, arb(0)
     for i in range(PARTS):
         here = hull(arb(i) / PARTS, arb(i + 1) / PARTS)
-        v = upper(invariant * upper(_scaled_force(here, share)[0])).root(3)
-        h = upper(v / (1 - upper(share))) * (1 + arb(2.0**-10))
+        v = upper_end(invariant * upper_end(_scaled_force(here, share)[0])).root(3)
+        h = upper_end(v / (1 - upper_end(share))) * (1 + arb(2.0**-10))
         for _ in range(4):  # a smaller bound h gives a larger minimum of g, which gives a smaller h
-            time = upper(-(1 - 2 * h * piece.delta).log() / piece.delta)
+            time = upper_end(-(1 - 2 * h * piece.delta).log() / piece.delta)
             least = _scaled_force(hull(here, here + time), share)[0].lower()
             if not least > 0:
                 raise NotProvedError("the contact force may vanish during a bounce: claim a smaller speed")
             if v < h * least:
-                h = upper(v / least) * (1 + arb(2.0**-20))
+                h = upper_end(v / least) * (1 + arb(2.0**-20))
         if not (v < h * least and v * v * mean < 4 * piece.beta * least):
             raise NotProvedError("the duration of a bounce is not bounded, or it may reach Σ⁻: claim a smaller speed")
         longest = h if h > longest else longest
@@ -121,7 +121,7 @@ def _growth_coefficient(middle: arb, h: arb, delta: arb, share: arb) -> arb:
 
 
 def _acceleration_derivatives(t: arb, w: arb, delta: arb, share: arb) -> tuple[arb, arb, arb, arb]:
-    """Return a/4πδ and its first three derivatives by x, the acceleration a and the time x being those of (20.2).
+    """Return a/(4πδ) and its first three derivatives by x, the acceleration a and the time x being those of (20.2).
 
     (20.2) is in docs/proofs.md. t is the time since a minimum of the contact force, w = dt/dx = e^(δ(t − t₀)), and
     share is ε divided by the quiet limit.
@@ -129,7 +129,7 @@ def _acceleration_derivatives(t: arb, w: arb, delta: arb, share: arb) -> tuple[a
     Returns
     -------
     tuple[arb, arb, arb, arb]
-        a/4πδ and the derivatives.
+        a/(4πδ), and the first, second and third derivative.
     """
     g, g1, g2, g3 = _scaled_force(t, share)
     first, second = 2 * delta * g + g1, 6 * delta**2 * g + 5 * delta * g1 + g2

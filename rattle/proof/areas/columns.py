@@ -42,8 +42,8 @@ CAPTURE_SHARES = (0.3, 0.5, 0.65, 0.76, 0.84, 0.89, 0.925, 0.95, 0.965, 0.975, 0
 SPEED_FACTOR, MOST_SPEED_CUTS = Fraction(3, 4), 12
 #: A block states this share of its proved speed, so that programs with other rounding can confirm the block.
 PUBLISHED_SHARE = Fraction(85, 100)
-#: Number of ε at which claims are computed in doubles, and number of bisections of an interval between two ε with
-#: different claims.
+#: Claims are computed in doubles at GRID_POINTS equally spaced ε. The interval between two neighbouring ε is bisected
+#: BISECTIONS times if their claims differ.
 GRID_POINTS, BISECTIONS = 301, 24
 #: Claims are also computed at this relative distance in ε on both sides of bifurcation curves.
 CURVE_DISTANCE = 1e-6
@@ -104,7 +104,15 @@ def _prove_captures(beta: Fraction, delta: Ends, epsilon: Ends) -> Iterator[Prov
 
 
 def _round_inwards(low: float, high: float, plane: Ends) -> Ends:
-    """Round an ε range inwards to PLACES decimals, but replace ends at or beyond an end of the plane by this end."""
+    """Round the ε range from low to high inwards to PLACES decimals.
+
+    plane: both ends of the plane in ε.
+
+    Returns
+    -------
+    Ends
+        The rounded ends. Where the range reaches an end of the plane or goes beyond it, the exact end of the plane.
+    """
     unit = Fraction(1, 10**PLACES)
     least = plane[0] if low <= float(plane[0]) else (floor(Fraction(low) / unit) + 1) * unit
     return least, plane[1] if high >= float(plane[1]) else floor(Fraction(high) / unit) * unit
@@ -122,6 +130,7 @@ def _prove_ranges(prover: Prover, claim: str, delta: Ends, limits: Ends, depth: 
     """
 
     def is_proved(low: Fraction, high: Fraction) -> bool:
+        """Return whether the claim is proved for low ≤ ε ≤ high and all δ of the column."""
         try:
             prover.require_claim(claim, delta, (low, high))
         except NotProvedError:
@@ -147,7 +156,7 @@ def _prove_ranges(prover: Prover, claim: str, delta: Ends, limits: Ends, depth: 
 
 
 def expected_spans(kind: str, beta: float, delta: Ends, epsilon: Ends) -> list[Span]:
-    """Return the spans of ε on which each claim of a kind holds in double precision.
+    """Return the spans (intervals) of ε on which each claim of a kind holds, as computed in doubles.
 
     kind: "region", "C", "D" or QUIET. In a span the claim holds at both ends and in the middle of the δ interval.
 
@@ -169,7 +178,7 @@ def expected_spans(kind: str, beta: float, delta: Ends, epsilon: Ends) -> list[S
 
 
 def _spans_at(kind: str, delta: float, beta: float, epsilon: Ends) -> list[Span]:
-    """Return the spans of ε on which each claim of a kind holds in double precision at one δ.
+    """Return the spans (intervals) of ε on which each claim of a kind holds at one δ, as computed in doubles.
 
     kind: "region", "C", "D" or QUIET.
 
@@ -201,7 +210,7 @@ def _epsilon_grid(delta: float, beta: float, epsilon: Ends) -> NDArray[np.float6
 
 
 def _claims_at(kind: str, delta: float, epsilon: NDArray[np.float64], beta: float) -> NDArray[np.str_]:
-    """Return the claim of a kind that holds at each ε (n,) in double precision, "" where none holds.
+    """Return the claim of a kind that holds at each ε (n,), as computed in doubles; "" where no claim holds.
 
     kind: "region", "C", "D" or QUIET.
 

@@ -71,8 +71,8 @@ def _find_number_and_stability(piece: PlanePiece, letter: str, state: ClaimedSta
     Returns
     -------
     tuple[int | None, bool | None]
-        The number of motions; None if it is undecided. Then True if the motion attracts, False if it is a saddle; None
-        if this is undecided, if no motion exists, or if the claimed `state` says nothing about stability.
+        The number of motions; None if it is not proved. Then True if the motion attracts, False if it is a saddle; None
+        if neither is proved, if no motion exists, or if the claimed `state` says nothing about stability.
     """
     exists = one_impact.exists(piece, letter)
     if exists and state is not ClaimedState.THERE:
@@ -86,14 +86,14 @@ def require_state(letter: str, state: ClaimedState, number: int | None, attracts
     Parameters
     ----------
     number : int | None
-        Number of these motions at every point of the block, None if undecided.
+        Number of these motions at every point of the block, None if it is not proved.
     attracts : bool | None
         True if the motion is proved to attract, False if it is proved to be a saddle, else None.
 
     Raises
     ------
     NotProvedError
-        If they differ from the claimed `state`, or are undecided.
+        If they differ from the claimed `state`, or are not proved.
     """
     if number is None:
         raise NotProvedError(f"it is undecided whether {letter} exists on the block: try a smaller block")

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from rattle.proof.areas.piece import FINEST, PlanePiece, hull, lower, mean_value_enclosure, upper
+from rattle.proof.areas.piece import SHORTEST_PART, PlanePiece, hull, lower_end, mean_value_enclosure, upper_end
 from rattle.proof.balls import PI, arb, arb_series
 
 
@@ -39,14 +39,14 @@ def slope_enclosure(s: arb, delta: arb, x: arb) -> arb:
 
 
 def exists(piece: PlanePiece, letter: str) -> bool | None:
-    """Return whether the motion A (or C) exists: True (or False) at all points of the piece, None if undecided."""
+    """Return True if the motion A (or C) exists at all points of the piece, False if at none, None if not proved."""
     y = mean_value_enclosure(minus_y, piece.delta)
-    if upper(piece.epsilon) < lower(y):
+    if upper_end(piece.epsilon) < lower_end(y):
         return False
     x = x_enclosure(piece, letter, y)
-    if lower(piece.epsilon) > upper(y) and _stays_between_walls(piece, lower(x), upper(x)):
+    if lower_end(piece.epsilon) > upper_end(y) and _stays_between_walls(piece, lower_end(x), upper_end(x)):
         return True
-    return False if _passes_sigma_minus(piece, lower(x)) else None
+    return False if _passes_sigma_minus(piece, lower_end(x)) else None
 
 
 def attracts(piece: PlanePiece, letter: str) -> bool | None:
@@ -57,15 +57,16 @@ def attracts(piece: PlanePiece, letter: str) -> bool | None:
     bool | None
         True if both multipliers are inside the unit circle at all points of the piece.
         False if one is outside at all points.
-        None if undecided.
+        None if neither is proved.
     """
     if letter == "A":
-        return False  # X < 0 for A, so the trace 1 + E − 4π (1 − E) X/δ² of A, with E = e^(−δ), is above 1 + E
+        # X < 0 for A, so the trace 1 + E − 4π (1 − E) X/δ² of A, with E = e^(−δ), is above 1 + E: A is a saddle
+        return False
     x, limit = (
         x_enclosure(piece, letter, mean_value_enclosure(minus_y, piece.delta)),
         mean_value_enclosure(x_at_flip, piece.delta),
     )
-    return True if upper(x) < lower(limit) else False if lower(x) > upper(limit) else None
+    return True if upper_end(x) < lower_end(limit) else False if lower_end(x) > upper_end(limit) else None
 
 
 def x_enclosure(piece: PlanePiece, letter: str, y: arb) -> arb:
@@ -78,38 +79,41 @@ def x_enclosure(piece: PlanePiece, letter: str, y: arb) -> arb:
     arb
         X.
     """
-    least, most = (end * end - far * far for end, far in zip(_ends(piece.epsilon), _ends(y)[::-1], strict=True))
+    least, most = (
+        end * end - far * far
+        for end, far in zip(_lower_and_upper_end(piece.epsilon), _lower_and_upper_end(y)[::-1], strict=True)
+    )
     x = hull(least.sqrt() if least > 0 else arb(0), most.sqrt())
     return x if letter == "C" else -x
 
 
-def _ends(x: arb) -> tuple[arb, arb]:
-    """Return the lower and the upper end of a ball."""
-    return lower(x), upper(x)
+def _lower_and_upper_end(x: arb) -> tuple[arb, arb]:
+    """Return a lower and an upper bound of all numbers of a ball."""
+    return lower_end(x), upper_end(x)
 
 
-def _stays_between_walls(piece: PlanePiece, least: arb, most: arb) -> bool:
-    """Return whether −2β < F < 0 is proved for 0 < s < 1, for all δ of the piece and least ≤ X ≤ most.
+def _stays_between_walls(piece: PlanePiece, x_low: arb, x_high: arb) -> bool:
+    """Return whether −2β < F < 0 is proved for 0 < s < 1, for all δ of the piece and x_low ≤ X ≤ x_high.
 
     F(s; δ, X), (15.3) of docs/proofs.md, is the displacement from Σ⁺ at a time s after the impact.
 
     Returns
     -------
     bool
-        False if undecided.
+        False if this is not proved.
     """
     parts = [(arb(0), arb(1))]
     while parts:
         start, end = parts.pop()
-        if not _stays_between_walls_during(piece, start, end, least, most):
-            if end - start < FINEST:
+        if not _stays_between_walls_during(piece, start, end, x_low, x_high):
+            if end - start < SHORTEST_PART:
                 return False
             middle = (start + end) / 2
             parts += [(start, middle), (middle, end)]
     return True
 
 
-def _stays_between_walls_during(piece: PlanePiece, start: arb, end: arb, least: arb, most: arb) -> bool:
+def _stays_between_walls_during(piece: PlanePiece, start: arb, end: arb, x_low: arb, x_high: arb) -> bool:
     """Return whether −2β < F < 0 is proved for start ≤ s ≤ end, as `_stays_between_walls` does for 0 < s < 1.
 
     F, (15.3) of docs/proofs.md, is the displacement from Σ⁺. It vanishes at s = 0 and s = 1, so next to these ends the
@@ -118,7 +122,7 @@ def _stays_between_walls_during(piece: PlanePiece, start: arb, end: arb, least: 
     Returns
     -------
     bool
-        False if undecided.
+        False if this is not proved.
     """
     s, middle = hull(start, end), (start + end) / 2
 
@@ -128,24 +132,24 @@ def _stays_between_walls_during(piece: PlanePiece, start: arb, end: arb, least: 
             s, piece.delta, x
         ) * (s - middle)
 
-    if not height_over(most) > -2 * piece.beta:
+    if not height_over(x_high) > -2 * piece.beta:
         return False
     if start == 0:
-        return bool(slope_enclosure(s, piece.delta, least) < 0)
-    return bool(slope_enclosure(s, piece.delta, least) > 0 if end == 1 else height_over(least) < 0)
+        return bool(slope_enclosure(s, piece.delta, x_low) < 0)
+    return bool(slope_enclosure(s, piece.delta, x_low) > 0 if end == 1 else height_over(x_low) < 0)
 
 
-def _passes_sigma_minus(piece: PlanePiece, least: arb) -> bool:
-    """Return whether flights are proved to pass Σ⁻ at one time s, for all δ of the piece and all X ≥ least.
+def _passes_sigma_minus(piece: PlanePiece, x_low: arb) -> bool:
+    """Return whether flights are proved to pass Σ⁻ at one time s, for all δ of the piece and all X ≥ x_low.
 
     Returns
     -------
     bool
         True if F < −2β is proved at this time; F, (15.3) of docs/proofs.md, is the displacement from Σ⁺.
     """
-    s = arb(_time_of_minimum(float(piece.delta.mid()), float(least.mid())))
+    s = arb(_time_of_minimum(float(piece.delta.mid()), float(x_low.mid())))
     return bool(
-        0 < s < 1 and mean_value_enclosure(lambda delta: flight_height(s, delta, least), piece.delta) < -2 * piece.beta
+        0 < s < 1 and mean_value_enclosure(lambda delta: flight_height(s, delta, x_low), piece.delta) < -2 * piece.beta
     )
 
 

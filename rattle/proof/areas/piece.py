@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 from rattle.proof.balls import arb, arb_series
 
-#: Length in forcing periods below which a part of a flight is not bisected again: the flight stays undecided.
-FINEST = arb(2.0**-12)
+#: A part of a flight that is shorter than this, in forcing periods, is not bisected again: then the proof fails.
+SHORTEST_PART = arb(2.0**-12)
 
 
 @dataclass(frozen=True)
@@ -20,13 +20,13 @@ class PlanePiece:
     beta: arb
 
 
-def lower(x: arb) -> arb:
-    """Return the lower end of a ball; no number of the ball is smaller."""
+def lower_end(x: arb) -> arb:
+    """Return a lower bound of a ball: no number of the ball is smaller."""
     return x.lower()
 
 
-def upper(x: arb) -> arb:
-    """Return the upper end of a ball; no number of the ball is larger."""
+def upper_end(x: arb) -> arb:
+    """Return an upper bound of a ball: no number of the ball is larger."""
     return x.upper()
 
 

@@ -12,6 +12,6 @@ def quiet_limit_enclosure(delta: arb_series) -> arb_series:
 
 
 def is_quiet_possible(piece: PlanePiece) -> bool | None:
-    """Return whether quiet motion is possible: True (or False) at all points of the piece, None if undecided."""
+    """Return True if quiet motion is possible at all points of the piece, False if at none, None if not proved."""
     share = mean_value_enclosure(quiet_limit_enclosure, piece.delta)
     return True if piece.epsilon < share else False if piece.epsilon > share else None

@@ -16,11 +16,11 @@ from itertools import groupby
 from typing import NamedTuple, TypeVar
 
 from rattle.errors import NotProvedError
-from rattle.proof.areas.piece import FINEST, PlanePiece, hull, lower, upper
+from rattle.proof.areas.piece import SHORTEST_PART, PlanePiece, hull, lower_end, upper_end
 from rattle.proof.balls import PI, arb, arb_series
 
-#: Width in s below which a cell is not halved again.
-NARROWEST = 2.0**-20
+#: A cell is not halved if its width in s, in forcing periods, is at most this.
+NARROWEST_CELL = 2.0**-20
 #: Sign of dε/ds along the solutions that are motions B or D.
 SLOPE_SIGN = {"B": -1, "D": 1}
 
@@ -32,14 +32,14 @@ class EnclosedFunctions(NamedTuple):
     """Several functions of (s, δ), enclosed over a cell by the mean value theorem.
 
     centre: the values at the centre of the cell.
-    by_s, by_delta: the partial derivatives, over the whole cell.
-    over: the values over the whole cell.
+    by_s, by_delta: balls that contain the partial derivatives over the whole cell.
+    over_cell: balls that contain the values over the whole cell.
     """
 
     centre: list[arb]
     by_s: list[arb]
     by_delta: list[arb]
-    over: list[arb]
+    over_cell: list[arb]
 
 
 def closure_equations(s: arb_series, delta: arb_series, beta: arb) -> tuple[Equation, Equation]:
@@ -121,9 +121,9 @@ class SolutionCell:
 
     @cached_property
     def halves(self) -> tuple[SolutionCell, SolutionCell]:
-        """The two halves of the cell. Raises NotProvedError if the cell is as narrow as NARROWEST."""
+        """The two halves of the cell. Raises NotProvedError if the cell is as narrow as NARROWEST_CELL."""
         middle = (self.start + self.end) / 2
-        if not self.end - self.start > NARROWEST:
+        if not self.end - self.start > NARROWEST_CELL:
             raise NotProvedError(
                 f"it is undecided whether a motion B or D reaches Σ⁻ {float(middle):.4f} forcing periods after Σ⁺: "
                 "try a smaller block"
@@ -159,20 +159,20 @@ class SolutionCell:
         """A lower bound of ε for all solutions of the cell, by (16.8) of docs/proofs.md."""
         bounds = []
         for equation in self.equations:
-            factor_x, factor_y, right = equation.over
+            factor_x, factor_y, right = equation.over_cell
             bounds.append(right.abs_lower() / (factor_x.abs_upper() ** 2 + factor_y.abs_upper() ** 2).sqrt())
-        return max((lower(bound) for bound in bounds), key=float)
+        return max((lower_end(bound) for bound in bounds), key=float)
 
     @cached_property
     def solution(self) -> EnclosedFunctions:
         """Enclosures of (X, Y, v, u): the solution (X, Y) of (16.2) and (16.3), docs/proofs.md, and its speeds."""
         first, second = self.equations
-        rough = solve_linear(first.over, second.over)
+        rough = solve_linear(first.over_cell, second.over_cell)
         # the derivative of A (X, Y) = b is A (X, Y)' = b' − A' (X, Y)
         xy_s, xy_delta = (
             solve_linear(
                 *(
-                    [*equation.over[:2], right - factor_x * rough[0] - factor_y * rough[1]]
+                    [*equation.over_cell[:2], right - factor_x * rough[0] - factor_y * rough[1]]
                     for equation, (factor_x, factor_y, right) in zip(self.equations, derivatives, strict=True)
                 )
             )
@@ -193,26 +193,26 @@ class SolutionCell:
             centre=[*xy_centre, *speeds_centre],
             by_s=[*xy_s, *speeds_s],
             by_delta=[*xy_delta, *speeds_delta],
-            over=[*xy, *speeds],
+            over_cell=[*xy, *speeds],
         )
 
     @cached_property
     def is_solvable(self) -> bool:
         """True if (16.2) and (16.3), docs/proofs.md, are proved to have one solution at all s and δ of the cell."""
-        (a11, a12, _), (a21, a22, _) = (equation.over for equation in self.equations)
+        (a11, a12, _), (a21, a22, _) = (equation.over_cell for equation in self.equations)
         regular = not (a11 * a22 - a12 * a21).contains(0)
         return regular and all(number.is_finite() for numbers in self.solution for number in numbers)
 
     @cached_property
     def epsilon_squared_by_s(self) -> arb:
         """The derivative ∂ε²/∂s over the cell, where ε² = X² + Y²."""
-        (x, y, *_), (x_s, y_s, *_) = self.solution.over, self.solution.by_s
+        (x, y, *_), (x_s, y_s, *_) = self.solution.over_cell, self.solution.by_s
         return 2 * (x * x_s + y * y_s)
 
     @cached_property
     def epsilon_squared_by_delta(self) -> arb:
         """The derivative ∂ε²/∂δ over the cell, where ε² = X² + Y²."""
-        (x, y, *_), (x_delta, y_delta, *_) = self.solution.over, self.solution.by_delta
+        (x, y, *_), (x_delta, y_delta, *_) = self.solution.over_cell, self.solution.by_delta
         return 2 * (x * x_delta + y * y_delta)
 
     @cached_property
@@ -252,7 +252,7 @@ class SolutionCell:
             return True
         if not self.is_solvable:
             return False
-        _, _, v, u = self.solution.over
+        _, _, v, u = self.solution.over_cell
         low, high = square_range(epsilon)
         if v < 0 or u < 0 or self.epsilon_squared < low or self.epsilon_squared > high:
             return True
@@ -267,7 +267,7 @@ class SolutionCell:
         bool | None
             True if all are; then ε(s) is strictly monotone on the cell.
             False if none is: the cell has no motion with such an ε, or its motions are of the other letter.
-            None if undecided.
+            None if neither is proved.
         """
         if self.has_no_motion(epsilon):
             return False
@@ -276,10 +276,10 @@ class SolutionCell:
         slope = SLOPE_SIGN[letter] * self.epsilon_squared_by_s
         if slope < 0:
             return False
-        if not (slope > 0 and self.solution.over[2] > 0):
+        if not (slope > 0 and self.solution.over_cell[2] > 0):
             return None
         low, high = square_range(epsilon)
-        reaches_sigma_minus = self.solution.over[3] > 0
+        reaches_sigma_minus = self.solution.over_cell[3] > 0
         # A motion needs a speed u > 0 after Σ⁻. Solutions with u ≤ 0 have ±ε² ≥ ±ε² + λu, with the λ ≥ 0 of
         # `square_plus_speed`. If a lower bound of this sum proves that their ε is outside the ball `epsilon`, all
         # solutions with an ε in the ball have u > 0.
@@ -291,17 +291,17 @@ class SolutionCell:
     @cached_property
     def is_monotone_between_impacts(self) -> bool:
         """True if Φ is proved to fall from Σ⁺ to Σ⁻ and to rise all the way back, by Lemma 18 of docs/proofs.md."""
-        falls = self._slope_has_sign(-1, arb(0), lower(self.s))
-        return falls and self._slope_has_sign(1, upper(self.s), arb(1))
+        falls = self._slope_has_sign(-1, arb(0), lower_end(self.s))
+        return falls and self._slope_has_sign(1, upper_end(self.s), arb(1))
 
     def _slope_has_sign(self, sign: int, start: arb, end: arb) -> bool:
         """Return whether Φ' is proved to have this sign between the times `start` and `end` after the impact on Σ⁺."""
-        # at the impacts, which are the ends of each flight, Φ' has this sign because v > 0 and u > 0
+        # a part that begins or ends at an impact uses that Φ' has this sign there, because v > 0 and u > 0
         parts = [(start, end)]
         while parts:
             low, high = parts.pop()
             if not self._slope_has_sign_on_part(sign, low, high):
-                if high - low < FINEST:
+                if high - low < SHORTEST_PART:
                     return False
                 middle = (low + high) / 2
                 parts += [(low, middle), (middle, high)]
@@ -310,21 +310,21 @@ class SolutionCell:
     def _slope_has_sign_on_part(self, sign: int, low: arb, high: arb) -> bool:
         """Return whether Φ' is proved to have this sign between the times `low` and `high` of one flight."""
         # the impact on Σ⁻ may be at any s of the cell, so a part that ends or begins at this impact contains all s
-        lower_s, upper_s = lower(self.s), upper(self.s)
+        lower_s, upper_s = lower_end(self.s), upper_end(self.s)
         t = hull(low, upper_s if high == lower_s else high)
         t = hull(lower_s, t) if low == upper_s else t
         force = sign * self.force(t)
-        if force > 0:  # sign · e^(δt) Φ' grows, so its sign at the start of the part is enough
+        if force > 0:  # sign · e^(δt) Φ' grows: it suffices that sign · Φ' > 0 at the start of the part
             starts_at_impact = low in (0, upper_s)
             return starts_at_impact or bool(sign * self.slope(low, sign) > 0)
-        if force < 0:  # sign · e^(δt) Φ' falls, so its sign at the end of the part is enough
+        if force < 0:  # sign · e^(δt) Φ' falls: it suffices that sign · Φ' > 0 at the end of the part
             ends_at_impact = high in (1, lower_s)
             return ends_at_impact or bool(sign * self.slope(high, sign) > 0)
         return bool(sign * self.slope(t, sign) > 0)
 
     def force(self, t: arb) -> arb:
         """Return the contact force g at the time t after the impact on Σ⁺."""
-        x, y, *_ = self.solution.over
+        x, y, *_ = self.solution.over_cell
         sine, cosine = (2 * t).sin_cos_pi()
         return force_at_phase(self.delta, x * cosine - y * sine, y * cosine + x * sine)
 
@@ -336,7 +336,7 @@ class SolutionCell:
         arb
             The enclosure by (18.1) of docs/proofs.md.
         """
-        x, y, v, u = self.solution.over
+        x, y, v, u = self.solution.over_cell
         departure, start = (self.s, u) if sign > 0 else (arb(0), -v)
         sine, cosine = (2 * t).sin_cos_pi()
         sine0, cosine0 = (2 * departure).sin_cos_pi()
@@ -348,8 +348,8 @@ class SolutionCell:
     def margins(self) -> list[arb]:
         """The stability margins (19.2) and (19.3) of docs/proofs.md over the cell; motions attract if both are > 0."""
         solution, s, delta = self.solution, self.s, self.delta
-        along_s = [arb_series([x, slope]) for x, slope in zip(solution.over, solution.by_s, strict=True)]
-        along_delta = [arb_series([x, slope]) for x, slope in zip(solution.over, solution.by_delta, strict=True)]
+        along_s = [arb_series([x, slope]) for x, slope in zip(solution.over_cell, solution.by_s, strict=True)]
+        along_delta = [arb_series([x, slope]) for x, slope in zip(solution.over_cell, solution.by_delta, strict=True)]
         at_centre = [arb_series([x]) for x in solution.centre]
         centre = margin_series(arb_series([s.mid()]), arb_series([delta.mid()]), at_centre)
         by_s = margin_series(arb_series([s, 1]), arb_series([delta]), along_s)
@@ -367,8 +367,8 @@ class SolutionCell:
 
 def square_range(epsilon: arb) -> tuple[arb, arb]:
     """Return the least and the largest ε² in a ball of ε ≥ 0, whose lower end rounding may have made negative."""
-    least = lower(epsilon)
-    return least**2 if least > 0 else arb(0), upper(epsilon) ** 2
+    least = lower_end(epsilon)
+    return least**2 if least > 0 else arb(0), upper_end(epsilon) ** 2
 
 
 def initial_cells(piece: PlanePiece) -> tuple[SolutionCell, SolutionCell]:
@@ -414,7 +414,7 @@ def cells_of_motions(
 
 
 def attracts(piece: PlanePiece, run: Iterable[SolutionCell]) -> bool:
-    """Return whether the motion in a run of cells attracts at every point of the piece.
+    """Return whether the motion that lies in a run of neighbouring cells attracts at every point of the piece.
 
     Returns
     -------
@@ -424,7 +424,7 @@ def attracts(piece: PlanePiece, run: Iterable[SolutionCell]) -> bool:
     Raises
     ------
     NotProvedError
-        If the stability is undecided or changes within the piece.
+        If the stability is not proved to be the same at every point of the piece.
     """
     verdicts, waiting = set(), list(run)
     while waiting:
@@ -457,7 +457,7 @@ def _crosses_block(piece: PlanePiece, run: list[SolutionCell], letter: str) -> b
     Raises
     ------
     NotProvedError
-        If it is undecided at an end of the run whether ε(s) is below or above all ε of the piece.
+        If ε(s) at an end of the run is not proved to be below all ε of the piece, nor proved to be above them.
     """
     (low, high), sides = square_range(piece.epsilon), []
     for s in (run[0].start, run[-1].end):
@@ -465,6 +465,6 @@ def _crosses_block(piece: PlanePiece, run: list[SolutionCell], letter: str) -> b
         sides.append(1 if square > high else -1 if square < low else 0)
     if 0 in sides:
         raise NotProvedError(
-            f"the curve of solutions {letter} is not proved to leave the block in ε: try a smaller block"
+            f"it is not proved where the ε of solutions {letter} leaves the block: try a smaller block"
         )
     return sides == [-SLOPE_SIGN[letter], SLOPE_SIGN[letter]]

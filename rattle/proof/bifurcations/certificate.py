@@ -8,7 +8,7 @@ from fractions import Fraction
 
 from rattle.continuation.conditions import Kind
 from rattle.proof.bifurcations.systems import CurveMotion
-from rattle.proof.certificate import FORMAT, Ends, text, texts
+from rattle.proof.certificate import FORMAT, Ends, text_of_number, texts_of_numbers
 
 THEOREM = "bifurcation"
 WORDS = {Kind.SADDLE_NODE: "saddle-node", Kind.FLIP: "flip", Kind.GRAZING: "graze"}
@@ -40,7 +40,7 @@ class BifurcationCertificate:
 
     def __str__(self) -> str:
         """Return the theorem in one sentence."""
-        where = ", ".join(f"{name} = {text(value)}" for name, value in self.known.items())
+        where = ", ".join(f"{name} = {text_of_number(value)}" for name, value in self.known.items())
         found = ", ".join(f"{name} = {float(sum(ends) / 2):.16g}" for name, ends in self.solved.items())
         return f"{self.name} at {where}: a {WORDS[self.motion.kind]} at {found}"
 
@@ -60,10 +60,10 @@ class BifurcationCertificate:
             "walls": list(self.motion.walls),
             "m": self.motion.m,
             "impact": self.motion.impact,
-            "known": {name: text(value) for name, value in self.known.items()},
-            "solved": {name: texts(ends) for name, ends in self.solved.items()},
-            "times": texts(self.times),
-            "radius": text(self.radius),
+            "known": {name: text_of_number(value) for name, value in self.known.items()},
+            "solved": {name: texts_of_numbers(ends) for name, ends in self.solved.items()},
+            "times": texts_of_numbers(self.times),
+            "radius": text_of_number(self.radius),
             "versions": self.versions,
         }
 

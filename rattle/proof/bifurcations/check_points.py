@@ -36,11 +36,11 @@ RADIUS = IV.mpf(10) ** -16
 #: Half-width of the box in velocities, divided by its half-width in times.
 VELOCITY_FACTOR = 1000
 #: Parameters that may be unknowns.
-FREE = ("delta", "epsilon")
+POSSIBLE_UNKNOWNS = ("delta", "epsilon")
 #: Walls and grazing impact of P(1,1,0), of P(1,1,1), and of P(1,1,1) with a graze on Σ⁻.
 P11, P111, GRAZE = ([1], None), ([1, -1], None), ([1, -1], 1)
 #: {(kind, name): (walls, grazing impact)} of named curves and points. Any other certificate has its kind as its name.
-NAMES = {
+NAMED_MOTIONS = {
     ("SN", "SN1"): P11, ("PD", "PDC"): P11, ("SN", "SN2"): P111, ("PD", "PD1"): P111, ("PD", "PD2"): P111,
     **{("GR", name): GRAZE for name in ("G1", "G2", "COD20", "COD21", "COD22", "COD23")},
 }  # fmt: skip
@@ -56,34 +56,34 @@ class ParameterJet:
         self.value, self.slopes = value, slopes
 
     def apply_chain_rule(self, value: Interval, slope: Interval) -> "ParameterJet":
-        """Return f(self) by the chain rule; `value` is the value of f here and `slope` its derivative."""
+        """Return f(self) by the chain rule; `value` and `slope` are the values of f and f' at this number."""
         return ParameterJet(value, [slope * each for each in self.slopes])
 
     def apply_chain_rule_to_two(self, other: Any, value: Interval, by: Interval, by_other: Interval) -> "ParameterJet":
-        """Return f(self, other) by the chain rule; `value` is f here, `by` and `by_other` its partial derivatives."""
+        """Return f(self, other) by the chain rule, from its `value` and its partial derivatives `by` and `by_other`."""
         own, others = self.slopes or [ZERO] * len(other.slopes), other.slopes or [ZERO] * len(self.slopes)
         return ParameterJet(value, [by * a + by_other * b for a, b in zip(own, others, strict=True)])
 
     def __add__(self, other: Any) -> "ParameterJet":
-        """Return the sum."""
+        """Return this number plus `other`, a jet or a constant."""
         other = as_jet(other)
         return self.apply_chain_rule_to_two(other, self.value + other.value, ZERO + 1, ZERO + 1)
 
     def __mul__(self, other: Any) -> "ParameterJet":
-        """Return the product."""
+        """Return this number times `other`, a jet or a constant."""
         other = as_jet(other)
         return self.apply_chain_rule_to_two(other, self.value * other.value, other.value, self.value)
 
     def __neg__(self) -> "ParameterJet":
-        """Return the negative."""
+        """Return minus this number."""
         return self.apply_chain_rule(-self.value, ZERO - 1)
 
     def __sub__(self, other: Any) -> "ParameterJet":
-        """Return the difference."""
+        """Return this number minus `other`, a jet or a constant."""
         return self + -as_jet(other)
 
     def __truediv__(self, other: "ParameterJet") -> "ParameterJet":
-        """Return the quotient."""
+        """Return this number divided by the jet `other`."""
         return self * other.apply_chain_rule(1 / other.value, -1 / other.value**2)
 
     __radd__, __rmul__ = __add__, __mul__
@@ -130,7 +130,7 @@ class Bifurcation:
             "`impact` must be the index, from 0, of the grazing impact in `walls`, which must have 2 elements or more",
         )
         if self.name != self.kind:
-            meant = NAMES.get((self.kind, self.name))
+            meant = NAMED_MOTIONS.get((self.kind, self.name))
             require(
                 meant == (self.walls, self.impact) and self.m == 1,
                 f"the name {self.name!r} does not fit its kind, walls and impact",
@@ -138,7 +138,7 @@ class Bifurcation:
         self.point = self.name if self.name[:3] == "COD" else None
         known, solved = document["known"], document["solved"]
         require(
-            {*known, *solved} == {"beta", *FREE} and "beta" in known,
+            {*known, *solved} == {"beta", *POSSIBLE_UNKNOWNS} and "beta" in known,
             "`known` and `solved` together must have beta, delta and epsilon, with beta in `known`",
         )
         require(
@@ -146,7 +146,7 @@ class Bifurcation:
             "`solved` must have one parameter, or two parameters for a codimension-two point",
         )
         self.known = {name: interval_of_text(value) for name, value in known.items()}
-        self.free = [name for name in FREE if name in solved]
+        self.free = [name for name in POSSIBLE_UNKNOWNS if name in solved]
         self.ends = [[interval_of_text(end) for end in solved[name]] for name in self.free]
         self.times, self.radius = [interval_of_text(t) for t in document["times"]], interval_of_text(document["radius"])
         require(
@@ -157,7 +157,7 @@ class Bifurcation:
     def parameters(self, unknowns: Sequence[Any]) -> list[Any]:
         """Return [δ, ε]; a parameter that is not known exactly is taken from `unknowns`."""
         free = iter(unknowns[2 * self.n :])
-        return [self.known[name] if name in self.known else next(free) for name in FREE]
+        return [self.known[name] if name in self.known else next(free) for name in POSSIBLE_UNKNOWNS]
 
     def box_centre(self) -> list[Interval]:
         """Return the centre of the unknowns' box; velocities are those of flights between the certificate's times."""
@@ -291,7 +291,7 @@ def meets_no_wall(piece: MotionPiece, begins_grazing: bool, ends_grazing: bool) 
     Returns
     -------
     bool
-        False if undecided.
+        False if this is not proved.
     """
     if not (begins_grazing or ends_grazing):
         return piece.is_uninterrupted()
@@ -323,7 +323,7 @@ def stays_between_walls_during(piece: MotionPiece, low: Interval, high: Interval
     Returns
     -------
     bool
-        False if undecided.
+        False if this is not proved.
     """
     parts = [(low.a, high.b)]
     for _ in range(MOST_PARTS):

@@ -20,12 +20,12 @@ Series = arb_series
 
 
 def _flip_residual(delta: Series, x: Series, _s: Series, decay: Series) -> Series:
-    """Return 2δ² (1 + E) − 4π (1 − E) X, which is 0 at a flip of C; `decay` is E = e^(−δ)."""
+    """Return 2δ² (1 + E) − 4π (1 − E) X, which is 0 at a flip of C; `decay` is E = e^(−δ), and x is X = ε cos 2πτ."""
     return delta * delta * 2 * (1 + decay) - 4 * PI() * (1 - decay) * x
 
 
 def _double_multiplier_residual(delta: Series, x: Series, _s: Series, _decay: Series) -> Series:
-    """Return δ² (1 − √E) − 4π (1 + √E) X, which is 0 at a double multiplier of C."""
+    """Return δ² (1 − √E) − 4π (1 + √E) X, E = e^(−δ), which is 0 where both multipliers of C are equal to √E."""
     root = (-delta / 2).exp()
     return delta * delta * (1 - root) - 4 * PI() * (1 + root) * x
 
@@ -38,7 +38,7 @@ def _cod23_residual(delta: Series, x: Series, s: Series, decay: Series) -> Serie
 
 
 def _birth_residual(_delta: Series, x: Series, _s: Series, _decay: Series) -> Series:
-    """Return X = ε cos 2πτ, which is 0 where A and C are born."""
+    """Return X = ε cos 2πτ, which is 0 where A and C are born (τ: the phase of the departure from Σ⁺)."""
     return x
 
 

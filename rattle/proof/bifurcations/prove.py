@@ -20,7 +20,7 @@ from rattle.impacting.orbits.periodic import follow_impacts
 from rattle.numerics.complex_step import Array
 from rattle.proof.balls import BITS, VERSIONS, arb, ball, ends, precision
 from rattle.proof.bifurcations.certificate import BifurcationCertificate
-from rattle.proof.bifurcations.systems import FREE, CurveMotion, ExtendedSystem, require_admissible_at
+from rattle.proof.bifurcations.systems import POSSIBLE_UNKNOWNS, CurveMotion, ExtendedSystem, require_admissible_at
 from rattle.proof.certificate import Ends, Exact, exact_number
 from rattle.proof.finder import MOST_IMPACTS_AT_BITS, require_least_period
 from rattle.proof.krawczyk import enclose_zero
@@ -38,8 +38,8 @@ def certify_curve_point(
 ) -> BifurcationCertificate:
     """Prove that a point of a bifurcation curve of the period-one motions (`rattle.curves`) is near (δ, ε).
 
-    One of δ and ε is taken as exact: the one that changes more along the curve. The other one is enclosed. The extra
-    `proof` is needed. The method is in docs/proofs.md.
+    The parameter, δ or ε, that changes more along the curve is taken as exact; the proof encloses the other parameter.
+    The extra `proof` is needed. The method is in docs/proofs.md.
 
     Parameters
     ----------
@@ -101,8 +101,8 @@ def _first_guesses(
 ) -> Sequence[Array]:
     """Return first guesses (n + 2,) of the impact times, δ and ε of the motion that bifurcates on a curve.
 
-    The only guess is the given motion, if it meets the same walls as motions on the curve and the curve is no graze.
-    Otherwise the guesses are those that the curve's definition has.
+    If a motion is given that meets the same walls as motions on the curve, it is the only guess, except on a graze.
+    Otherwise the curve's definition supplies the guesses.
 
     Returns
     -------
@@ -198,16 +198,17 @@ def certify_codimension_two(beta: Exact = "0.6") -> tuple[BifurcationCertificate
 def _prove_solution(
     name: str, motion: CurveMotion, x: Array, beta: Fraction, known: dict[str, Fraction]
 ) -> BifurcationCertificate:
-    """Prove that there is a bifurcation point near a computed one.
+    """Prove that there is a bifurcation point near a computed bifurcation point.
 
-    x (n + 2,): the computed impact times, δ and ε. known: the exact value of δ or ε, if it is to be taken as exact.
+    x (n + 2,): the computed impact times, δ and ε. known: {name: exact value} of the parameter that the proof takes as
+    exact, "delta" or "epsilon"; {} at a codimension-two point, where both are enclosed.
 
     Returns
     -------
     BifurcationCertificate
         The theorem.
     """
-    n, free = motion.n, [i for i, parameter in enumerate(FREE) if parameter not in known]
+    n, free = motion.n, [i for i, parameter in enumerate(POSSIBLE_UNKNOWNS) if parameter not in known]
     phi = _null_vector(motion, x, float(beta))
     start = np.concatenate([x[:n], x[n:][free], phi])
     with precision(BITS if n <= MOST_IMPACTS_AT_BITS else 2 * BITS):
@@ -220,7 +221,7 @@ def _prove_solution(
             name=name,
             motion=motion,
             known={"beta": beta, **known},
-            solved={FREE[i]: _widened_ends(each) for i, each in zip(free, found.zero[n:], strict=False)},
+            solved={POSSIBLE_UNKNOWNS[i]: _widened_ends(each) for i, each in zip(free, found.zero[n:], strict=False)},
             times=tuple(found.centre[:n]),
             radius=found.radius,
             versions={"gear-rattle": __version__, **VERSIONS},

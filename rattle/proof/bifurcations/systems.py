@@ -25,7 +25,7 @@ from rattle.proof.impacting import ImpactingSystem
 
 Series = arb_series
 #: Parameters that may be unknowns.
-FREE = ("delta", "epsilon")
+POSSIBLE_UNKNOWNS = ("delta", "epsilon")
 
 
 class FlightVelocities(NamedTuple):
@@ -68,23 +68,23 @@ class CurveMotion:
 class ExtendedSystem:
     """The extended system of a bifurcating motion, as a function of its unknowns.
 
-    beta: the half-backlash. known: {name: value} of δ or ε, whichever is known. side: the vector l (n,) of the equation
-    ⟨l, φ⟩ = 1; empty for a graze.
+    beta: the half-backlash. known: {name: value} of δ or ε, or {} if both are unknowns. scaling: the vector l (n,) of
+    the equation ⟨l, φ⟩ = 1, which fixes the length of φ; empty for a graze.
     """
 
     motion: CurveMotion
     beta: arb
     known: dict[str, arb]
-    side: Sequence[float] = ()
+    scaling: Sequence[float] = ()
 
     def __call__(self, unknowns: Sequence[arb]) -> EvaluatedSystem:
-        """Evaluate the equations at the unknowns (N,): the impact times, the unknown ones of δ and ε, then φ."""
+        """Evaluate the equations at the unknowns (N,): the impact times; δ, ε or both, if not known; then φ."""
         return EvaluatedSystem(self, unknowns)
 
     def parameters(self, unknowns: Sequence[Any]) -> tuple[Any, Any]:
         """Return δ and ε: a known parameter as a ball, an unknown parameter as its entry in `unknowns`."""
         free = iter(unknowns[self.motion.n :])
-        delta, epsilon = (self.known[name] if name in self.known else next(free) for name in FREE)
+        delta, epsilon = (self.known[name] if name in self.known else next(free) for name in POSSIBLE_UNKNOWNS)
         return delta, epsilon
 
     def model_point(self, unknowns: Sequence[arb]) -> ModelPoint:
@@ -142,7 +142,7 @@ class EvaluatedSystem:
         if motion.kind is not Kind.GRAZING:
             phi, turn = unknowns[-n:], int(MULTIPLIER[motion.kind])
             values += [_jacobian_product_entry(flights, phi, i, turn) for i in range(n)]
-            values.append(sum((x * side for x, side in zip(phi, self.system.side, strict=True)), zero) - 1)
+            values.append(sum((x * factor for x, factor in zip(phi, self.system.scaling, strict=True)), zero) - 1)
         return values
 
 
@@ -166,7 +166,7 @@ def _jacobian_product_entry(
 
 
 def _codimension_two_condition(point: str, delta: Series, epsilon: Series, times: Sequence[Series]) -> Series:
-    """Return the function that is 0 at a codimension-two point, besides the equations of the grazing motion C."""
+    """Return the value of the condition that is 0 at a codimension-two point, besides the equations of the graze."""
     x = epsilon * (2 * PI() * times[0]).cos()
     return CONDITIONS[point](delta, x, times[1] - times[0], (-delta).exp())
 

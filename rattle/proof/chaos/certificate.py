@@ -6,7 +6,7 @@ import json
 from dataclasses import dataclass
 from fractions import Fraction
 
-from rattle.proof.certificate import FORMAT, text, texts
+from rattle.proof.certificate import FORMAT, text_of_number, texts_of_numbers
 from rattle.proof.chaos.coverings import HSet
 
 THEOREM = "horseshoe"
@@ -58,11 +58,12 @@ class HorseshoeCertificate:
 
     def __str__(self) -> str:
         """Return the theorem in one sentence."""
-        where = ", ".join(f"{name} = {text(value)}" for name, value in self.parameters.items())
+        where = ", ".join(f"{name} = {text_of_number(value)}" for name, value in self.parameters.items())
         lengths = ", ".join(str(loop.length) for loop in self.loops)
         return (
             f"At {where} the impact map has a horseshoe of {len(self.loops)} loops ({lengths} impacts): entropy at "
-            f"least {text(self.per_impact)} an impact on Σ⁺, {text(self.per_period)} a forcing period."
+            f"least {text_of_number(self.per_impact)} an impact on Σ⁺, {text_of_number(self.per_period)} "
+            "a forcing period."
         )
 
     def document(self) -> dict[str, object]:
@@ -71,14 +72,14 @@ class HorseshoeCertificate:
             "format": FORMAT,
             "theorem": THEOREM,
             "model": "impacting",
-            "parameters": {name: text(value) for name, value in self.parameters.items()},
-            "sets": [texts([*each.centre, *each.unstable, *each.stable]) for each in self.sets],
+            "parameters": {name: text_of_number(value) for name, value in self.parameters.items()},
+            "sets": [texts_of_numbers([*each.centre, *each.unstable, *each.stable]) for each in self.sets],
             "loops": [
                 {"sets": list(loop.sets), "sigma_minus": list(loop.sigma_minus), "periods": list(loop.periods)}
                 for loop in self.loops
             ],
-            "entropy_per_impact": text(self.per_impact),
-            "entropy_per_period": text(self.per_period),
+            "entropy_per_impact": text_of_number(self.per_impact),
+            "entropy_per_period": text_of_number(self.per_period),
             "versions": self.versions,
         }
 

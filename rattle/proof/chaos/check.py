@@ -25,9 +25,10 @@ from rattle.proof.check import (
     sine_and_cosine,
 )
 
-#: Most parts into which a set is cut, and most parts into which the time of a flight is cut.
+#: A set is cut into at most MOST_PARTS parts, and the time of a flight into at most MOST_TIMES parts. A part that is
+#: cut further counts too.
 MOST_PARTS, MOST_TIMES = 4000, 300
-#: Largest numbers of sets and loops, and of steps of a loop.
+#: A certificate may have at most MOST_SETS sets and MOST_LOOPS loops, and a loop at most MOST_LENGTH steps.
 MOST_SETS, MOST_LOOPS, MOST_LENGTH = 2000, 200, 100
 Vector = tuple[Interval, Interval]
 Part = tuple[float, float, float, float]  # a part of a set: ξ and η of its middle, half widths in ξ and η
@@ -87,7 +88,7 @@ class CheckedBundle:
         Returns
         -------
         tuple[Vector, tuple[Vector, Vector]]
-            The centre of the parallelogram, and its two half sides.
+            The centre of the parallelogram, and its half sides: vectors from the centre to the middles of two sides.
 
         Raises
         ------
@@ -177,7 +178,7 @@ class CheckedBundle:
         Returns
         -------
         bool
-            False if undecided.
+            False if this is not proved.
         """
         parts = [(IV.mpf(self.hull[0].a), IV.mpf(arrival.b))]
         above, below = (1 - self.wall) * self.claim.beta, (1 + self.wall) * self.claim.beta
@@ -262,8 +263,8 @@ class HorseshoeClaim:
         Returns
         -------
         tuple[Vector, list[Any]]
-            Intervals of ξ and η over the image. For each half side of the parallelogram the larger of two extents, that
-            in ξ and that in η.
+            Intervals of ξ and η over the image. Then, for each half side of the parallelogram (a vector), the larger of
+            its two extents, in ξ and in η.
         """
         (t, v, a, c, b, d), (middle, sides) = self.sets[target], image
         size = a * d - b * c
@@ -304,7 +305,7 @@ class HorseshoeClaim:
         Raises
         ------
         Refused
-            If the side of a smaller part stays undecided.
+            If the side of a smaller part is not proved.
         """
         parts, sides = [part], set()
         for _ in range(MOST_PARTS):
@@ -344,9 +345,9 @@ class HorseshoeClaim:
 
 
 def halve_part(part: Part, extents: list[float]) -> list[Part]:
-    """Cut a part in two across the side that Π stretches more. Raises Refused if the part is too small.
+    """Cut a part in two: halve its side whose image is longer. Raises Refused if the part is too small.
 
-    extents: for each side of the part the extent of its image, from `coordinates_in`.
+    extents: for each side of the part the extent of the side's image, from `coordinates_in`.
 
     Returns
     -------

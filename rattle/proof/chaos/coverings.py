@@ -16,14 +16,14 @@ from typing import NamedTuple
 
 from rattle.errors import NotProvedError
 from rattle.proof.balls import arb, arb_mat, ball
-from rattle.proof.chaos.images import Image, image
+from rattle.proof.chaos.images import Image, enclose_image
 from rattle.proof.flights import ModelPoint
 
 Pair = tuple[Fraction, Fraction]
-#: Most parts into which a set is cut.
-MOST_PIECES = 12_000
+#: A set is cut into at most this number of parts, counting the parts that are cut further.
+MOST_SET_PARTS = 12_000
 #: Smallest half-width of a part, as a share of the half-width of its set.
-FINEST = 2.0**-12
+SMALLEST_PART = 2.0**-12
 
 
 class SetPart(NamedTuple):
@@ -95,7 +95,7 @@ class MappedSet:
             centre = self.source.centre_column + matrix * arb_mat(2, 1, [part.xi, part.eta])
             sides = matrix * arb_mat([[part.width, 0], [0, part.height]])
             try:
-                self.images[part] = image(self.point, (centre[0, 0], centre[1, 0]), sides, self.walls)
+                self.images[part] = enclose_image(self.point, (centre[0, 0], centre[1, 0]), sides, self.walls)
             except NotProvedError:
                 self.images[part] = None
         return self.images[part]
@@ -123,26 +123,26 @@ class MappedSet:
         return sides.pop()
 
     def _sides_of_parts(self, target: HSet, periods: int, part: SetPart, inside_allowed: bool) -> Iterator[int]:
-        """Cut a part until the position of each image relative to `target` is proved, and yield these positions.
+        """Cut a part until each smaller part's image is proved to lie on one side of `target`, and yield these sides.
 
-        inside_allowed: whether an image may lie at |ξ| ≤ 1, if it has |η| < 1.
+        inside_allowed: whether the image of a smaller part may have |ξ| ≤ 1, if it has |η| < 1.
 
         Yields
         ------
         int
-            1 for a part whose image has ξ > 1, −1 for ξ < −1, and, if `inside_allowed`, 0 for |η| < 1.
+            1 for an image with ξ > 1, −1 for one with ξ < −1, and, if `inside_allowed`, 0 for one with |η| < 1.
 
         Raises
         ------
         NotProvedError
-            If the position of an image stays undecided, or an image lies where the covering forbids it.
+            If the side is not proved even for the smallest parts, or an image lies where the covering forbids it.
         """
         parts, number = [part], 0
         while parts:
             here, number = parts.pop(), number + 1
-            if number > MOST_PIECES:
+            if number > MOST_SET_PARTS:
                 raise NotProvedError(
-                    f"a covering stays undecided with {MOST_PIECES:,} parts of a set: use a smaller set"
+                    f"a covering is not proved with {MOST_SET_PARTS:,} parts of a set: use a smaller set"
                 )
             found = self.image(here)
             extents = [1.0, 1.0]
@@ -165,8 +165,8 @@ def _coordinates_in(target: HSet, periods: int, part_image: Image) -> tuple[tupl
     Returns
     -------
     tuple[tuple[arb, arb], list[float]]
-        Balls of ξ and η over the image. For each half side of the image the larger of two extents, that in ξ and that
-        in η.
+        Balls of ξ and η over the image. Then, for each half side of the image (a vector), the larger of its two
+        extents, in ξ and in η.
     """
     away = arb_mat(2, 1, [part_image.middle[0] - periods, part_image.middle[1]]) - target.centre_column
     start, slope = target.inverse_matrix * away, target.inverse_matrix * part_image.slope
@@ -175,7 +175,7 @@ def _coordinates_in(target: HSet, periods: int, part_image: Image) -> tuple[tupl
 
 
 def _is_cutting_useless(xi: arb, eta: arb, extents: Sequence[float], inside_allowed: bool) -> bool:
-    """Return whether it is useless to cut a part further to prove a covering.
+    """Return whether cutting a part further cannot help to prove a covering.
 
     xi, eta: the part's image in the target's coordinates. extents: for each side of the part the extent of its image.
     inside_allowed: whether the image may lie at |ξ| < 1, if it has |η| < 1.
@@ -185,13 +185,13 @@ def _is_cutting_useless(xi: arb, eta: arb, extents: Sequence[float], inside_allo
     bool
         True if the image lies where the covering forbids it, or is so small that cutting would not decide its position.
     """
-    return max(extents) < FINEST * 8 or bool(abs(xi) < 1 and (abs(eta) > 1 or not inside_allowed))
+    return max(extents) < SMALLEST_PART * 8 or bool(abs(xi) < 1 and (abs(eta) > 1 or not inside_allowed))
 
 
 def _halve_part(part: SetPart, extents: Sequence[float]) -> list[SetPart]:
-    """Cut a part in two across the side whose image is longer.
+    """Cut a part in two: halve its side whose image is longer.
 
-    extents: for each side of the part the extent of its image, from `_coordinates_in`.
+    extents: for each side of the part the extent of the side's image, from `_coordinates_in`.
 
     Returns
     -------
@@ -201,11 +201,11 @@ def _halve_part(part: SetPart, extents: Sequence[float]) -> list[SetPart]:
     Raises
     ------
     NotProvedError
-        If the part is already smaller than FINEST.
+        If the part is already smaller than SMALLEST_PART.
     """
     xi, eta, width, height = part
-    if max(width, height) < FINEST:
-        raise NotProvedError("a covering stays undecided even for the smallest parts of a set: use a smaller set")
+    if max(width, height) < SMALLEST_PART:
+        raise NotProvedError("a covering is not proved even with the smallest parts of a set: use a smaller set")
     if (extents[0] * (width > 0), width) >= (extents[1], height):
         return [SetPart(xi + side * width / 2, eta, width / 2, height) for side in (-1, 1)]
     return [SetPart(xi, eta + side * height / 2, width, height / 2) for side in (-1, 1)]

@@ -17,7 +17,7 @@ from rattle.flight.forcing import DRIFT
 from rattle.proof.balls import arb, arb_mat
 from rattle.proof.flights import FlightEnclosure, ModelPoint, require_first_impact, sign
 
-#: Factor by which the guessed interval of arrival times is widened at each trial; number of trials.
+#: The guessed interval of arrival times is made wider by the factor WIDENING, at most MOST_WIDENINGS times.
 WIDENING = 1.25
 MOST_WIDENINGS = 6
 #: Number of Newton steps for the arrival time of the flight from the middle of a set.
@@ -51,7 +51,7 @@ class Arrival:
     slope: arb_mat
 
 
-def image(point: ModelPoint, centre: tuple[arb, arb], sides: arb_mat, walls: Sequence[int]) -> Image:
+def enclose_image(point: ModelPoint, centre: tuple[arb, arb], sides: arb_mat, walls: Sequence[int]) -> Image:
     """Return the image under Π of all (t, v) in centre + sides [−1, 1]².
 
     Parameters
@@ -73,15 +73,15 @@ def image(point: ModelPoint, centre: tuple[arb, arb], sides: arb_mat, walls: Seq
     turn = arb_mat([[1, 0], [0, -1]])
     middle, sides, wall = (centre[0], -centre[1]), turn * sides, 1
     for target in (*walls, 1):
-        here = arrival(point, middle, sides, wall, target)
+        here = enclose_arrival(point, middle, sides, wall, target)
         middle, sides, wall = (here.time, -here.velocity), turn * here.slope * sides, target
     return Image((middle[0], -middle[1]), turn * sides)
 
 
-def arrival(point: ModelPoint, middle: tuple[arb, arb], sides: arb_mat, wall: int, target: int) -> Arrival:
-    """Return the time and velocity at the end of flights, if their first impact is proved to be on `target`.
+def enclose_arrival(point: ModelPoint, middle: tuple[arb, arb], sides: arb_mat, wall: int, target: int) -> Arrival:
+    """Enclose the end of all flights that leave `wall` at the times and velocities middle + sides [−1, 1]².
 
-    The flights leave `wall` at the times and velocities middle + sides [−1, 1]².
+    Their first impact is proved to be on `target`.
 
     Returns
     -------
@@ -123,7 +123,7 @@ def arrival(point: ModelPoint, middle: tuple[arb, arb], sides: arb_mat, wall: in
 
 
 def largest_over_sides(sides: arb_mat, by_t0: arb, by_w0: arb) -> arb:
-    """Return the largest by_t0 dt₀ + by_w0 dw₀ for (dt₀, dw₀) in sides [−1, 1]²."""
+    """Return the largest value of by_t0 · dt₀ + by_w0 · dw₀ over all (dt₀, dw₀) in sides [−1, 1]²."""
     return sum((abs(by_t0 * sides[0, j] + by_w0 * sides[1, j]) for j in range(2)), arb(0))
 
 

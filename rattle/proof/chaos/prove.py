@@ -170,7 +170,15 @@ def are_separated(one: Sequence[Pair], other: Sequence[Pair]) -> bool:
 
 
 def entropy_lower_bound(lengths: Sequence[int]) -> Fraction:
-    """Return a lower bound h ≥ 0 of the entropy, with Σ e^(−h length) ≥ 1 over loops (Lemma 13, docs/proofs.md)."""
+    """Return a lower bound h ≥ 0 of a horseshoe's topological entropy: Σ e^(−h length) ≥ 1, summed over its loops.
+
+    lengths: for each loop its number of impacts on Σ⁺, or for each loop its number of forcing periods.
+
+    Returns
+    -------
+    Fraction
+        h, in nats per impact on Σ⁺, or per forcing period (Lemma 13 of docs/proofs.md).
+    """
     h = Fraction(math.floor(search.entropy_of_lengths(lengths) / ENTROPY_UNIT)) * ENTROPY_UNIT
     while h > 0:
         if sum(((-ball(h) * length).exp() for length in lengths), arb(0)) >= 1:

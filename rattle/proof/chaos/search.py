@@ -22,11 +22,13 @@ from rattle.numerics.complex_step import Array
 
 #: Seed of the initial conditions.
 SEED = 1
-#: Number of initial conditions; impacts that are left out as transient; impacts over which chaos is tested.
+#: Number of random initial conditions. Each initial condition is followed for TRANSIENT impacts on Σ⁺; its motion is
+#: then tested for chaos over TESTED_IMPACTS impacts.
 INITIAL_CONDITIONS, TRANSIENT, TESTED_IMPACTS = 1500, 400, 200
 #: Least Lyapunov exponent of a chaotic motion, per forcing period.
 LEAST_EXPONENT = 0.02
-#: Most chaotic motions that are kept; number of impacts of each; index of the impact whose state may be a hub's centre.
+#: At most MOST_MOTIONS chaotic motions are kept, each with IMPACTS_PER_MOTION impacts on Σ⁺. The state at the impact
+#: with the index CENTRE_INDEX may be a hub's centre.
 MOST_MOTIONS, IMPACTS_PER_MOTION, CENTRE_INDEX = 400, 72, 36
 #: Number of states that are tried as centres of hubs.
 CENTRES_TRIED = 24
@@ -36,8 +38,8 @@ HUB_SIZES = (0.03, 0.02, 0.01, 0.005, 0.002, 0.001, 5e-4, 2e-4, 1e-4)
 HUB_RATIOS = (0.5, 1.0, 2.0, 4.0, 8.0)
 #: Most impacts on Σ⁺ in a loop.
 MOST_STEPS = 16
-#: Most hubs whose loops are computed; most returns to a hub with the same word (numbers of impacts on Σ⁻); most words
-#: of one hub.
+#: Loops of at most MOST_HUBS hubs are computed. For each hub at most MOST_WORDS words (sequences of numbers of impacts
+#: on Σ⁻) are used, and at most RETURNS_PER_WORD returns to the hub with the same word.
 MOST_HUBS, RETURNS_PER_WORD, MOST_WORDS = 100, 3, 40
 #: Number of hubs with the same centre that are tried before hubs with another centre.
 HUBS_PER_CENTRE = 2
@@ -135,7 +137,15 @@ def state_difference(x: Array, centre: Array) -> Array:
 
 
 def entropy_of_lengths(lengths: Sequence[float]) -> float:
-    """Return the entropy h for which Σ e^(−h length) = 1; 0 for fewer than two loops."""
+    """Return the entropy h of a horseshoe: Σ e^(−h length) = 1, summed over its loops; 0 for fewer than two loops.
+
+    lengths: for each loop its number of impacts on Σ⁺, or for each loop its number of forcing periods.
+
+    Returns
+    -------
+    float
+        h, in nats per impact on Σ⁺, or per forcing period.
+    """
     if len(lengths) < 2:
         return 0.0
     times = np.asarray(lengths, float)
@@ -235,9 +245,9 @@ def _unit_preimage(tangent: Array, x: Array) -> Array:
     return _unit_vector(np.array([d * x[0] - b * x[1], a * x[1] - c * x[0]]))
 
 
-def _grid_of_box(box: StateBox, across: int, high: int) -> Array:
-    """Return a grid of states (across, high, 2) in a box, with `across` points along ξ and `high` points along η."""
-    grid = np.stack(np.meshgrid(np.linspace(-1, 1, across), np.linspace(-1, 1, high), indexing="ij"), -1)
+def _grid_of_box(box: StateBox, n_xi: int, n_eta: int) -> Array:
+    """Return a grid of states (n_xi, n_eta, 2) in a box: n_xi × n_eta points, equally spaced along ξ and along η."""
+    grid = np.stack(np.meshgrid(np.linspace(-1, 1, n_xi), np.linspace(-1, 1, n_eta), indexing="ij"), -1)
     return np.asarray(box.centre + grid @ box.sides.T)
 
 
@@ -381,7 +391,15 @@ def _image_across(pi: ReturnMap, source: StateBox, target: StateBox, word: int) 
     coarse, eta = np.linspace(-1, 1, 41), np.linspace(-1, 1, 5)
 
     def image_coordinates(xi: Array) -> tuple[Array, bool]:
-        """Return the images of (xi, eta) in the target's coordinates, and whether all motions make `word` impacts."""
+        """Return the images under Π of the source's states (xi, eta), and whether all make `word` impacts on Σ⁻.
+
+        xi (…, 5): coordinates ξ of the source, for each of the five coordinates `eta`.
+
+        Returns
+        -------
+        tuple[Array, bool]
+            The images (…, 5, 2) in the coordinates of the target, and the flag.
+        """
         after, words = pi(source.centre + np.stack([xi, np.broadcast_to(eta, xi.shape)], -1) @ source.sides.T)
         return state_difference(after, target.centre) @ back.T, bool((words == word).all())
 

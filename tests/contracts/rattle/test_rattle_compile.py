@@ -40,7 +40,7 @@ def test_an_inline_function_that_returns_an_array_is_refused(function: Any, monk
     monkeypatch.setattr(compiling.Inline, "compiled", [])
     compiled = inline(function)
     compiling.refuse_array_returns()
-    compiled.in_kernels.compile(NUMBERS)
+    compiled.kernel_dispatcher.compile(NUMBERS)
     with pytest.raises(RattleError, match=f"{function.__name__} is inline and returns an array: make it a kernel"):
         compiling.refuse_array_returns()
 

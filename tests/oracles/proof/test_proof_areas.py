@@ -248,7 +248,7 @@ def test_a_solution_of_two_impacts_is_a_motion(name):
     s = float(times[1] - times[0])
     with precision():
         cell = two_impacts.SolutionCell(arb(s), arb(s), arb(0.6), arb(0.6))
-        x, y, v, u = (float(each) for each in cell.solution.over)
+        x, y, v, u = (float(each) for each in cell.solution.over_cell)
         assert (np.hypot(x, y), v) == pytest.approx((0.09, orbit.v), abs=1e-9)
         above, below = (float(each) for each in cell.margins)
         trace = sum(orbit.multipliers).real

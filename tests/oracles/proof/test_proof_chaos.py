@@ -149,12 +149,12 @@ def test_a_motion_that_passes_a_wall_has_no_image(stored):
         point = point_of(stored["0.6"])
         d = next(orbit for orbit in rattle.Gear(0.6, 0.1).orbits() if orbit.name == "D")
         small = arb_mat([[1e-6, 0], [0, 1e-6]])
-        images.image(point, (arb(d.tau), arb(d.v)), small, (-1,))
+        images.enclose_image(point, (arb(d.tau), arb(d.v)), small, (-1,))
         for walls in ((), (-1, -1), (1,)):
             with pytest.raises(rattle.NotProvedError):
-                images.image(point, (arb(d.tau), arb(d.v)), small, walls)
+                images.enclose_image(point, (arb(d.tau), arb(d.v)), small, walls)
         with pytest.raises(rattle.NotProvedError):
-            images.image(point, (arb(d.tau), arb(d.v)), arb_mat([[0.1, 0], [0, 0.5]]), (-1,))
+            images.enclose_image(point, (arb(d.tau), arb(d.v)), arb_mat([[0.1, 0], [0, 0.5]]), (-1,))
 
 
 def test_a_set_that_reaches_across_a_graze_has_no_image():
@@ -173,7 +173,7 @@ def test_a_set_that_reaches_across_a_graze_has_no_image():
         for size, ok in ((1e-5, True), (1.5e-4, False), (1e-3, False)):
             claim.sets = [[shared.IV.mpf(x) for x in (0.6, v, 1e-9, 0, 0, size)]]
             for program in (
-                lambda size=size: images.image(point, (arb(0.6), arb(v)), arb_mat([[1e-9, 0], [0, size]]), ()),
+                lambda size=size: images.enclose_image(point, (arb(0.6), arb(v)), arb_mat([[1e-9, 0], [0, size]]), ()),
                 lambda: claim.image(0, check.WHOLE, 0),
             ):
                 try:

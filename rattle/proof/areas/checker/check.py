@@ -113,7 +113,7 @@ def state_of_one_impact(
     Raises
     ------
     BlockRefused
-        If the existence, or a stability that is to be proved, is undecided or changes within the block.
+        If the existence, or a stability that is to be proved, is not proved to be the same on the whole block.
     """
     motion = OneImpact(letter, d, beta, *squares)
     if not motion.exists():
@@ -135,8 +135,8 @@ def state_of_two_impacts(slope: int, state: str, cells: Column, squares: tuple[I
     Raises
     ------
     BlockRefused
-        If the existence, or a stability that is to be proved, is undecided or changes within the block; or if there are
-        several motions.
+        If the existence, or a stability that is to be proved, is not proved to be the same on the whole block; or if
+        there are several motions.
     """
     runs = cells.parts_of_motions(slope, *squares)
     require(len(runs) < 2, f"there are {len(runs)} motions {'D' if slope > 0 else 'B'}, where at most one is claimed")

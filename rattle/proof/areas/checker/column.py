@@ -78,7 +78,7 @@ class Column:
         Raises
         ------
         BlockRefused
-            If it is undecided at an end of the run whether ε²(s) is below or above all these values.
+            If ε²(s) at an end of the run is not proved to be below all these values, nor proved to be above them.
         """
         # the parts next to the run have no motion with low ≤ ε² ≤ high, so at each end of the run ε² is outside this
         # range at every δ, by continuity on the same side. So ε² is computed at one δ
@@ -106,7 +106,7 @@ class Column:
         Raises
         ------
         BlockRefused
-            If the stability is undecided or changes within the block.
+            If the stability is not proved to be the same on the whole block.
         """
         verdicts, parts = set(), list(run)
         while parts:

@@ -67,13 +67,13 @@ class Jet:
         self.x, self.s, self.d = x, s, d
 
     def __add__(self, y: Any) -> "Jet":
-        """Return the sum."""
+        """Return this number plus y, a Jet or a constant."""
         if not isinstance(y, Jet):
             return Jet(self.x + y, self.s, self.d)
         return Jet(self.x + y.x, add_enclosures(self.s, y.s), add_enclosures(self.d, y.d))
 
     def __mul__(self, y: Any) -> "Jet":
-        """Return the product."""
+        """Return this number times y, a Jet or a constant."""
         if not isinstance(y, Jet):
             return Jet(self.x * y, multiply_enclosures(self.s, y), multiply_enclosures(self.d, y))
         s, d = (
@@ -83,31 +83,31 @@ class Jet:
         return Jet(self.x * y.x, s, d)
 
     def __neg__(self) -> "Jet":
-        """Return the negative."""
+        """Return minus this number."""
         return Jet(-self.x, ZERO if self.s is ZERO else -self.s, ZERO if self.d is ZERO else -self.d)
 
     def __sub__(self, y: Any) -> "Jet":
-        """Return the difference."""
+        """Return this number minus y, a Jet or a constant."""
         return self + -y
 
     def __rsub__(self, y: Any) -> "Jet":
-        """Return the difference."""
+        """Return the constant y minus this number."""
         return -self + y
 
     __radd__, __rmul__ = __add__, __mul__
 
     def __truediv__(self, y: "Jet") -> "Jet":
-        """Return the quotient."""
+        """Return this number divided by the Jet y."""
         x = self.x / y.x
         s, d = (add_enclosures(a, -multiply_enclosures(x, b)) for a, b in ((self.s, y.s), (self.d, y.d)))
         return Jet(x, ZERO if s is ZERO else s / y.x, ZERO if d is ZERO else d / y.x)
 
     def apply_chain_rule(self, x: Interval, slope: Interval) -> "Jet":
-        """Return f(self) with its derivatives, by the chain rule; x is the value of f at self, and slope that of f'."""
+        """Return f(self) with its derivatives, by the chain rule; x and slope are the values of f and f' at self."""
         return Jet(x, multiply_enclosures(slope, self.s), multiply_enclosures(slope, self.d))
 
     def exp_minus(self) -> "Jet":
-        """Return e^(−x), for this number x."""
+        """Return e^(−x), x being this number, with its derivatives."""
         x = exp_minus(self.x)
         return self.apply_chain_rule(x, -x)
 

@@ -6,9 +6,9 @@ With τ the phase of the impact, X = ε cos 2πτ, which is negative for A and p
 from .intervals import IV, ONE, PI, ZERO, Interval, Jet, ParameterBox, is_less, midpoint, require
 
 #: Shortest part of a flight that is bisected, in forcing periods.
-SHORTEST = 2.0**-18
+SHORTEST_PART = 2.0**-18
 #: Points on each side of the best point so far, in each step of the search for the lowest point of a flight.
-PLACES = 32
+SEARCH_POINTS = 32
 
 
 def y_of_damping(d: Jet) -> Jet:
@@ -60,10 +60,10 @@ class OneImpact:
             box = ParameterBox(IV.mpf([low.a, high.b]), self.d)
             over = height_at(*box.jets, self.x)
             y = box.mean_value(height_at(*box.centre, self.x).x, over)
-            # Φ − β is 0 at both impacts, so next to an impact the sign of its derivative is used
+            # Φ − β is 0 at both impacts, so next to an impact the sign of Φ' proves Φ − β < 0
             leaves = is_less(over.s, ZERO) if low == 0 else is_less(ZERO, over.s) if high == 1 else is_less(y, ZERO)
             if not (leaves and is_less(-2 * self.beta, y)):
-                if is_less(high - low, SHORTEST):
+                if is_less(high - low, SHORTEST_PART):
                     return False
                 half = midpoint(box.s)
                 parts += [(low, half), (half, high)]
@@ -84,9 +84,9 @@ class OneImpact:
         """
         t, step, d = ONE / 2, ONE / 2, Jet(midpoint(self.d))
         for _ in range(3):
-            places = [midpoint(t + step * i / PLACES) for i in range(1 - PLACES, PLACES)]
+            places = [midpoint(t + step * i / SEARCH_POINTS) for i in range(1 - SEARCH_POINTS, SEARCH_POINTS)]
             t = min(places, key=lambda each: float(height_at(Jet(each), d, self.x.a).x.mid.a))
-            step = step / PLACES
+            step = step / SEARCH_POINTS
         require(is_less(ZERO, t) and is_less(t, ONE), "the lowest point of the flight was not found between its ends")
         box = ParameterBox(t, self.d)
         return is_less(

@@ -12,7 +12,7 @@ PARTS = 192
 #: The proof requires h²Q < GROWTH_SHARE · 2δ. By (20.5) of docs/proofs.md v³/g falls at each impact if h²Q < 2δ.
 GROWTH_SHARE = IV.mpf(96) / 100
 #: Factor that widens mpmath's logarithms, and cube roots e^(logarithm/3), by 2⁻⁵⁰ of their size, against rounding.
-UP = IV.mpf([1 - 2.0**-50, 1 + 2.0**-50])
+LOG_WIDENING = IV.mpf([1 - 2.0**-50, 1 + 2.0**-50])
 
 
 def require_side_of_quiet_limit(d: Interval, e: Interval, below: bool) -> None:
@@ -30,14 +30,14 @@ class BounceBounds:
     """Bounds of bounces on Σ⁺ over a block below the quiet limit, by Lemmas 20 and 21 of docs/proofs.md.
 
     Speeds and the contact force g are in units in which the mean of g is 1: g = 1 − r cos θ > 0, where θ is 2π times
-    the time after a minimum of g. r: ε divided by the quiet limit. weakest: a lower bound of g.
+    the time after a minimum of g. r: ε divided by the quiet limit. force_lower_bound: a lower bound of g.
     """
 
     def __init__(self, d: Interval, e: Interval, beta: Interval) -> None:
         self.d, self.beta = d, beta
         self.r = e * IV.sqrt(4 * PI**2 + d**2) / (2 * d)
-        self.weakest = 1 - self.r.b
-        require(is_less(ZERO, self.weakest), "the block is not proved to be below the quiet limit")
+        self.force_lower_bound = 1 - self.r.b
+        require(is_less(ZERO, self.force_lower_bound), "the block is not proved to be below the quiet limit")
 
     def require_captures_below(self, speed: Interval) -> None:
         """Raise BlockRefused unless all motions that leave Σ⁺ slower than `speed` are proved to become quiet.
@@ -49,7 +49,12 @@ class BounceBounds:
         longest = ZERO
         # if v³/g falls from impact to impact, v³/g ≤ speed³/(least g), and v ≤ speed (g/(least g))^(1/3)
         for part in places:
-            v = speed / (4 * PI * self.d) * IV.exp(IV.ln(self.force_terms(part)[0].b / self.weakest) / 3) * UP
+            v = (
+                speed
+                / (4 * PI * self.d)
+                * IV.exp(IV.ln(self.force_terms(part)[0].b / self.force_lower_bound) / 3)
+                * LOG_WIDENING
+            )
             half = self.half_duration_bound(part, v.b)
             longest = half if is_less(longest, half) else longest
         h = (longest / (1 - self.d * longest)).b
@@ -87,10 +92,10 @@ class BounceBounds:
         BlockRefused
             If no bound is found, or a bounce may reach Σ⁻.
         """
-        half = found = (v / self.weakest).b * 1.001
+        half = found = (v / self.force_lower_bound).b * 1.001
         for _ in range(4):
             require(is_less(2 * half * self.d, 1), "the duration of a bounce is not bounded")
-            time = (IV.ln(1 / (1 - 2 * half * self.d)) * UP).b
+            time = (IV.ln(1 / (1 - 2 * half * self.d)) * LOG_WIDENING).b
             least = self.force_terms(IV.mpf([t.a, (t + time / self.d).b]))[0].a
             require(is_less(v, half * least), "the duration of a bounce is not bounded")
             require(is_less(v**2 * PI * self.d, self.beta * least), "a bounce may reach Σ⁻")
@@ -107,7 +112,7 @@ class BounceBounds:
         Interval
             Q.
         """
-        late, early = (IV.ln(1 / (1 - self.d * h)) * UP).b, (IV.ln(1 + self.d * h) * UP).b
+        late, early = (IV.ln(1 / (1 - self.d * h)) * LOG_WIDENING).b, (IV.ln(1 + self.d * h) * LOG_WIDENING).b
         span = IV.mpf([-early, late])
         one, _, _, centre = self.log_derivatives(t, ZERO)
         p1, p2, p3, size = self.log_derivatives(t + span / self.d, span)

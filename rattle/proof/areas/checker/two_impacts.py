@@ -23,7 +23,7 @@ from .intervals import (
 )
 
 #: Shortest part of a flight that is bisected, in forcing periods.
-SHORTEST = 2.0**-13
+SHORTEST_PART = 2.0**-13
 
 
 class Cell(ParameterBox):
@@ -40,12 +40,12 @@ class Cell(ParameterBox):
         # the equations are a Z₁ + c Z₂ = b and e Z₁ + g Z₂ = h
         a, c, b, e, g, h = (self.mean_value(m.x, o) for m, o in zip(centre, over, strict=True))
         # lower bounds of ε², (16.8) of docs/proofs.md
-        self.least_squares = [b**2 / (a**2 + c**2), h**2 / (e**2 + g**2)]
+        self.square_bounds = [b**2 / (a**2 + c**2), h**2 / (e**2 + g**2)]
         self.solvable = is_less(ZERO, a * g - c * e) or is_less(a * g - c * e, ZERO)
         if self.solvable:
 
             def solve_for_z(first: Interval, second: Interval) -> tuple[Interval, Interval]:
-                """Return Z₁ and Z₂ for the right sides `first` and `second` of the two equations, by Cramer's rule."""
+                """Return the solution (Z₁, Z₂) of a Z₁ + c Z₂ = first and e Z₁ + g Z₂ = second, by Cramer's rule."""
                 return (first * g - c * second) / (a * g - c * e), (a * second - e * first) / (a * g - c * e)
 
             z = solve_for_z(b, h)
@@ -78,7 +78,7 @@ class Cell(ParameterBox):
 
     def has_no_motion(self, low: Interval, high: Interval) -> bool:
         """Return whether it is proved that no solution of the cell has low ≤ ε² ≤ high and both speeds above 0."""
-        if any(is_less(high, bound) for bound in self.least_squares):
+        if any(is_less(high, bound) for bound in self.square_bounds):
             return True
         if not self.solvable:
             return False
@@ -96,7 +96,7 @@ class Cell(ParameterBox):
         Returns
         -------
         bool | None
-            True if all are, False if none is, None if undecided.
+            True if all are, False if none is, None if neither is proved.
         """
         if self.has_no_motion(low, high) or (self.solvable and is_less(slope * self.square.s, ZERO)):
             return False
@@ -131,10 +131,10 @@ class Cell(ParameterBox):
             first, last = low == start.b, high == end.a
             t = IV.mpf([start.a if first else low, end.b if last else high])
             push = sign * self.force_at(t)
-            # sign · e^(δt) Φ' grows if push > 0, and falls if push < 0: its sign at one end of the part is enough
+            # sign · e^(δt) Φ' grows if push > 0, and falls if push < 0: it suffices that sign · Φ' > 0 at one end
             at, known = (low, first) if is_less(ZERO, push) else (high, last) if is_less(push, ZERO) else (t, False)
             if not (known or is_less(ZERO, sign * self.velocity(sign, at))):
-                if is_less(high - low, SHORTEST):
+                if is_less(high - low, SHORTEST_PART):
                     return False
                 parts += [(low, midpoint(t).a), (midpoint(t).a, high)]
         return True
