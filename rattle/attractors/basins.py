@@ -166,7 +166,7 @@ class Basins(TabularResult):
 
 
 def classified(plane: StatePlane, tau: Array, v: Array) -> tuple[AttractorTable, NDArray[np.int64], NDArray[np.int64]]:
-    """Return the table of the attractors that states (n,) go to, and the row and the impacts of each state.
+    """Follow states (n,); return the table of the attractors that they reach, and the row and impacts of each state.
 
     Returns
     -------
@@ -193,7 +193,7 @@ def _mark_unconverged(steps: NDArray[np.int64], table: AttractorTable, rows: NDA
 
 
 def boundary_cells(labels: NDArray[np.int64], all_phases: bool = True) -> NDArray[np.bool_]:
-    """Return the cells (n_v, n_tau) that have a neighbour with another label, among the eight around them.
+    """Return flags (n_v, n_tau) of the cells that differ in their label from one of the eight cells around them.
 
     If the grid covers all phases, the last phase is a neighbour of the first. Speeds are not periodic.
 
@@ -269,8 +269,8 @@ class GrowingClassification:
     def _rows_in_common_table(self, table: AttractorTable, reached: NDArray[np.int64]) -> NDArray[np.int64]:
         """Return for each row of `table` the row of the same attractor in the common table, `self.table`.
 
-        reached: for each attractor of the common table, a row of `table`. A state of that attractor was followed again,
-        and reached the attractor of this row.
+        reached (k,): for each attractor of the common table, the row of `table` that its stored state reached when it
+        was followed again.
 
         Returns
         -------
@@ -308,7 +308,8 @@ def _classify_by_cell_map(
     image = _cell_images(plane, tau, v, n, box, impacts)
     group, steps, members = groups_of_map(image)
     sink, on_sink = tau.size, np.flatnonzero(image[:-1] == tau.size)[:1]
-    chosen = np.concatenate([members[:-1], on_sink])  # without the last group, the sink of quiet states
+    # a cell of each group except the last, the sink of quiet states, and a cell that the map sends to the sink
+    chosen = np.concatenate([members[:-1], on_sink])
     if refine:
         each = np.arange(min(LATTICE, n) // 2, n, LATTICE)
         chosen = np.concatenate([chosen, np.setdiff1d(n * each[:, None] + each, chosen)])

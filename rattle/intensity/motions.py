@@ -11,7 +11,7 @@ from rattle.flight.first_impact import OK
 from rattle.flight.law import wrapped
 from rattle.orbits.iterates import MOST_IMPACTS
 
-# a motion closes if start and end of its period differ by less than CLOSED, with speeds relative to the largest
+# a motion closes if the states at the ends of its period differ by less than CLOSED, in v relative to the largest speed
 CLOSED = 1e-6
 BATCH, RELAXATIONS = 1000.0, 10.0  # a batch lasts BATCH forcing periods, or RELAXATIONS/δ if this is more
 ENDLESS = 1 << 62  # number of returns that stands for no limit

@@ -45,7 +45,7 @@ def _list_in_cell(cell: int, cells: Any, tau: float, v: float, returns: int, per
 def collect_impacts_in_cell(
     cell: int, cells: Any, tau: float, v: float, returns: int, periods: float
 ) -> tuple[int, float, float, Impacts]:
-    """Follow a motion in a cell; return its status, its final state, and at most MOST_IMPACTS impacts."""
+    """Follow a motion in the cell with the number `cell`; return the result of `collect_impacts`."""
     return collect_impacts(tau, v, returns, periods, partial(_list_in_cell, cell, cells))
 
 

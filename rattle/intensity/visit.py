@@ -69,7 +69,7 @@ def mean_force_at(point):
 
 @inline
 def add_impact(row, s, wall, speed, duration, impulse):
-    """Add one impact to a row of sums. s: the duration of the flight before the impact; duration: of the contact."""
+    """Add an impact to a row of sums. s: duration of the flight before the impact; duration: that of its contact."""
     row[TIME] += s + duration
     row[ON_PLUS if wall > 0 else ON_MINUS] += 1.0
     row[SPEED] += speed

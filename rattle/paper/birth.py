@@ -43,7 +43,7 @@ def birth_of_chaos() -> Birth:
     Raises
     ------
     RattleError
-        If the motions or the events are others than these.
+        If P(2,2,1) does not attract there, or its events are not a flip and then a graze on Σ⁻.
     """
     for seen in Gear(DELTA, FROM).attractors(count=256):
         if (seen.m, seen.n_plus, seen.n_minus) == (2, 2, 1):

@@ -25,7 +25,7 @@ States = tuple[NDArray[np.float64], NDArray[np.float64]]
 
 
 def states_on_chaos(delta: float, epsilon: float, count: int) -> States:
-    """Return `count` successive states (τ, v) of a trajectory on the chaotic attractor. Raises RattleError."""
+    """Return `count` successive states (τ, v) on the chaotic attractor; RattleError if no such attractor is found."""
     found = attractors_of(delta, epsilon, count=SAMPLES)
     chaotic = np.flatnonzero(found.kind == Outcome.CHAOTIC)
     if not chaotic.size:
@@ -38,7 +38,7 @@ def states_on_chaos(delta: float, epsilon: float, count: int) -> States:
 
 
 def has_settled(delta: float, epsilon: float, tau: NDArray[np.float64], v: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Return for each state whether its motion repeats within RETURNS impacts, or its speed v is below 0.1."""
+    """Return flags: True for a state with a speed v below 0.1, or with a motion that repeats within RETURNS impacts."""
     later = rattle.iterate(delta, epsilon, tau[:, None], v[:, None], np.arange(1, RETURNS + 1))
     moved = np.hypot(wrapped(later.tau - tau[:, None]), later.v - v[:, None])
     return (moved < CLOSED).any(axis=1) | (v < 0.1)

@@ -56,7 +56,7 @@ class Orders(NamedTuple):
 
     displacement, velocity: the orders of (3.6) for Φ and of (3.7) for Φ', as h → 0.
     time: the order of (3.8) for the time to the next impact, as v → 0.
-    printed, third: the orders of v + (f/g) v², as printed, and of v + (f/3g) v² for the speed after a bounce, as v → 0.
+    printed, third: the orders of v + (f/g) v², as printed, and of v + f/(3g) v² for the speed after a bounce, as v → 0.
     """
 
     displacement: float
@@ -101,7 +101,8 @@ def _bounce_residuals(v: float) -> tuple[float, float, float]:
     Returns
     -------
     tuple[float, float, float]
-        The errors of the duration by (3.8), and of the speed afterwards by v + (f/g) v² and by v + (f/3g) v².
+        The errors of the duration by (3.8), and of the speed afterwards by v + (f/g) v² and by
+        v + f/(3g) v², with f and g of (3.9) and (3.10).
     """
     gear = Gear(DELTA, EPSILON)
     bounces = [gear.first_impact(1, phase, -v) for phase in PHASES]

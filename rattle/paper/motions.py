@@ -83,7 +83,7 @@ def cod23_finding() -> Finding:
     between = orbits_at(delta, (graze + born) / 2, 0.6)
     names = "".join(orbit.name for orbit in between)
     beyond, below = 0.7604, 0.7592
-    exponents = _exponents_beside_c(below, 1e-7)
+    exponents = _exponents_near_g1(below, 1e-7)
     return Finding(
         "COD23",
         "SN2 and PD1 do not meet G1 in COD21",
@@ -115,10 +115,10 @@ def cod23_finding() -> Finding:
     )
 
 
-def _exponents_beside_c(delta: float, below: float) -> Array:
+def _exponents_near_g1(delta: float, below: float) -> Array:
     """Return the largest Lyapunov exponents of unsettled trajectories that begin near the orbit that grazes on G1.
 
-    below: by how much ε is less than on G1. A trajectory is unsettled if it neither repeats nor becomes quiet.
+    below: ε on G1 minus ε of the gear. A trajectory is unsettled if it neither repeats nor becomes quiet.
 
     Returns
     -------

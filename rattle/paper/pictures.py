@@ -20,7 +20,7 @@ Panels = dict[float, tuple[Attractor, ...]]
 
 
 def compute_panels() -> Panels:
-    """Return the attractors of every panel of Figure 4, from SAMPLES initial conditions in [0, 1) × (0, 7)."""
+    """Return the attractors of every panel of Figure 4, from SAMPLES initial conditions (τ, v) in [0, 1) × (0, 7)."""
     return {epsilon: Gear(DELTA, epsilon).attractors(count=SAMPLES) for epsilon in PANELS}
 
 

@@ -25,7 +25,7 @@ Array = NDArray[np.float64]
 
 
 def plane_cells(columns: int = CELLS[0], rows: int = CELLS[1]) -> tuple[Array, Array]:
-    """Return δ and ε at the centres of columns × rows cells of Figure 7's plane."""
+    """Return δ and ε, both (columns · rows,), at the centres of the cells into which Figure 7's plane is cut."""
     (d0, d1), (e0, e1) = WINDOW
     delta = d0 + (d1 - d0) * (np.arange(columns) + 0.5) / columns
     epsilon = e0 + (e1 - e0) * (np.arange(rows) + 0.5) / rows

@@ -95,7 +95,7 @@ def inelastic_outcome(code):
 
 @kernel
 def settle(which, cells, samples, balls, states):
-    """Follow samples `which` until each has an outcome, or has made all its returns and stays UNRESOLVED."""
+    """Follow samples `which` until each has an outcome, or stays UNRESOLVED after all returns that its limit allows."""
     for j in range(which.size):
         k = which[j]
         point = point_at(samples.cell[k], cells)
@@ -305,7 +305,7 @@ def record_contact_orbit(tau, v, gap, cell, point, orbits, states):
 
 @kernel
 def count_contact_phases(grown, cells, orbits):
-    """Count the contact phases of the orbits that each cell has after its first grown[cell] orbits."""
+    """Count the contact phases of each cell's new orbits, which follow its first grown[cell] orbits in the table."""
     for cell in range(grown.size):
         for j in range(grown[cell], orbits.n[cell]):
             if orbits.first[cell, j] == -math.inf:

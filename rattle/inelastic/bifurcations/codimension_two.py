@@ -31,7 +31,7 @@ from rattle.notebook import Columns, TabularResult
 from rattle.numerics.complex_step import Array
 
 LEAST_RESTITUTION = 1e-3  # restitution down to which points are followed by default
-LONGEST = 0.02  # longest continuation step, in the unknowns
+LONGEST_STEP = 0.02  # longest continuation step, in the unknowns
 LARGEST_DAMPING = 8.0  # largest damping to which points are followed, divided by the half-backlash
 # indices of the unknowns: the times of the impact and of the graze, then the parameters δ, ε and r
 TAU, MIDDLE, DELTA, EPSILON, R = range(5)
@@ -218,7 +218,7 @@ def follow_codimension_two(name: str, beta: float = 0.6, lowest: float = LEAST_R
         return why_virtual(InelasticItinerary(TWO, 1, beta, float(x[R])), x[:R], 1)
 
     bounds = (Bound(R, lowest, 1.0), Bound(DELTA, 1e-3, LARGEST_DAMPING * beta))
-    follower = Follower(problem, bounds, lambda x: reason_to_end(x) is None, lambda _: LONGEST)
+    follower = Follower(problem, bounds, lambda x: reason_to_end(x) is None, lambda _: LONGEST_STEP)
     down = np.zeros(5)
     down[R] = -1.0
     path = follower.follow(start, tangent_at(problem, start, down))

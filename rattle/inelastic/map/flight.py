@@ -27,7 +27,7 @@ COSINE, SINE = range(2)
 
 
 class InelasticFlight(NamedTuple):
-    """Quantities of one flight at its departure, at time t₀; the array `departure` has the terms of each harmonic."""
+    """Quantities of one flight at its departure, at time t₀; `forced_flight` returns it."""
 
     w: float  # velocity of departure
     a: float  # A = q + e'(t₀) − w, with the drift q and the forcing e

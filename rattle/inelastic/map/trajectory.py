@@ -11,7 +11,7 @@ from rattle.inelastic.map.impact_map import InelasticPoint, flight_after_impact,
 from rattle.numerics.compile import kernel
 from rattle.orbits.iterates import MOST_IMPACTS, Trajectory, sampled_motion
 
-SHORT = 1e-5  # duration, in forcing periods, below which the rest of a chatter is not followed impact by impact
+SHORT_CHATTER = 1e-5  # duration, in forcing periods, below which the rest of a chatter is not followed impact by impact
 
 
 @kernel
@@ -35,8 +35,9 @@ def chatter_time(wall, v, force, point):
 def write_inelastic_motion(tau, v, point, time, phi, velocity, impact_time, impact_wall, impact_speed):
     """Write Φ and Φ' at increasing times, and the impacts before the last of these times, to given arrays.
 
-    A chatter is followed until its remaining duration, from `chatter_time`, is below SHORT. The error of the time at
-    which contact begins is then about SHORT². Impacts beyond the length of the arrays are counted but not written.
+    A chatter is followed until its remaining duration, from `chatter_time`, is below SHORT_CHATTER. The error of the
+    time at which contact begins is then about SHORT_CHATTER². Impacts beyond the length of the arrays are counted but
+    not written.
 
     Returns
     -------
@@ -55,9 +56,9 @@ def write_inelastic_motion(tau, v, point, time, phi, velocity, impact_time, impa
         if contact:
             flight = forced_flight(phase, w, point.delta, point.drift, point.harmonics, departure)
             left = chatter_time(wall, abs(w), flight.force, point)
-            if left < SHORT or (point.restitution == 1.0):
+            if left < SHORT_CHATTER or (point.restitution == 1.0):
                 if wait == math.inf:
-                    rest = now + min(left, SHORT)
+                    rest = now + min(left, SHORT_CHATTER)
                 while i < time.size and time[i] < now + wait:
                     phi[i], velocity[i] = wall * point.beta, 0.0
                     i += 1

@@ -13,7 +13,7 @@ from rattle.orbits.orbits_a_to_d import multipliers_of
 from rattle.orbits.return_map import fastest_point, newton, power_map, shortest_return
 
 MOST_RETURNS = 4096  # largest number of impacts on Σ⁺ per period of a sought motion
-CLOSE = 1e-6  # largest difference in τ, and relative in v, at which a motion with contact is back at its first state
+SAME_STATE = 1e-6  # largest difference (of v: relative) at which a motion with contact is back at its first state
 
 
 class InelasticOrbit(NamedTuple):
@@ -58,7 +58,7 @@ def inelastic_orbit(point: InelasticPoint, tau: float, v: float, n_plus: int = 1
         leaves double precision.
     """
     v, k = require_number("v", v, positive=True), require_integer("n_plus", n_plus, 1, MOST_RETURNS)
-    k = returns_of_contact_motion(tau, v, MOST_RETURNS, CLOSE, point) or k
+    k = returns_of_contact_motion(tau, v, MOST_RETURNS, SAME_STATE, point) or k
     found, tau1, v1 = newton(tau, v, k, point)
     if not found:
         raise RattleError(

@@ -46,7 +46,7 @@ def stiff_outcome(code):
 
 @kernel
 def settle(which, cells, samples, balls):
-    """Follow samples `which` until each has an outcome, or has made all its returns and stays UNRESOLVED."""
+    """Follow samples `which` until each has an outcome, or stays UNRESOLVED after all returns that its limit allows."""
     for j in range(which.size):
         k = which[j]
         point = point_of(samples.cell[k], cells)

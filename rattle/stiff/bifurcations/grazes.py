@@ -20,8 +20,8 @@ from rattle.stiff.bifurcations.line import MotionsOnLine
 from rattle.stiff.orbits.periodic import FailingPiece, first_failing_piece
 
 VANISHING = 1e-5  # duration, in units of p = 1/√(2κ), below which a contact or a flight counts as vanished
-# duration, in units of p² = 1/2κ, of a new contact or flight next to a graze; where C and B meet, the new contact of C
-# lasts 2.1 of these units
+# duration, in units of p² = 1/(2κ), of a new contact or flight next to a graze; where C and B meet, the new contact of
+# C lasts 2.1 of these units
 STARTING_DURATION = 0.04
 # distances from a graze, in the unknowns, at which an admissible motion is sought
 DISTANCES_TO_TRY = 10.0 ** np.arange(-9, -3)
@@ -97,7 +97,15 @@ def _admissible_motion_near(line: MotionsOnLine, y: Array) -> tuple[MotionsOnLin
 
 
 def _with_one_more_contact(line: MotionsOnLine, y: Array, tangent: Array) -> tuple[MotionsOnLine, Array] | None:
-    """Return the motion with one contact more that continues a branch beyond its end y; None if it is not found."""
+    """Return the motion with one contact more that continues a branch beyond its end.
+
+    y, tangent: the last motion of the branch, and the branch's outward tangent there.
+
+    Returns
+    -------
+    tuple or None
+        The line and the unknowns of the new motion; None if it is not found.
+    """
     for reach in DISTANCES_TO_TRY:
         there = newton_on_curve(line.problem, y + reach * tangent, tangent)
         failure = (
@@ -125,7 +133,8 @@ def _with_inserted_contact(
 def _with_short_contact(line: MotionsOnLine, y: Array, failure: FailingPiece) -> tuple[MotionsOnLine, Array, Array]:
     """Return a guess of the motion with a short contact where a flight touches a wall, and a row of equations.
 
-    The row completes the linear system of Newton's method, so that the duration of the new contact does not change.
+    failure: the flight that ends too early, at the touched wall. The row completes the linear system of Newton's
+    method, so that the duration of the new contact does not change.
 
     Returns
     -------
@@ -145,7 +154,8 @@ def _with_short_contact(line: MotionsOnLine, y: Array, failure: FailingPiece) ->
 def _with_split_contact(line: MotionsOnLine, y: Array, failure: FailingPiece) -> tuple[MotionsOnLine, Array, Array]:
     """Return a guess of the motion with a short flight where a contact's depth falls to 0, and a row of equations.
 
-    The row completes the linear system of Newton's method, so that the duration of the new flight does not change.
+    failure: the contact that ends too early. The row completes the linear system of Newton's method, so that the
+    duration of the new flight does not change.
 
     Returns
     -------

@@ -149,7 +149,7 @@ def contact_exit(wall, t, u, s, delta, epsilon, kappa):
 
 @inline
 def flight_after_contact(i, y, cycle):
-    """Return the flight after contact i: number of the next contact, times of beginning and end, change of Φ."""
+    """Return the flight after contact i: number of the next contact, times of beginning and end, rise of Φ (signed)."""
     c = cycle.walls.size
     after = i + 1 if i < c - 1 else 0
     t1 = y[after] if i < c - 1 else y[0] + cycle.m
