@@ -16,9 +16,9 @@ from rattle.orbits.return_map import fastest_point, log_multipliers, newton, poi
 # A trajectory approaches the orbit that Newton's method found if its distance to the orbit falls by the factor
 # APPROACH_RATIO, or is below ARRIVAL_DISTANCE.
 APPROACH_RATIO, ARRIVAL_DISTANCE = 0.5, 1e-9
-RETURN_DISTANCE = 1e-5  # the first return to within this distance gives the period for Newton's method
+RETURN_DISTANCE = 1e-5  # the first return this close, in τ and in v/`speed_unit`, gives the period for Newton's method
 LONGEST_PERIOD = 4096  # longest period for Newton's method, in impacts on Σ⁺; samples that return later are followed on
-SAME_POINT = 1e-6  # two orbits with the same label whose points are closer than this are the same orbit
+SAME_POINT = 1e-6  # orbits with one label are the same if points of both are this close, in τ and in v/`speed_unit`
 
 
 @inline

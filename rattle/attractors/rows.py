@@ -105,7 +105,7 @@ def rows_of(kind: Counts, which: Counts, impacts: Counts, time: Array, known: Co
 
     The samples (n,) are ordered by cell, and every cell has the same number of them.
 
-    kind, which (n,): the kind of each sample's attractor, and its number among those of its cell and kind.
+    kind, which (n,): the kind of each sample's attractor, and the attractor's number among those of the cell and kind.
     impacts, time (n,): the impacts and forcing periods for which each sample was followed.
     known (n_cells,): cell i has rows also for its orbits 0 to known[i] − 1, even if no sample reached them.
     row (n,): receives the row of each sample.

@@ -16,7 +16,7 @@ from rattle.numerics.struct_of_arrays import StructOfArrays, kernel_columns
 
 GRID = 32  # boxes along each side of the visited-cell bitmap of a chaotic trajectory
 HIGHEST_BITMAP_SPEED = 14.0  # largest speed at which a visited-cell bitmap may end, in units of `speed_unit`
-RECURRENCE = 1e-6  # a return to within this distance of an earlier state starts Newton's method
+RECURRENCE = 1e-6  # a return this close to an earlier state, in τ and in v/`speed_unit`, starts Newton's method
 Known = TypeVar("Known", bound=StructOfArrays)
 CONTACT = -1  # value of `Trajectories.pause` for a sample that has entered a contact phase
 ALIGNMENT = 64  # impacts that exponents leave out, in which the tangent vector turns to the most expanding direction

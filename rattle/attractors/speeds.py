@@ -79,7 +79,7 @@ class SampleSpec:
 
 
 def in_paper_plane(delta: Array, epsilon: Array, beta: Array) -> NDArray[np.bool_]:
-    """Return whether parameters lie in or near the paper's plane, where speeds up to 7 cover all motions."""
+    """Return flags: True for parameters in or near the paper's plane, where speeds up to 7 cover all motions."""
     inside = [(low <= x) & (x <= high) for x, (low, high) in zip((delta, epsilon, beta), PLANE, strict=True)]
     return np.asarray(inside[0] & inside[1] & inside[2], np.bool_)
 

@@ -74,9 +74,9 @@ def period_limits(m: Any, n_plus: Any, contacts: Any) -> tuple[Any, Any]:
 
     A motion without contact phases has completed its period after n_plus returns. A motion with contact phases
     may make more returns, because its label counts a run of impacts that ends in contact as one impact. Its limit is
-    the time m less ROUNDING, because rounding may make the last impact of the period come a little early. The impact
-    before it comes earlier than this limit: the last impact is the fastest on Σ⁺, and its flight takes longer than
-    ROUNDING.
+    therefore the time m − ROUNDING. The last impact of the period reaches this limit, even if rounding makes the impact
+    a little early. The impact before does not, because the last flight, which ends in the fastest impact on Σ⁺, takes
+    longer than ROUNDING.
 
     Parameters
     ----------

@@ -63,7 +63,7 @@ def bounce(wall, tau, w, point):
 
 
 def mean_force_at(point):
-    """Return the mean contact force at a point, which balances the impulses of a bounded motion over each period."""
+    """Return the mean over time of the contact force, which the impulses of a bounded motion balance on average."""
     raise NotImplementedError("mean_force_at exists inside kernels only: from Python use Gear.intensity")
 
 

@@ -198,7 +198,7 @@ class Functions(Protocol):
         """Describe a curve in words."""
 
     def trace(self, *given: Any, **more: Any) -> Curve:
-        """Return a bifurcation curve."""
+        """Return the bifurcation curve with a given name."""
 
 
 @dataclass(frozen=True)
@@ -271,7 +271,7 @@ class Model(ABC):
 
     @property
     def dwell(self) -> float:
-        """The duration of a contact in forcing periods, if the impact is fast; 0 for rigid walls."""
+        """The duration of the contact of a fast impact, in forcing periods; 0 for rigid walls."""
         return 0.0
 
     @property

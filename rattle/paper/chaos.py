@@ -24,7 +24,7 @@ CLOSED, RETURNS = 1e-6, 2
 States = tuple[NDArray[np.float64], NDArray[np.float64]]
 
 
-def states_on_chaos(delta: float, epsilon: float, count: int) -> States:
+def chaotic_states(delta: float, epsilon: float, count: int) -> States:
     """Return `count` successive states (τ, v) on the chaotic attractor; RattleError if no such attractor is found."""
     found = attractors_of(delta, epsilon, count=SAMPLES)
     chaotic = np.flatnonzero(found.kind == Outcome.CHAOTIC)
@@ -37,7 +37,7 @@ def states_on_chaos(delta: float, epsilon: float, count: int) -> States:
     return states.tau, states.v
 
 
-def has_settled(delta: float, epsilon: float, tau: NDArray[np.float64], v: NDArray[np.float64]) -> NDArray[np.bool_]:
+def have_settled(delta: float, epsilon: float, tau: NDArray[np.float64], v: NDArray[np.float64]) -> NDArray[np.bool_]:
     """Return flags: True for a state with a speed v below 0.1, or with a motion that repeats within RETURNS impacts."""
     later = rattle.iterate(delta, epsilon, tau[:, None], v[:, None], np.arange(1, RETURNS + 1))
     moved = np.hypot(wrapped(later.tau - tau[:, None]), later.v - v[:, None])
@@ -55,9 +55,9 @@ def is_leaking(delta: float, epsilon: float, start: States) -> bool:
         True if a trajectory settles during the observation, or if all trajectories settled before the observation.
     """
     near = rattle.iterate(delta, epsilon, *start, BEFORE)
-    left = ~has_settled(delta, epsilon, near.tau, near.v)
+    left = ~have_settled(delta, epsilon, near.tau, near.v)
     end = rattle.iterate(delta, epsilon, near.tau[left], near.v[left], IMPACTS)
-    return bool(not left.any() or has_settled(delta, epsilon, end.tau, end.v).any())
+    return bool(not left.any() or have_settled(delta, epsilon, end.tau, end.v).any())
 
 
 def end_of_chaos(delta: float, low: float, high: float, width: float) -> tuple[float, float]:
@@ -70,7 +70,7 @@ def end_of_chaos(delta: float, low: float, high: float, width: float) -> tuple[f
     tuple[float, float]
         Both ends of the interval.
     """
-    start = states_on_chaos(delta, low, WATCHED)
+    start = chaotic_states(delta, low, WATCHED)
     while high - low > width:
         middle = (low + high) / 2
         low, high = (low, middle) if is_leaking(delta, middle, start) else (middle, high)

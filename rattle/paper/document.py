@@ -33,7 +33,7 @@ def difference_text(number: Number) -> str:
 
 def verdict_text(report: Report, number: Number) -> str:
     """Return the verdict on a number as text and, if a finding explains a deviation, "finding" and its number."""
-    return f"{number.verdict}: finding {report.number_of(number.finding)}" if number.finding else number.verdict
+    return f"{number.verdict}: finding {report.finding_number(number.finding)}" if number.finding else number.verdict
 
 
 def escaped_cell(text: str) -> str:

@@ -10,7 +10,7 @@ from rattle.attractors.samples import Outcome
 from rattle.curves import codimension_two
 from rattle.impacting.attractors.classifier import attractors_of
 from rattle.orbits.orbits_a_to_d import PeriodOne
-from rattle.paper.chaos import has_settled, states_on_chaos
+from rattle.paper.chaos import chaotic_states, have_settled
 from rattle.paper.records import Statement
 
 #: Ranges of δ and ε in Figure 7.
@@ -97,7 +97,7 @@ def grazing_statements() -> tuple[Statement, ...]:
 
 
 def _multiplier_statements(before: Array, between: Array, after: Array) -> tuple[Statement, ...]:
-    """Return the statements about multipliers at δ before COD21, between COD21 and COD22, and after COD22."""
+    """Return the statements about multipliers; arguments: δ below COD21, between COD21 and COD22, and above COD22."""
     first, middle, last = (
         rattle.grazing(c, d).multipliers for c, d in (("G1", before), ("G1", between), ("G2", after))
     )
@@ -139,12 +139,12 @@ def figure_9_statements(end: float) -> tuple[Statement, ...]:
     delta = 0.762
     start = float(rattle.grazing("G1", delta).epsilon)
     epsilon = start + (end - start) * (np.arange(40) + 0.5) / 40
-    tau, v = states_on_chaos(delta, epsilon[0], 256)
+    tau, v = chaotic_states(delta, epsilon[0], 256)
     lost, weakest, spread = 0, math.inf, []
     for e in epsilon:
         states = rattle.iterate_tangent(delta, e, tau, v, 4000)
         tau, v = states.tau, states.v
-        lost += int(has_settled(delta, e, tau, v).sum())
+        lost += int(have_settled(delta, e, tau, v).sum())
         weakest = min(weakest, float(states.lyapunov[0].min()))
         spread.append(np.ptp(rattle.iterate(delta, e, tau[:, None], v[:, None], np.arange(40)).v))
     below = attractors_of(delta, start - 1e-6, count=1024).kind

@@ -133,13 +133,13 @@ class Report:
     findings: tuple[Finding, ...]
     first: int = 1
 
-    def number_of(self, key: str) -> int:
+    def finding_number(self, key: str) -> int:
         """Return the number of the finding with this key."""
         return [x.key for x in self.findings].index(key) + self.first
 
     @property
     def summary(self) -> str:
-        """One line: how many numbers agree or are off as findings say, and how many statements and findings hold."""
+        """One line of text: how many numbers agree or differ as findings say, how many statements and findings hold."""
         counts = (
             (sum(x.verdict == AGREES for x in self.numbers), self.numbers, "numbers agree"),
             (sum(x.finding != "" and x.is_as_expected for x in self.numbers), self.numbers, "are off as findings say"),

@@ -6,7 +6,7 @@ import numpy as np
 
 from rattle.flight.first_impact import OK, SIGMA_PLUS
 from rattle.flight.law import folded
-from rattle.inelastic.map.flight import evaluate_forced, first_forced_impact, forced_flight
+from rattle.inelastic.map.flight import evaluate_forced_flight, first_impact_of_forced_flight, forced_flight
 from rattle.inelastic.map.impact_map import InelasticPoint, flight_after_impact, piece_number
 from rattle.numerics.compile import kernel
 from rattle.orbits.iterates import MOST_IMPACTS, Trajectory, sampled_motion
@@ -66,11 +66,13 @@ def write_inelastic_motion(tau, v, point, time, phi, velocity, impact_time, impa
                     return OK, impacts, rest
                 now, phase, piece, w = now + wait, release, number, 0.0
                 flight = forced_flight(phase, w, point.delta, point.drift, point.harmonics, departure)
-        status, s, target, w1, _bend, _lost = first_forced_impact(wall, phase, flight, piece, point, departure)
+        status, s, target, w1, _bend, _lost = first_impact_of_forced_flight(
+            wall, phase, flight, piece, point, departure
+        )
         if status != OK:
             return status, impacts, math.inf
         while i < time.size and time[i] < now + s:
-            f0, f1, _f2, _lost = evaluate_forced(time[i] - now, flight, point.harmonics, departure)
+            f0, f1, _f2, _lost = evaluate_forced_flight(time[i] - now, flight, point.harmonics, departure)
             phi[i], velocity[i] = wall * point.beta + f0, f1
             i += 1
         if i == time.size:

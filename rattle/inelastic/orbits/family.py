@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from rattle.flight.first_impact import SIGMA_MINUS, SIGMA_PLUS, first_impact
 from rattle.flight.forcing import DRIFT, TWO_PI, versines
 from rattle.flight.law import folded
-from rattle.inelastic.map.flight import InelasticFlight, forced_tangent
+from rattle.inelastic.map.flight import InelasticFlight, forced_flight_tangent
 from rattle.numerics.compile import inline, kernel
 from rattle.numerics.secant import narrow_bracket
 
@@ -181,7 +181,7 @@ def one_impact_orbit(sign, delta, epsilon, beta, r):
 
 @inline
 def flight_at_phase(w, x, y, delta):
-    """Return the flight that departs with velocity w at the phase τ that x = ε cos 2πτ and y = ε sin 2πτ determine."""
+    """Return the flight that departs with velocity w at a phase τ, given as x = ε cos 2πτ and y = ε sin 2πτ."""
     slope, bend = -TWO_PI * y, -TWO_PI * TWO_PI * x
     return InelasticFlight(w, DRIFT + slope - w, bend, delta * (DRIFT + slope) + bend, delta)
 
@@ -208,8 +208,8 @@ def two_impact_orbit(sigma, delta, epsilon, beta, r):
     # Φ'' at both arrivals, from the contact force of a flight with the phase and velocity of the arrival
     ends = flight_at_phase(-u, x1, y1, delta), flight_at_phase(v / r, x, y, delta)
     bend_down, bend_up = ends[0].force + delta * u, ends[1].force - delta * v / r
-    a00, a01, a10, a11 = forced_tangent(-u, bend_down, -math.expm1(-delta * s), r, down)
-    b00, b01, b10, b11 = forced_tangent(v / r, bend_up, -math.expm1(-delta * rest), r, up)
+    a00, a01, a10, a11 = forced_flight_tangent(-u, bend_down, -math.expm1(-delta * s), r, down)
+    b00, b01, b10, b11 = forced_flight_tangent(v / r, bend_up, -math.expm1(-delta * rest), r, up)
     return True, tau, v, b00 * a00 + b01 * a10 + b10 * a01 + b11 * a11
 
 
@@ -230,9 +230,9 @@ def store_first_orbit(orbit, found, exists, phase, speed, traces, i):
 def fill_family_orbits(order, delta, epsilon, beta, r, exists, phase, speed, traces):
     """Write the orbits A to D at n parameter points to exists, phase, speed and traces (4, n).
 
-    order: the numbers of the points in the order in which they are computed; it is fastest if points with equal δ, β
-    and r are adjacent. Before the call `exists` must be False and the other arrays NaN. Entries of orbits that do not
-    exist keep these values.
+    order: the numbers of the points in the order in which they are computed. The function is fastest if points with
+    equal δ, β and r are adjacent. Before the call `exists` must be False and the other arrays NaN. Entries of orbits
+    that do not exist keep these values.
     """
     last, n = -1, 0
     sigma, e = np.zeros(MOST_NODES), np.zeros(MOST_NODES)

@@ -8,7 +8,7 @@ from typing import NamedTuple
 from rattle.errors import RattleError, require_integer, require_number
 from rattle.flight.first_impact import OK
 from rattle.inelastic.map.impact_map import InelasticPoint
-from rattle.inelastic.map.runs import contacts_and_merged_impacts, returns_of_contact_motion
+from rattle.inelastic.map.runs import contacts_and_merged_impacts, count_returns_of_contact_motion
 from rattle.orbits.orbits_a_to_d import multipliers_of
 from rattle.orbits.return_map import fastest_point, newton, power_map, shortest_return
 
@@ -58,7 +58,7 @@ def inelastic_orbit(point: InelasticPoint, tau: float, v: float, n_plus: int = 1
         leaves double precision.
     """
     v, k = require_number("v", v, positive=True), require_integer("n_plus", n_plus, 1, MOST_RETURNS)
-    k = returns_of_contact_motion(tau, v, MOST_RETURNS, SAME_STATE, point) or k
+    k = count_returns_of_contact_motion(tau, v, MOST_RETURNS, SAME_STATE, point) or k
     found, tau1, v1 = newton(tau, v, k, point)
     if not found:
         raise RattleError(

@@ -55,7 +55,7 @@ class Stiff(Model):
 
     @property
     def dwell(self) -> float:
-        """The duration of a contact in forcing periods, if the impact is fast: half a period of free oscillation."""
+        """The duration of the contact of a fast impact, in forcing periods: half a period of free oscillation."""
         return math.pi / math.sqrt(2.0 * self.kappa)
 
     def gear(self, delta: float, epsilon: float) -> stiff.StiffGear:
