@@ -308,7 +308,7 @@ def _classify_by_cell_map(
     image = _cell_images(plane, tau, v, n, box, impacts)
     group, steps, members = groups_of_map(image)
     sink, on_sink = tau.size, np.flatnonzero(image[:-1] == tau.size)[:1]
-    # a cell of each group except the last, the sink of quiet states, and a cell that the map sends to the sink
+    # one cell of each group but the last (the sink of quiet states); and one cell, if any, that goes to the sink
     chosen = np.concatenate([members[:-1], on_sink])
     if refine:
         each = np.arange(min(LATTICE, n) // 2, n, LATTICE)

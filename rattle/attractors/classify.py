@@ -40,7 +40,7 @@ WEAK, NEIGHBOUR_STEP = 0.3, 1e-9
 # followed after its first and after its second round.
 CROWDS = (256, 1024)
 BUDGET = 1_000_000  # default budget of impacts of a sample; a sample that is still unresolved then is undecided
-MOST_PROBE_IMPACTS = 20_000  # a probe stops after this many impacts, even if PERIODS forcing periods are not over
+MOST_PROBE_IMPACTS = 20_000  # most impacts of a probe per PERIODS forcing periods; a faster probe stops early
 # If cells have fewer samples than this, the neighbour test also follows neighbours of the samples, so that "chaotic" is
 # as reliable as with this many samples.
 ENOUGH_SAMPLES = 64
@@ -584,7 +584,7 @@ class Classifier(ABC):
         return declared
 
     def have_several_attractors(self, sets: SampleSets, prints: NDArray[np.uint64]) -> NDArray[np.bool_]:
-        """Return flags of cells: True if the visited-cell bitmaps (k, GRID) of its samples show several attractors."""
+        """Return flags of cells: True if the visited-cell bitmaps (k, GRID) of a cell show several attractors."""
         number = np.zeros(sets.which.size, np.int64)
         write_group_numbers(prints.copy(), sets.size, number)
         return ~sets.cells_where_all(number == 0)

@@ -47,7 +47,7 @@ def force_primitive(tau, delta, harmonics):
 
 @inline
 def nearest_release(tau, zeros):
-    """Return the index of the zero nearest to phase tau: a release (the end of a contact phase), up to rounding."""
+    """Return the index of the zero nearest to tau, the phase of a release; they differ by rounding errors only."""
     nearest, off = 0, math.inf
     for i in range(zeros.size):
         away = abs(wrapped(zeros[i] - tau))

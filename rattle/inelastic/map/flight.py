@@ -77,7 +77,7 @@ def time_of_forced_crossing(low, high, guess, level, rising, third, flight, harm
     """Return the only time in (low, high) at which the displacement F of a flight is `level`, by Halley steps.
 
     rising: whether F rises there. third: an upper bound of |F‴|. After a step u the error is below
-    u³ (p² + third/|6F'|) with p = F''/2F'; the search ends when this bound is smaller than rounding errors.
+    |u|³ (p² + third/|F'|) with p = F''/(2F'); the search ends when this bound is smaller than rounding errors.
 
     Returns
     -------

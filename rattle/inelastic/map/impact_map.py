@@ -53,7 +53,7 @@ class InelasticPoint(NamedTuple):
 
 @inline
 def piece_number(tau, zeros):
-    """Return how many `zeros` of the contact force lie at or before phase tau; it numbers the piece that tau is on."""
+    """Return how many `zeros` of the contact force lie at or before phase tau: the number of the piece with tau."""
     low, high = 0, zeros.size
     while low < high:
         middle = (low + high) // 2
