@@ -559,7 +559,7 @@ class Classifier(ABC):
     def declare_several_sets(self, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
         """Follow all unresolved samples of these cells for longer, and declare the chaotic attractor of each sample.
 
-        Samples whose visited-cell bitmaps overlap are on the same attractor. A cell may turn out to have one attractor.
+        Samples whose visited-cell bitmaps overlap are on the same attractor, so a cell may have only one after all.
 
         Returns
         -------

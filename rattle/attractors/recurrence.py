@@ -110,7 +110,8 @@ def stable_orbit(tau, v, gap, most, point):
 def index_of_orbit(m, n_plus, n_minus, tau, v, cell, orbits, point):
     """Return the index of this orbit among the known orbits of the cell, −1 if it is new.
 
-    All points of the orbit are compared, because rounding may decide between two almost equally fast points.
+    All points of the orbit are compared with the fastest points of the known orbits, because rounding may decide which
+    of two almost equally fast points counts as the fastest.
 
     Returns
     -------

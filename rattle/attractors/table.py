@@ -288,8 +288,8 @@ def attractors_of_samples(classifier: type[Classifier], parameters: Parameters, 
 def attractors_of_cell(table: AttractorTable, samples: NDArray[np.int64]) -> tuple[Attractor, ...]:
     """Return the attractors of one cell's rows.
 
-    samples (rows,): the numbers from which the fractions are computed, instead of the table's column `samples`. For
-    basins these are numbers of cells of the basin grid.
+    samples (rows,): the number of states that go to each attractor. The fractions are computed from these numbers, not
+    from the table's column `samples`. For basins a state is the centre of a cell of the basin grid.
 
     Returns
     -------

@@ -89,9 +89,9 @@ def spectrum(motion: Motion, point: Any, stiffness: float, highest: float, resol
 
 
 def response(order: ArrayLike, delta: float, stiffness: float) -> NDArray[np.complex128]:
-    """Return T = 2k/(2k − ω² + iδω), by which walls of stiffness k change the force spectrum of an impact.
+    """Return T = 2k/(2k − ω² + iδω), the factor by which walls of stiffness k change the force spectrum of an impact.
 
-    order: ω/2π, of any shape.
+    order: ω/(2π), of any shape.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""Follow samples of the stiff gear until each is quiet, captured or recurrent, or has made all its returns (compiled).
+"""Follow samples of the stiff gear until each is quiet, captured, recurrent, or at its limit of returns (compiled).
 
 The method is that of `rattle.impacting.attractors.settle`, but samples are followed one by one, not in SIMD lanes. A
 sample whose contact with Σ⁺ never ends is quiet. Tangent vectors are in the coordinates (Φ, Φ') at fixed times.

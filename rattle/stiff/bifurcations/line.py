@@ -78,8 +78,8 @@ class MotionsOnLine:
     def twins(self, start: Array, y: Array) -> Array:
         """Return arrays of unknowns (k, 2c + 1) that all describe the motion `start`.
 
-        Each array counts from another contact. Its times are shifted by whole periods so that the first is near the
-        first time of y.
+        Each array has another contact of the motion as its first contact. The times of an array are shifted by whole
+        periods so that its first time is near the first time of y.
 
         Returns
         -------

@@ -309,9 +309,9 @@ def _letters_of_parts(family: StiffFamily, plus: Sequence[StiffFamily]) -> tuple
     """Return the letters of a family of P(1,1,1).
 
     A part is B if its motions are saddles with a multiplier above 1, else D. The first and the last part may have other
-    letters: if the family ends there because the contact with Σ⁻ is lost, the motion continues as a P(1,1,0), and the
-    part has the letter A or C of this P(1,1,0). A part that continues as C but does not fold back to B remains D
-    (docs/stiff.md).
+    letters: if the family ends in such a part because the contact with Σ⁻ is lost, the motion continues as a P(1,1,0),
+    and the part has the letter A or C of this P(1,1,0). A part that continues as C but does not fold back to B
+    remains D (docs/stiff.md).
 
     Returns
     -------
