@@ -44,7 +44,7 @@ MOST_IMPACTS = 1000  # largest allowed number of impacts on Σ⁺ in one step of
 MOST_IN_ALL, LEAST_BUDGET = 1 << 33, 1 << 13
 
 
-def budget_of(delta: float, states: int) -> int:
+def budget_per_state(delta: float, states: int) -> int:
     """Return the budget of each of `states` states, in impacts on Σ⁺.
 
     The budget is BUDGET, as in a survey. At damping below WEAK, where states take long to reach attractors, it is at
@@ -81,7 +81,7 @@ class StatePlane:
 
     def classify(self, tau: Array, v: Array) -> Classifier:
         """Follow states to their attractors as samples of one cell, and return the classifier with the outcomes."""
-        budget = budget_of(self.delta, tau.size)
+        budget = budget_per_state(self.delta, tau.size)
         return self.classifier.classify(self.parameters, tau[None].copy(), v[None].copy(), budget)
 
     def states_after(self, tau: Array, v: Array, returns: int) -> tuple[Array, Array, NDArray[np.bool_]]:

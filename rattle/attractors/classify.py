@@ -38,7 +38,7 @@ WATCH = 100.0
 WEAK, NEIGHBOUR_STEP = 0.3, 1e-9
 # Numbers of states of a cell (its unresolved samples and their neighbours) that the neighbour test at weak damping has
 # followed after its first and after its second round.
-CROWDS = (256, 1024)
+NEIGHBOUR_TEST_STATES = (256, 1024)
 BUDGET = 1_000_000  # default budget of impacts of a sample; a sample that is still unresolved then is undecided
 MOST_PROBE_IMPACTS = 20_000  # most impacts of a probe per PERIODS forcing periods; a faster probe stops early
 # If cells have fewer samples than this, the neighbour test also follows neighbours of the samples, so that "chaotic" is
@@ -46,7 +46,7 @@ MOST_PROBE_IMPACTS = 20_000  # most impacts of a probe per PERIODS forcing perio
 ENOUGH_SAMPLES = 64
 # Number of states (unresolved samples and their neighbours) of the neighbour test at strong damping, in a cell that has
 # fewer than ENOUGH_SAMPLES samples and a quiet motion. In such a cell without a quiet motion the number is MOST_PROBES.
-CROWD_OF_FEW = 256
+STATES_OF_SMALL_CELL = 256
 # Largest number of probes of a cell. If samples leave a chaotic set after 3000 periods on average, this many probes
 # show it in 98 % of cells.
 MOST_PROBES = 12
@@ -395,11 +395,11 @@ class Classifier(ABC):
         chattering = self.may_be_chattering(cell, samples.time[which], PERIODS * self.longer[cell])
         lasted = left.cells_where_all((samples.status[which] == Outcome.UNRESOLVED) & ~chattering)
         weak = self.weak[cells]
-        for first, last in pairwise((0, *CROWDS)):
+        for first, last in pairwise((0, *NEIGHBOUR_TEST_STATES)):
             crowd = lasted & weak
             lasted[crowd] = self.neighbours_stay_unresolved(cells[crowd], first, last)
         if self.count < ENOUGH_SAMPLES:
-            for has_quiet, states in ((True, CROWD_OF_FEW), (False, MOST_PROBES)):
+            for has_quiet, states in ((True, STATES_OF_SMALL_CELL), (False, MOST_PROBES)):
                 crowd = lasted & ~weak & (self.has_quiet[cells] == has_quiet)
                 lasted[crowd] = self.neighbours_stay_unresolved(cells[crowd], 0, states)
         for cell, all_left in zip(cells, lasted, strict=True):

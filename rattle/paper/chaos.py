@@ -17,7 +17,7 @@ from rattle.impacting.attractors.classifier import attractors_of
 #: Number of initial conditions among which the chaotic attractor is searched.
 SAMPLES = 1024
 #: Number of observed trajectories, and the impacts of each before and during the observation.
-WATCHED, BEFORE, IMPACTS = 128, 2_000, 100_000
+WATCHED, EARLIER_IMPACTS, IMPACTS = 128, 2_000, 100_000
 #: A trajectory has settled if at most RETURNS impacts bring it back to where it was, up to the distance CLOSED.
 CLOSED, RETURNS = 1e-6, 2
 
@@ -47,14 +47,14 @@ def have_settled(delta: float, epsilon: float, tau: NDArray[np.float64], v: NDAr
 def is_leaking(delta: float, epsilon: float, start: States) -> bool:
     """Return whether trajectories leave the chaotic set during the observation.
 
-    The states `start` are first iterated for BEFORE impacts, then observed for IMPACTS impacts.
+    The states `start` are first iterated for EARLIER_IMPACTS impacts, then observed for IMPACTS impacts.
 
     Returns
     -------
     bool
         True if a trajectory settles during the observation, or if all trajectories settled before the observation.
     """
-    near = rattle.iterate(delta, epsilon, *start, BEFORE)
+    near = rattle.iterate(delta, epsilon, *start, EARLIER_IMPACTS)
     left = ~have_settled(delta, epsilon, near.tau, near.v)
     end = rattle.iterate(delta, epsilon, near.tau[left], near.v[left], IMPACTS)
     return bool(not left.any() or have_settled(delta, epsilon, end.tau, end.v).any())

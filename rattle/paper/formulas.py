@@ -77,12 +77,12 @@ def measure_orders() -> Orders:
     Orders
         The order of each formula's error.
     """
-    expansions = np.array([_expansion_residuals(h) for h in STEPS])
-    bounces = np.array([_bounce_residuals(v) for v in SPEEDS])
+    expansions = np.array([_expansion_errors(h) for h in STEPS])
+    bounces = np.array([_bounce_errors(v) for v in SPEEDS])
     return Orders(*np.log2(expansions[0] / expansions[1]), *np.log2(bounces[0] / bounces[1]))
 
 
-def _expansion_residuals(h: float) -> tuple[float, float]:
+def _expansion_errors(h: float) -> tuple[float, float]:
     """Return the largest errors of Φ by the paper's (3.6) and of Φ' by its (3.7), a time h after the departure."""
     rate = acceleration_by_formula(PHASES, SPEED, DELTA, EPSILON)
     left = []
@@ -95,7 +95,7 @@ def _expansion_residuals(h: float) -> tuple[float, float]:
     return float(worst[0]), float(worst[1])
 
 
-def _bounce_residuals(v: float) -> tuple[float, float, float]:
+def _bounce_errors(v: float) -> tuple[float, float, float]:
     """Return the largest errors, over the phases PHASES, of the paper's formulas for a bounce that starts at speed v.
 
     Returns

@@ -19,7 +19,7 @@ WINDOW = ((0.4, 1.0), (0.0, 0.3))
 CELLS = (300, 150)
 A, B, C, D = range(4)
 #: Distance in ε from a grazing curve at which the orbits on both sides of the curve are determined.
-ASIDE = 1e-7
+SIDE_DISTANCE = 1e-7
 
 Array = NDArray[np.float64]
 
@@ -54,11 +54,11 @@ def figure_7_statements(orbits: PeriodOne, region: NDArray[np.int8]) -> tuple[St
     )
 
 
-def _orbits_beside(curve: str, delta: Array) -> tuple[set[str], set[str]]:
+def _orbits_on_both_sides(curve: str, delta: Array) -> tuple[set[str], set[str]]:
     """Return the combinations of orbits, such as "AD", that exist just below and just above a grazing curve."""
     epsilon = rattle.grazing(curve, delta).epsilon
     both = []
-    for side in (-ASIDE, ASIDE):
+    for side in (-SIDE_DISTANCE, SIDE_DISTANCE):
         exists = rattle.period_one(delta, epsilon + side).exists
         both.append(
             {"".join(n for n, there in zip("ABCD", column, strict=True) if there) or "none" for column in exists.T}
@@ -83,7 +83,7 @@ def grazing_statements() -> tuple[Statement, ...]:
         ),
         ("A and D appear on G2 beyond COD22", "G2", after, "none", "AD"),
     ):
-        low, high = _orbits_beside(curve, delta)
+        low, high = _orbits_on_both_sides(curve, delta)
         shown = f"{delta.size} δ: {' or '.join(sorted(low))} below, {' or '.join(sorted(high))} above"
         rows.append(Statement("5.2", where, shown, low == {below} and high == {above}))
     for says, name in (

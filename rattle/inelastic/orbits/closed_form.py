@@ -77,7 +77,7 @@ def one_impact_motions(point: InelasticPoint) -> list[OneImpactMotion]:
     harmonics = point.harmonics
     wanted = slope_at_departure(delta, r, drift)
     v, decay = departure_speed(delta, r, drift), math.exp(-delta)
-    phases = _zeros_of_periodic(
+    phases = _zeros_of_periodic_function(
         lambda tau: forcing_derivatives(tau, harmonics)[0] - wanted, int(PHASES * harmonics[ORDER].max())
     )
     found = []
@@ -90,7 +90,7 @@ def one_impact_motions(point: InelasticPoint) -> list[OneImpactMotion]:
     return sorted(found, key=lambda each: each.tau)
 
 
-def _zeros_of_periodic(function: Callable[[Array], Array], count: int) -> list[float]:
+def _zeros_of_periodic_function(function: Callable[[Array], Array], count: int) -> list[float]:
     """Return zeros of a function of period 1: one in each of `count` equal intervals at whose ends its signs differ."""
     grid = np.arange(count + 1) / count
     from scipy.optimize import brentq  # imported here because it takes a quarter of a second to load

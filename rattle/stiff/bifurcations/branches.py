@@ -187,7 +187,7 @@ def _branch_of_points(
     marked: list[int] = []
     for k in folds[::-1].tolist():
         a, b = points[k], points[k + 1]
-        y = root_between(problem, a, b, _rate_of_parameter(problem, a, b))
+        y = root_between(problem, a, b, _fold_function(problem, a, b))
         if y is None:
             continue
         if np.array_equal(y, a) or np.array_equal(y, b):
@@ -231,7 +231,7 @@ def _branch_of_points(
     )
 
 
-def _rate_of_parameter(problem: ContinuationProblem, a: Array, b: Array) -> Callable[[Array], float]:
+def _fold_function(problem: ContinuationProblem, a: Array, b: Array) -> Callable[[Array], float]:
     """Return the function that is 0 at a fold between the points a and b of a branch.
 
     Returns
