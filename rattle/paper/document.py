@@ -19,19 +19,19 @@ paper writes ≈. An interval agrees only as a whole. Computed values that are c
 """
 
 
-def value_text(number: Number) -> str:
+def value(number: Number) -> str:
     """Return the computed value with ten decimals and, if it is proved, a note; an interval with seven decimals."""
     if isinstance(number.computed, tuple):
         return "{:.7f} to {:.7f}".format(*number.computed)
     return f"{number.computed:.10f}" + (", proved" if number.what in PROVED else "")
 
 
-def difference_text(number: Number) -> str:
+def difference(number: Number) -> str:
     """Return the computed minus the stated value as text, with two decimals more than the paper gives."""
     return f"{number.difference:+.{2 - int(number.stated.as_tuple().exponent)}f}"
 
 
-def verdict_text(report: Report, number: Number) -> str:
+def verdict(report: Report, number: Number) -> str:
     """Return the verdict on a number as text and, if a finding explains a deviation, "finding" and its number."""
     return f"{number.verdict}: finding {report.finding_number(number.finding)}" if number.finding else number.verdict
 
@@ -44,7 +44,7 @@ def escaped_cell(text: str) -> str:
 def markdown(report: Report) -> str:
     """Return the whole report as a Markdown document."""
     numbers = [
-        f"| {x.where} | {x.what} | {x.paper} | {value_text(x)} | {difference_text(x)} | {verdict_text(report, x)} |"
+        f"| {x.where} | {x.what} | {x.paper} | {value(x)} | {difference(x)} | {verdict(report, x)} |"
         for x in report.numbers
     ]
     statements = [
