@@ -20,7 +20,7 @@ paper writes ≈. An interval agrees only as a whole. Computed values that are c
 
 
 def value(number: Number) -> str:
-    """Return the computed value with ten decimals and, if it is proved, a note; an interval with seven decimals."""
+    """Return the computed value as text, such as "0.1234567890, proved"; an interval has seven decimals."""
     if isinstance(number.computed, tuple):
         return "{:.7f} to {:.7f}".format(*number.computed)
     return f"{number.computed:.10f}" + (", proved" if number.what in PROVED else "")
@@ -32,7 +32,7 @@ def difference(number: Number) -> str:
 
 
 def verdict(report: Report, number: Number) -> str:
-    """Return the verdict on a number as text and, if a finding explains a deviation, "finding" and its number."""
+    """Return the verdict on a number as text; a finding that explains a deviation is added: "off: finding 3"."""
     return f"{number.verdict}: finding {report.finding_number(number.finding)}" if number.finding else number.verdict
 
 
