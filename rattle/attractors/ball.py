@@ -170,9 +170,10 @@ def impacts_between_centres(n_plus):
 
 @kernel
 def fill_centres(grown, orbits, cells, integers, floats):
-    """Compute the columns of the result of `centres_of` in compiled code.
+    """Compute the columns of the `Centres` that `centres_of` returns, in compiled code.
 
-    integers (4, n): receives the columns `cell` to `n_minus`. floats (6, n): receives the columns `tau` to `radius`.
+    grown, orbits, cells: as in `centres_of`. integers (4, n): receives the columns `cell` to `n_minus`. floats
+    (6, n): receives the columns `tau` to `radius`.
     """
     n = 0
     for cell in range(grown.size):

@@ -44,7 +44,7 @@ MOST_IMPACTS = 1000  # largest allowed number of impacts on Σ⁺ in one step of
 MOST_IN_ALL, LEAST_BUDGET = 1 << 33, 1 << 13
 
 
-def budget_of(delta: float, states: int) -> int:
+def budget_per_state(delta: float, states: int) -> int:
     """Return the budget of each of `states` states, in impacts on Σ⁺.
 
     The budget is BUDGET, as in a survey. At damping below WEAK, where states take long to reach attractors, it is at
@@ -81,7 +81,7 @@ class StatePlane:
 
     def classify(self, tau: Array, v: Array) -> Classifier:
         """Follow states to their attractors as samples of one cell, and return the classifier with the outcomes."""
-        budget = budget_of(self.delta, tau.size)
+        budget = budget_per_state(self.delta, tau.size)
         return self.classifier.classify(self.parameters, tau[None].copy(), v[None].copy(), budget)
 
     def states_after(self, tau: Array, v: Array, returns: int) -> tuple[Array, Array, NDArray[np.bool_]]:
@@ -166,7 +166,7 @@ class Basins(TabularResult):
 
 
 def classified(plane: StatePlane, tau: Array, v: Array) -> tuple[AttractorTable, NDArray[np.int64], NDArray[np.int64]]:
-    """Return the table of the attractors that states (n,) go to, and the row and the impacts of each state.
+    """Follow states (n,); return the table of the attractors that they reach, and the row and impacts of each state.
 
     Returns
     -------
@@ -193,7 +193,7 @@ def _mark_unconverged(steps: NDArray[np.int64], table: AttractorTable, rows: NDA
 
 
 def boundary_cells(labels: NDArray[np.int64], all_phases: bool = True) -> NDArray[np.bool_]:
-    """Return the cells (n_v, n_tau) that have a neighbour with another label, among the eight around them.
+    """Return flags (n_v, n_tau) of the cells that differ in their label from one of the eight cells around them.
 
     If the grid covers all phases, the last phase is a neighbour of the first. Speeds are not periodic.
 
@@ -269,8 +269,8 @@ class GrowingClassification:
     def _rows_in_common_table(self, table: AttractorTable, reached: NDArray[np.int64]) -> NDArray[np.int64]:
         """Return for each row of `table` the row of the same attractor in the common table, `self.table`.
 
-        reached: for each attractor of the common table, a row of `table`. A state of that attractor was followed again,
-        and reached the attractor of this row.
+        reached (k,): for each attractor of the common table, the row of `table` that its stored state reached when it
+        was followed again.
 
         Returns
         -------
@@ -308,7 +308,8 @@ def _classify_by_cell_map(
     image = _cell_images(plane, tau, v, n, box, impacts)
     group, steps, members = groups_of_map(image)
     sink, on_sink = tau.size, np.flatnonzero(image[:-1] == tau.size)[:1]
-    chosen = np.concatenate([members[:-1], on_sink])  # without the last group, the sink of quiet states
+    # one cell of each group but the last (the sink of quiet states); and one cell, if any, that goes to the sink
+    chosen = np.concatenate([members[:-1], on_sink])
     if refine:
         each = np.arange(min(LATTICE, n) // 2, n, LATTICE)
         chosen = np.concatenate([chosen, np.setdiff1d(n * each[:, None] + each, chosen)])

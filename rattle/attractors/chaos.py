@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from rattle.attractors.samples import Outcome
 from rattle.numerics.compile import inline, kernel
 
-SAME_FOOTPRINT = 0.2  # trajectories are on one attractor if they share more than this part of the smaller bitmap
+SAME_FOOTPRINT = 0.2  # trajectories are on one attractor if they share more than this fraction of the smaller bitmap
 Array = NDArray[np.float64]
 Counts = NDArray[np.int64]
 BATCHES = 32
@@ -41,7 +41,7 @@ def count_bits(bits):
 
 @inline
 def is_same_attractor(boxes, i, j):
-    """Return whether bitmaps i and j share more than the part SAME_FOOTPRINT of the smaller one's visited cells."""
+    """Return whether bitmaps i and j share more than the fraction SAME_FOOTPRINT of the smaller bitmap's boxes."""
     in_i, in_j, shared = 0, 0, 0
     for k in range(boxes.shape[1]):
         in_i += count_bits(boxes[i, k])
@@ -55,8 +55,8 @@ def write_group_numbers(boxes, size, group):
     """Write the number of the attractor of each visited-cell bitmap to group (k,).
 
     `boxes` (k, GRID) holds the bitmaps and is overwritten; parameter cell i has size[i] consecutive bitmaps. Two
-    bitmaps of one parameter cell are joined if they share more than the part SAME_FOOTPRINT of the smaller one, until
-    no two can be joined. The number of an attractor is the index of its first bitmap among those of its cell.
+    bitmaps of one parameter cell are joined if they share more than the fraction SAME_FOOTPRINT of the smaller bitmap,
+    until no two can be joined. The number of an attractor is the index of its first bitmap among those of its cell.
     """
     begin = 0
     for cell in range(size.size):
@@ -197,9 +197,10 @@ def fill_unresolved_counts(cells, status, impacts, first, unresolved, leaks):
 def count_unresolved(cells: Counts, status: Counts, impacts: Counts, first: Counts) -> tuple[Counts, NDArray[np.bool_]]:
     """Return the numbers (k,) of unresolved samples in these cells, and flags of cells whose number may still fall.
 
-    A cell is flagged if some of its samples reached attractors after the first stage, and if more are expected to. The
-    expectation comes from the rate at which samples reached attractors until the last of them did. If at this rate
-    LEAKS_MISSED or more samples should have reached an attractor since then, no more are expected to.
+    A cell is flagged if some of its samples reached attractors after the first stage, and further samples are expected
+    to reach one. The expectation is a rate: the samples that reached attractors per impact, up to the latest such
+    event. If at this rate LEAKS_MISSED or more samples should have followed since that event, but none did, the cell is
+    not flagged.
 
     Parameters
     ----------

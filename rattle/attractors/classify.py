@@ -27,7 +27,7 @@ from rattle.parameters import Parameters
 PILOT = 8  # this many samples of a cell are followed first; orbits that they find can capture the other samples
 FIRST, SECOND = 64, 512  # total impacts that a sample may make by the end of the first stage, and of the second stage
 GROWTH = 4  # each later stage raises the impacts that a sample may make in all by this factor
-STAGES = 4  # stages after the first at strong damping, without that of FEW; at weak damping the budget limits them
+STAGES = 4  # stages after the first at strong damping, besides the extra one of FEW; at weak damping the budget decides
 FEW = 8  # at strong damping a cell gets one more stage if at most one in FEW of its samples is unresolved
 LEAST_PROBE_IMPACTS, PERIODS = 2000, 1000.0  # a probe is followed for at least this many impacts and forcing periods
 CHATTERING = 0.5  # a sample that uses up its impacts in less than this share of the observation time may be chattering
@@ -38,15 +38,15 @@ WATCH = 100.0
 WEAK, NEIGHBOUR_STEP = 0.3, 1e-9
 # Numbers of states of a cell (its unresolved samples and their neighbours) that the neighbour test at weak damping has
 # followed after its first and after its second round.
-CROWDS = (256, 1024)
+NEIGHBOUR_TEST_STATES = (256, 1024)
 BUDGET = 1_000_000  # default budget of impacts of a sample; a sample that is still unresolved then is undecided
-MOST_PROBE_IMPACTS = 20_000  # a probe stops after this many impacts, even if PERIODS forcing periods are not over
+MOST_PROBE_IMPACTS = 20_000  # most impacts of a probe per PERIODS forcing periods; a faster probe stops early
 # If cells have fewer samples than this, the neighbour test also follows neighbours of the samples, so that "chaotic" is
 # as reliable as with this many samples.
 ENOUGH_SAMPLES = 64
 # Number of states (unresolved samples and their neighbours) of the neighbour test at strong damping, in a cell that has
 # fewer than ENOUGH_SAMPLES samples and a quiet motion. In such a cell without a quiet motion the number is MOST_PROBES.
-CROWD_OF_FEW = 256
+STATES_OF_SMALL_CELL = 256
 # Largest number of probes of a cell. If samples leave a chaotic set after 3000 periods on average, this many probes
 # show it in 98 % of cells.
 MOST_PROBES = 12
@@ -155,7 +155,7 @@ class Classifier(ABC):
         v: NDArray[np.float64],
         budget: int = BUDGET,
     ) -> Self:
-        """Follow samples of n cells to their attractors or their budget.
+        """Follow each sample of n cells until it reaches an attractor or its budget ends.
 
         parameters: those of the cells (n,). tau, v: the initial conditions (n, count).
 
@@ -215,7 +215,7 @@ class Classifier(ABC):
             left, leaks = count_unresolved(pending, self.status, self.impacts, FIRST * self.longer)
             some = left > 0
             pending, left, leaks = pending[some], left[some], leaks[some]
-            leaks &= self.waits_for_leaks(pending)
+            leaks &= self.should_defer_probes(pending)
             leaks |= (self.stage[pending] == 0) & (left < self.count) | self.unclear[pending]
             decided = np.zeros(pending.size, np.bool_)
             decided[~leaks] = self.judge_by_probes(pending[~leaks])
@@ -331,7 +331,7 @@ class Classifier(ABC):
         """
         if not cells.size:
             return np.zeros(0, np.bool_)
-        chosen = self.unresolved_in(cells).evenly_spaced(MOST_PROBES)
+        chosen = self.unresolved_in(cells).select_evenly(MOST_PROBES)
         seen, chaotic = self.measure_exponents(chosen.which)
         decided = chosen.cells_where_all(chaotic)
         all_unresolved = chosen.cells_where_all(self.samples.status[chosen.which] == Outcome.UNRESOLVED)
@@ -357,7 +357,7 @@ class Classifier(ABC):
         """
         return np.asarray(self.weak[cells] | self.has_quiet[cells] | (self.count < ENOUGH_SAMPLES))
 
-    def waits_for_leaks(self, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
+    def should_defer_probes(self, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
         """Return flags (k,) of the cells whose probes are not measured while samples still reach attractors.
 
         The probes of a flagged cell are measured as soon as `count_unresolved` expects that none of the cell's
@@ -395,11 +395,11 @@ class Classifier(ABC):
         chattering = self.may_be_chattering(cell, samples.time[which], PERIODS * self.longer[cell])
         lasted = left.cells_where_all((samples.status[which] == Outcome.UNRESOLVED) & ~chattering)
         weak = self.weak[cells]
-        for first, last in pairwise((0, *CROWDS)):
+        for first, last in pairwise((0, *NEIGHBOUR_TEST_STATES)):
             crowd = lasted & weak
             lasted[crowd] = self.neighbours_stay_unresolved(cells[crowd], first, last)
         if self.count < ENOUGH_SAMPLES:
-            for has_quiet, states in ((True, CROWD_OF_FEW), (False, MOST_PROBES)):
+            for has_quiet, states in ((True, STATES_OF_SMALL_CELL), (False, MOST_PROBES)):
                 crowd = lasted & ~weak & (self.has_quiet[cells] == has_quiet)
                 lasted[crowd] = self.neighbours_stay_unresolved(cells[crowd], 0, states)
         for cell, all_left in zip(cells, lasted, strict=True):
@@ -459,7 +459,7 @@ class Classifier(ABC):
             n·k states, cell by cell.
         """
         turn, place = np.divmod(number, unresolved.size[:, None])
-        which, samples = unresolved.which[unresolved.starts[:, None] + place].ravel(), self.samples
+        which, samples = unresolved.which[unresolved.first_index[:, None] + place].ravel(), self.samples
         v = samples.v[which] * (1.0 + NEIGHBOUR_STEP * turn.ravel())
         return new_trajectories(samples.cell[which], samples.tau[which], v, np.repeat(most, turn.shape[1]))
 
@@ -479,10 +479,10 @@ class Classifier(ABC):
         """
         return np.asarray(self.has_quiet[cell] & (time < CHATTERING * periods))
 
-    def measure_exponents(self, which: NDArray[np.int64], times: float = 1.0) -> tuple[ProbeRecord, NDArray[np.bool_]]:
+    def measure_exponents(self, which: NDArray[np.int64], factor: float = 1.0) -> tuple[ProbeRecord, NDArray[np.bool_]]:
         """Follow the samples `which` with a tangent vector, and for longer where the exponent is unclear.
 
-        times: each sample is followed for at least `times` · PERIODS forcing periods, unless its limit of impacts
+        factor: each sample is followed for at least `factor` · PERIODS forcing periods, unless its limit of impacts
         comes first.
 
         Returns
@@ -501,7 +501,7 @@ class Classifier(ABC):
             # at about the same time
             todo = todo[np.argsort(pace[which[todo]], kind="stable")]
             now = which[todo]
-            longer = np.maximum(self.longer[samples.cell[now]], times) * 2**extension
+            longer = np.maximum(self.longer[samples.cell[now]], factor) * 2**extension
             most, room = MOST_PROBE_IMPACTS * longer, self.budget - samples.impacts[now]
             samples.limit[now] = samples.impacts[now] + np.minimum(most, room).astype(np.int64)
             part, before = empty_record(todo.size), samples.time[now]
@@ -535,21 +535,21 @@ class Classifier(ABC):
         if not cells.size:
             return np.zeros(0, np.bool_)
         declared = np.ones(cells.size, np.bool_)
-        several = self.have_several_sets(probes, seen.prints)
+        several = self.have_several_attractors(probes, seen.prints)
         if several.any():
             some, each = probes.select_cells(several), np.repeat(several, probes.size)
             seen.prints[each] = self.mark_more_states(some.which, seen.prints[each])
-            several[several] = self.have_several_sets(some, seen.prints[each])
+            several[several] = self.have_several_attractors(some, seen.prints[each])
         if several.any():
             some, each = probes.select_cells(several), np.repeat(several, probes.size)
             more, chaotic = self.measure_exponents(some.which, LONGER_BY)
             seen.sums[each] = more.sums
             seen.prints[each] |= more.prints
             declared[several] = some.cells_where_all(chaotic)
-            several[several] = self.have_several_sets(some, seen.prints[each])
+            several[several] = self.have_several_attractors(some, seen.prints[each])
         single = declared & ~several
         left, one = self.unresolved_in(cells[single]).split_by_cell(), probes.select_cells(single)
-        sums = np.split(seen.sums, probes.starts[1:])
+        sums = np.split(seen.sums, probes.first_index[1:])
         watched = one.smallest_by_cell(self.samples.time).tolist()
         for cell, all_left, i, least in zip(cells[single].tolist(), left, np.flatnonzero(single), watched, strict=True):
             self.chaos[cell] = [ChaoticSet(all_left, sums[i], least)]
@@ -559,7 +559,7 @@ class Classifier(ABC):
     def declare_several_sets(self, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
         """Follow all unresolved samples of these cells for longer, and declare the chaotic attractor of each sample.
 
-        Samples whose visited-cell bitmaps overlap are on the same attractor. A cell may turn out to have one attractor.
+        Samples whose visited-cell bitmaps overlap are on the same attractor, so a cell may have only one after all.
 
         Returns
         -------
@@ -575,7 +575,7 @@ class Classifier(ABC):
         sums, prints = sums[every], self.mark_more_states(left.which, prints[every])
         number = np.zeros(left.which.size, np.int64)
         write_group_numbers(prints, left.size, number)
-        for cell, start, size in zip(cells[declared], left.starts, left.size, strict=True):
+        for cell, start, size in zip(cells[declared], left.first_index, left.size, strict=True):
             span = np.arange(start, start + size)
             groups = [span[number[span] == i] for i in np.unique(number[span])]
             self.chaos[int(cell)] = [
@@ -583,8 +583,8 @@ class Classifier(ABC):
             ]
         return declared
 
-    def have_several_sets(self, sets: SampleSets, prints: NDArray[np.uint64]) -> NDArray[np.bool_]:
-        """Return flags of the cells whose samples have visited-cell bitmaps (k, GRID) of several attractors."""
+    def have_several_attractors(self, sets: SampleSets, prints: NDArray[np.uint64]) -> NDArray[np.bool_]:
+        """Return flags of cells: True if the visited-cell bitmaps (k, GRID) of a cell show several attractors."""
         number = np.zeros(sets.which.size, np.int64)
         write_group_numbers(prints.copy(), sets.size, number)
         return ~sets.cells_where_all(number == 0)
@@ -600,7 +600,7 @@ class Classifier(ABC):
 
 
 def stage_impact_limit(stage: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Return the total impacts that a sample may make by the end of each of these stages, at strong damping."""
+    """Return the impacts that a sample may make in all until the end of each stage (k,); weak damping allows more."""
     return np.where(stage == 0, float(FIRST), SECOND * float(GROWTH) ** (stage - 1))
 
 
@@ -619,5 +619,5 @@ def new_trajectories(
 
 
 def empty_record(count: int) -> ProbeRecord:
-    """Return empty observations of `count` samples."""
+    """Return a record of zeros for the observations of `count` probes."""
     return ProbeRecord(np.zeros((count, BATCHES, 3)), np.zeros((count, GRID), np.uint64))

@@ -11,7 +11,7 @@ from rattle.attractors.table import KINDS
 from rattle.errors import require, require_integer, require_number
 from rattle.numerics.sampling import Z_95, wilson_interval
 
-# largest distance between the states of a pair; number of distances, of which each is half the one before
+# largest distance between the states of a pair, in units of the plane; number of distances, each half the previous one
 LARGEST_SIZE, SIZES = 2.0**-6, 8
 LEAST_UNCERTAIN_PAIRS = 5  # the fit leaves out distances with fewer uncertain pairs than this
 MOST_PAIRS = 1 << 20
@@ -89,7 +89,7 @@ def differing(a: Basins, b: Basins) -> NDArray[np.bool_]:
 
 
 def disagreement(a: Basins, b: Basins) -> float:
-    """Return the fraction of cells that two results on the same grid give to different attractors; see `differing`."""
+    """Return the fraction of the (τ, v) cells that two results on the same grid give to different attractors."""
     return float(differing(a, b).mean())
 
 
@@ -129,7 +129,7 @@ def _random_pairs(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return phases and speeds (k, 2, pairs) of pairs of states at k distances `sizes`.
 
-    The first state of a pair is uniformly distributed.
+    The first state of a pair is uniformly distributed in the plane, the second lies in a uniformly random direction.
 
     Returns
     -------

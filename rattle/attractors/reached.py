@@ -1,4 +1,4 @@
-"""Methods of every gear that follow states (τ, v): attractors, basins, and the uncertainty exponent of boundaries."""
+"""Base class of gears with the methods that follow states (τ, v): attractors, basins, uncertainty exponent."""
 
 from __future__ import annotations
 

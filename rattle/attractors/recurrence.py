@@ -16,9 +16,9 @@ from rattle.orbits.return_map import fastest_point, log_multipliers, newton, poi
 # A trajectory approaches the orbit that Newton's method found if its distance to the orbit falls by the factor
 # APPROACH_RATIO, or is below ARRIVAL_DISTANCE.
 APPROACH_RATIO, ARRIVAL_DISTANCE = 0.5, 1e-9
-RETURN_DISTANCE = 1e-5  # the first return to within this distance gives the period for Newton's method
-LONGEST_PERIOD = 4096  # longest period for Newton's method, in impacts on Σ⁺; slower recurrences are followed further
-SAME_POINT = 1e-6  # two orbits with the same label whose points are closer than this are the same orbit
+RETURN_DISTANCE = 1e-5  # the first return this close, in τ and in v/`speed_unit`, gives the period for Newton's method
+LONGEST_PERIOD = 4096  # longest period for Newton's method, in impacts on Σ⁺; samples that return later are followed on
+SAME_POINT = 1e-6  # orbits with one label are the same if points of both are this close, in τ and in v/`speed_unit`
 
 
 @inline
@@ -110,7 +110,8 @@ def stable_orbit(tau, v, gap, most, point):
 def index_of_orbit(m, n_plus, n_minus, tau, v, cell, orbits, point):
     """Return the index of this orbit among the known orbits of the cell, −1 if it is new.
 
-    All points of the orbit are compared, because rounding may decide between two almost equally fast points.
+    All points of the orbit are compared with the fastest points of the known orbits, because rounding may decide which
+    of two almost equally fast points counts as the fastest.
 
     Returns
     -------
@@ -218,7 +219,7 @@ def resolve_all(which, cells, samples, orbits, balls, grown, waiting):
                 orbit = index_of_orbit(m, n_plus, n_minus, tau, v, cell, orbits, point)
                 if orbit < 0:
                     orbit = append_orbit(m, n_plus, n_minus, tau, v, first, second, cell, orbits)
-            # a sample without a stable orbit is tried again only after a pause that grows
+            # the orbit of this sample is searched again only after a pause, which grows with the sample's impacts
             samples.pause[k] = 2 * samples.impacts[k] + 2 * gap
         samples.status[k] = Outcome.PERIODIC if orbit >= 0 else Outcome.UNRESOLVED
         samples.orbit[k] = orbit

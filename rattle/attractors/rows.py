@@ -41,8 +41,8 @@ class Rows(NamedTuple):
 
 
 @inline
-def place_of_attractor(kind, which, orbits):
-    """Return the place of an attractor in its cell: 0 is quiet motion, then come `orbits` orbits, then chaotic sets."""
+def index_in_cell(kind, which, orbits):
+    """Return an attractor's index in its cell: 0 for quiet motion, then `orbits` orbits, then chaotic attractors."""
     if kind == Outcome.QUIET:
         return 0
     return 1 + which if kind == Outcome.PERIODIC else 1 + orbits + which
@@ -67,7 +67,7 @@ def fill_rows(kind, which, impacts, time, known, orbits, scratch, integers, watc
     for c in range(cells):
         seen[:] = -1
         for i in range(c * count, (c + 1) * count):
-            p = place_of_attractor(kind[i], which[i], orbits) if kind[i] != Outcome.UNDECIDED else places - 1
+            p = index_in_cell(kind[i], which[i], orbits) if kind[i] != Outcome.UNDECIDED else places - 1
             if seen[p] < 0:
                 seen[p] = i
             row[i] = p
@@ -105,7 +105,7 @@ def rows_of(kind: Counts, which: Counts, impacts: Counts, time: Array, known: Co
 
     The samples (n,) are ordered by cell, and every cell has the same number of them.
 
-    kind, which (n,): the kind of each sample's attractor, and its number among those of its cell and kind.
+    kind, which (n,): the kind of each sample's attractor, and the attractor's number among those of the cell and kind.
     impacts, time (n,): the impacts and forcing periods for which each sample was followed.
     known (n_cells,): cell i has rows also for its orbits 0 to known[i] − 1, even if no sample reached them.
     row (n,): receives the row of each sample.

@@ -16,7 +16,7 @@ from rattle.numerics.struct_of_arrays import StructOfArrays, kernel_columns
 
 GRID = 32  # boxes along each side of the visited-cell bitmap of a chaotic trajectory
 HIGHEST_BITMAP_SPEED = 14.0  # largest speed at which a visited-cell bitmap may end, in units of `speed_unit`
-RECURRENCE = 1e-6  # a return to within this distance of an earlier state starts Newton's method
+RECURRENCE = 1e-6  # a return this close to an earlier state, in τ and in v/`speed_unit`, starts Newton's method
 Known = TypeVar("Known", bound=StructOfArrays)
 CONTACT = -1  # value of `Trajectories.pause` for a sample that has entered a contact phase
 ALIGNMENT = 64  # impacts that exponents leave out, in which the tangent vector turns to the most expanding direction
@@ -81,23 +81,23 @@ class SampleSets(NamedTuple):
     size: NDArray[np.int64]
 
     @property
-    def starts(self) -> NDArray[np.int64]:
+    def first_index(self) -> NDArray[np.int64]:
         """Index (n,) of the first sample of each cell."""
         return np.asarray(np.cumsum(self.size) - self.size)
 
     def split_by_cell(self) -> list[NDArray[np.int64]]:
         """Return one array of samples for each cell."""
-        return np.split(self.which, self.starts[1:]) if self.size.size else []
+        return np.split(self.which, self.first_index[1:]) if self.size.size else []
 
     def select_cells(self, chosen: NDArray[np.bool_]) -> SampleSets:
         """Return the samples of the cells chosen by the flags `chosen` (n,)."""
         return SampleSets(self.which[np.repeat(chosen, self.size)], self.size[chosen])
 
-    def evenly_spaced(self, most: int) -> SampleSets:
-        """Return at most `most` samples of each cell, evenly spaced among them."""
+    def select_evenly(self, most: int) -> SampleSets:
+        """Return at most `most` samples of each cell, at even distances in the order of its samples."""
         size = np.minimum(most, self.size)
         number = np.arange(size.sum()) - np.repeat(np.cumsum(size) - size, size)
-        first, among, of = (np.repeat(x, size) for x in (self.starts, self.size, size))
+        first, among, of = (np.repeat(x, size) for x in (self.first_index, self.size, size))
         return SampleSets(self.which[first + number * among // of], size)
 
     def cells_where_all(self, holds: NDArray[np.bool_]) -> NDArray[np.bool_]:
@@ -107,11 +107,11 @@ class SampleSets(NamedTuple):
 
     def largest_by_cell(self, values: NDArray[np.int64]) -> NDArray[np.int64]:
         """Return the largest value (n,) in each cell; `values` has one for every sample. No cell may be empty."""
-        return np.asarray(np.maximum.reduceat(values[self.which], self.starts))
+        return np.asarray(np.maximum.reduceat(values[self.which], self.first_index))
 
     def smallest_by_cell(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the smallest value (n,) in each cell; `values` has one for every sample. No cell may be empty."""
-        return np.asarray(np.minimum.reduceat(values[self.which], self.starts)) if self.size.size else np.zeros(0)
+        return np.asarray(np.minimum.reduceat(values[self.which], self.first_index)) if self.size.size else np.zeros(0)
 
 
 @dataclass(frozen=True, eq=False)

@@ -66,11 +66,11 @@ class SampleSpec:
             object.__setattr__(self, name, require_integer(name, getattr(self, name), low, high))
 
     def highest_speeds(self, parameters: Parameters) -> Array:
-        """Return the largest speed in each of these cells (n,). Raises ParameterError."""
+        """Return the largest sampled speed of each cell (n,): see `sampled_speeds`. Raises ParameterError."""
         return sampled_speeds(self.v_max, parameters.delta, parameters.epsilon, parameters.beta)
 
     def states(self, parameters: Parameters) -> tuple[Array, Array]:
-        """Return the phases and speeds (n, count) of these cells (n,). Raises ParameterError."""
+        """Return phases and speeds (n, count) of the initial conditions of cells (n,). Raises ParameterError."""
         highest = self.highest_speeds(parameters)
         if (*self.tau, self.v_min) != WHOLE_BOX and parameters.size:
             box_of(self.tau, (self.v_min, float(highest.min())))
@@ -79,13 +79,13 @@ class SampleSpec:
 
 
 def in_paper_plane(delta: Array, epsilon: Array, beta: Array) -> NDArray[np.bool_]:
-    """Return whether parameters lie in or near the paper's plane, where speeds up to 7 cover all motions."""
+    """Return flags: True for parameters in or near the paper's plane, where speeds up to 7 cover all motions."""
     inside = [(low <= x) & (x <= high) for x, (low, high) in zip((delta, epsilon, beta), PLANE, strict=True)]
     return np.asarray(inside[0] & inside[1] & inside[2], np.bool_)
 
 
 def sampled_speeds(v_max: SpeedLimit, delta: Array, epsilon: Array, beta: Array) -> Array:
-    """Return the largest speed of a sample in each of these cells (n,).
+    """Return the largest sampled speed of each of these cells (n,).
 
     `v_max` is a number for all cells; or "natural", which means 1.5 √(16πδβ) + 2πε of each cell; or None, which means 7
     in the paper's plane and the natural speed elsewhere.
@@ -128,5 +128,5 @@ def read_speed(text: str | None) -> SpeedLimit:
 
 
 def sampled_speed(v_max: SpeedLimit, delta: float, epsilon: float, beta: float) -> float:
-    """Return the largest speed of a sample of one gear; see `sampled_speeds`."""
+    """Return the largest speed that is sampled for one gear; see `sampled_speeds`."""
     return float(sampled_speeds(v_max, *(np.array([x]) for x in (delta, epsilon, beta)))[0])

@@ -61,7 +61,7 @@ class Attractor:
 
     @property
     def name(self) -> str:
-        """Short name: the label of a periodic motion without blanks, or the kind."""
+        """Short name: the label of a periodic motion, such as "P(1,1,0)", or the kind of another attractor."""
         if self.kind != KINDS[Outcome.PERIODIC]:
             return self.kind
         phases = f";{self.contacts}" if self.contacts else ""
@@ -152,7 +152,7 @@ class AttractorTable(StructOfArrays):
     contacts: Any = None
 
     def __post_init__(self) -> None:
-        """Replace missing contact phases by zeros."""
+        """Set `contacts` to 0 for every attractor if it is not given."""
         if self.contacts is None:
             object.__setattr__(self, "contacts", np.zeros(self.kind.size, np.int64))
 
@@ -288,8 +288,8 @@ def attractors_of_samples(classifier: type[Classifier], parameters: Parameters, 
 def attractors_of_cell(table: AttractorTable, samples: NDArray[np.int64]) -> tuple[Attractor, ...]:
     """Return the attractors of one cell's rows.
 
-    samples (rows,): the numbers from which the fractions are computed, instead of the table's column `samples`. For
-    basins these are numbers of cells of the basin grid.
+    samples (rows,): the number of states that go to each attractor. The fractions are computed from these numbers, not
+    from the table's column `samples`. For basins a state is the centre of a cell of the basin grid.
 
     Returns
     -------

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from rattle.errors import RattleError
 from rattle.intensity.table import follow_one_by_one
 
-stretch = follow_one_by_one  # the function `stretch` of the impacting gear follows motions in SIMD lanes instead
+stretch = follow_one_by_one  # one motion after another; the impacting gear's `stretch` uses SIMD lanes
 
 
 def rests_late(delta: NDArray[np.float64], *_: Any, **__: Any) -> NDArray[np.bool_]:

@@ -19,7 +19,7 @@ from rattle.inelastic.attractors.classifier import InelasticClassifier
 from rattle.inelastic.given import Harmonics, checked_harmonics, inelastic_points
 from rattle.inelastic.map import bounce  # noqa: F401 registers the kernels of impacts and of their sums for this gear
 from rattle.inelastic.map.cells import point_with
-from rattle.inelastic.map.flight import first_forced_impact, forced_flight
+from rattle.inelastic.map.flight import first_impact_of_forced_flight, forced_flight
 from rattle.inelastic.map.impact_map import InelasticPoint, piece_number, step_tangent
 from rattle.inelastic.map.iterate import iterate
 from rattle.inelastic.map.quiet import quiet_limit
@@ -106,7 +106,7 @@ class InelasticGear(SampledGear, Rattling):
 
     @property
     def force_zeros(self) -> NDArray[np.float64]:
-        """Phases at which the contact force changes sign and ends contact with a wall; empty below the quiet limit."""
+        """Phases at which the contact force changes sign, so that contact ends; empty below the quiet limit."""
         return self._point.zeros.copy()
 
     @property
@@ -141,7 +141,9 @@ class InelasticGear(SampledGear, Rattling):
         departure = np.empty((2, point.harmonics.shape[1]))
         flight = forced_flight(tau, float(velocity), self.delta, point.drift, point.harmonics, departure)
         piece = piece_number(tau, point.zeros)
-        status, time, target, w1, *_ = first_forced_impact(np.int64(wall), tau, flight, piece, point, departure)
+        status, time, target, w1, *_ = first_impact_of_forced_flight(
+            np.int64(wall), tau, flight, piece, point, departure
+        )
         _raise_for_status(status)
         return FirstInelasticImpact(time, int(target), w1)
 

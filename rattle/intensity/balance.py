@@ -30,8 +30,8 @@ def write_impulse_imbalances(cell, returns, periods, tau, v, cells, sums, errors
     """Write the relative error of each motion's impulse balance to `errors` (n,); NaN if the motion cannot be followed.
 
     Each motion is followed for returns[i] returns to Σ⁺ or periods[i] forcing periods, whichever ends first. If both
-    are unlimited, it is followed for PERIODS forcing periods, or RELAXATIONS/δ if this is more. `sums` (1, COLUMNS) is
-    scratch memory.
+    limits are infinite, the motion is followed for PERIODS forcing periods, or RELAXATIONS/δ if this is more. `sums`
+    (1, COLUMNS) is scratch memory.
     """
     for i in range(cell.size):
         point = point_of(cell[i], cells)

@@ -41,7 +41,9 @@ def impacts_of(motion: Motion, point: Any, periods: float | None) -> Impacts:
         return impact_arrays(0)
     if kind == "periodic":
         return _repeat_period(_impacts_of_period(motion, point), motion, periods)
-    status, _tau, _v, found = collect_impacts(motion.tau, motion.v, ENDLESS, periods, partial(_list_at_point, point))
+    status, _tau, _v, found = collect_impacts(
+        motion.tau, motion.v, ENDLESS, periods, partial(_list_impacts_at_point, point)
+    )
     time = float(found.time[-1]) - motion.tau if found.time.size else 0.0
     require_followed(status, time if status != OK or found.time.size == MOST_IMPACTS else periods, periods)
     return Impacts(*(column[found.time <= motion.tau + periods] for column in found))
@@ -49,13 +51,13 @@ def impacts_of(motion: Motion, point: Any, periods: float | None) -> Impacts:
 
 def _impacts_of_period(motion: Motion, point: Any) -> Impacts:
     status, tau, v, found = collect_impacts(
-        motion.tau, motion.v, *period_limits_of(motion), partial(_list_at_point, point)
+        motion.tau, motion.v, *period_limits_of(motion), partial(_list_impacts_at_point, point)
     )
     require_closed(motion, status, tau, v, float(found.speed.max(initial=0.0)))
     return found
 
 
-def _list_at_point(point: Any, tau: float, v: float, returns: int, periods: float, arrays: Impacts) -> Any:
+def _list_impacts_at_point(point: Any, tau: float, v: float, returns: int, periods: float, arrays: Impacts) -> Any:
     return list_impacts(tau, v, returns, periods, point, arrays)
 
 

@@ -11,7 +11,7 @@ from rattle.flight.first_impact import OK
 from rattle.flight.law import wrapped
 from rattle.orbits.iterates import MOST_IMPACTS
 
-# a motion closes if start and end of its period differ by less than CLOSED, with speeds relative to the largest
+# a motion closes if the states at the ends of its period differ by less than CLOSED, in v relative to the largest speed
 CLOSED = 1e-6
 BATCH, RELAXATIONS = 1000.0, 10.0  # a batch lasts BATCH forcing periods, or RELAXATIONS/δ if this is more
 ENDLESS = 1 << 62  # number of returns that stands for no limit
@@ -74,9 +74,9 @@ def period_limits(m: Any, n_plus: Any, contacts: Any) -> tuple[Any, Any]:
 
     A motion without contact phases has completed its period after n_plus returns. A motion with contact phases
     may make more returns, because its label counts a run of impacts that ends in contact as one impact. Its limit is
-    the time m less ROUNDING, because rounding may make the last impact of the period come a little early. The impact
-    before it comes earlier than this limit: the last impact is the fastest on Σ⁺, and its flight takes longer than
-    ROUNDING.
+    therefore the time m − ROUNDING. The last impact of the period reaches this limit, even if rounding makes the impact
+    a little early. The impact before does not, because the last flight, which ends in the fastest impact on Σ⁺, takes
+    longer than ROUNDING.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Methods of every gear that measure how hard its motions rattle."""
+"""Base class of gears with the methods that measure how hard motions rattle."""
 
 import math
 from abc import ABC, abstractmethod
@@ -94,7 +94,7 @@ class Rattling(ABC):
         ring: float = 2000.0,
         decay: float = 0.005,
     ) -> NDArray[np.float64]:
-        """Return the sound of a motion at a speed of rotation, from the departure (τ, v) on.
+        """Return the sound of a motion at `rpm` revolutions per minute, from the departure (τ, v) on.
 
         Each impact rings at `ring` Hz and decays by a factor e in `decay` seconds; its loudness is its dimensionless
         impulse. The transfer path of a gearbox is not modelled. A quiet motion gives silence. The method raises the

@@ -38,15 +38,17 @@ def list_impacts_in_cell(
     return list_impacts(tau, v, returns, periods, point_of(cell, cells), impacts)
 
 
-def _list_in_cell(cell: int, cells: Any, tau: float, v: float, returns: int, periods: float, arrays: Impacts) -> Any:
+def _list_impacts_of_cell(
+    cell: int, cells: Any, tau: float, v: float, returns: int, periods: float, arrays: Impacts
+) -> Any:
     return list_impacts_in_cell(cell, tau, v, returns, periods, cells, arrays)
 
 
 def collect_impacts_in_cell(
     cell: int, cells: Any, tau: float, v: float, returns: int, periods: float
 ) -> tuple[int, float, float, Impacts]:
-    """Follow a motion in a cell; return its status, its final state, and at most MOST_IMPACTS impacts."""
-    return collect_impacts(tau, v, returns, periods, partial(_list_in_cell, cell, cells))
+    """Follow a motion in the cell with the number `cell`; return the result of `collect_impacts`."""
+    return collect_impacts(tau, v, returns, periods, partial(_list_impacts_of_cell, cell, cells))
 
 
 def sums_with_contacts(impacts: Impacts, m: int) -> NDArray[np.float64]:

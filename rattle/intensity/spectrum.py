@@ -29,7 +29,7 @@ from rattle.numerics.compile import kernel
 
 Array = NDArray[np.float64]
 MOST_ORDERS = 1 << 20
-LARGEST_MATRIX = 1 << 22  # largest number of orders times impacts that is evaluated at once
+LARGEST_MATRIX = 1 << 22  # largest product of the numbers of orders and impacts evaluated at once
 # nodes and weights of the quadrature over a contact, accurate for orders up to about 1/(duration of the contact)
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(6)
 SEGMENTS = 8 * BATCHES  # segments of a density; neighbouring segments overlap by half
@@ -89,9 +89,9 @@ def spectrum(motion: Motion, point: Any, stiffness: float, highest: float, resol
 
 
 def response(order: ArrayLike, delta: float, stiffness: float) -> NDArray[np.complex128]:
-    """Return T = 2k/(2k − ω² + iδω), by which walls of stiffness k change the force spectrum of an impact.
+    """Return T = 2k/(2k − ω² + iδω), the factor by which walls of stiffness k change the force spectrum of an impact.
 
-    order: ω/2π, of any shape.
+    order: ω/(2π), of any shape.
 
     Returns
     -------

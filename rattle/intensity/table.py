@@ -23,8 +23,8 @@ from rattle.orbits.return_map import point_of
 STRETCH = 512.0  # forcing periods for which a chaotic motion is followed at strong damping
 
 Array = NDArray[np.float64]
-#: Function that follows chaotic motions (n,): it takes their cells, phases, speeds and length factors (n,) and the
-#: record of cells, and returns sums (n, BATCHES, COLUMNS) over their impacts.
+#: Function that follows chaotic motions (n,): it takes their cells, phases and speeds (n,), the times (n,) for which to
+#: follow them in units of STRETCH, and the record of cells; it returns sums (n, BATCHES, COLUMNS) over their impacts.
 Stretch = Callable[[NDArray[np.int64], Array, Array, Array, Any], Array]
 
 

@@ -63,13 +63,13 @@ def bounce(wall, tau, w, point):
 
 
 def mean_force_at(point):
-    """Return the mean contact force at a point, which balances the impulses of a bounded motion over each period."""
+    """Return the mean over time of the contact force, which the impulses of a bounded motion balance on average."""
     raise NotImplementedError("mean_force_at exists inside kernels only: from Python use Gear.intensity")
 
 
 @inline
 def add_impact(row, s, wall, speed, duration, impulse):
-    """Add one impact to a row of sums. s: the duration of the flight before the impact; duration: of the contact."""
+    """Add an impact to a row of sums. s: duration of the flight before the impact; duration: that of its contact."""
     row[TIME] += s + duration
     row[ON_PLUS if wall > 0 else ON_MINUS] += 1.0
     row[SPEED] += speed

@@ -103,13 +103,13 @@ class AnyGear(Protocol):
 
     @property
     def sn1(self) -> float | None:
-        """Eccentricity of SN1; None if SN1 is not computed for this gear. Without an SN1, None or RattleError."""
+        """Eccentricity of SN1; None if this gear does not compute it. If SN1 does not exist: None, or RattleError."""
 
     def region(self) -> int:
         """Return the number of the region, an index of `REGIONS`."""
 
     def orbits(self) -> tuple[Orbit, ...]:
-        """Return the motions A to D that exist. Some gears return other P(1,1,0) too, or P(1,1,0) only, named "P"."""
+        """Return the existing motions A to D; some gears also, or only, return P(1,1,0) without a letter, named "P"."""
 
     def orbit(self, tau: float, v: float, n_plus: int = 1) -> Periodic:
         """Return the periodic motion near the departure (τ, v) that repeats after n_plus impacts on Σ⁺."""
@@ -169,7 +169,7 @@ class AnyGear(Protocol):
         ring: float = 2000.0,
         decay: float = 0.005,
     ) -> Array:
-        """Return the sound of a motion at a speed of rotation, as a signal with `rate` samples per second."""
+        """Return the sound of a motion at `rpm` revolutions per minute, as a signal with `rate` values per second."""
 
 
 class Functions(Protocol):
@@ -198,7 +198,7 @@ class Functions(Protocol):
         """Describe a curve in words."""
 
     def trace(self, *given: Any, **more: Any) -> Curve:
-        """Return a bifurcation curve."""
+        """Return the bifurcation curve with a given name."""
 
 
 @dataclass(frozen=True)
@@ -271,7 +271,7 @@ class Model(ABC):
 
     @property
     def dwell(self) -> float:
-        """The duration of a contact in forcing periods, if the impact is fast; 0 for rigid walls."""
+        """The duration of the contact of a fast impact, in forcing periods; 0 for rigid walls."""
         return 0.0
 
     @property
@@ -393,5 +393,5 @@ class Model(ABC):
 
     @classmethod
     def joined_rows(cls, parameters: Parameters, table: Attractors) -> Rows:
-        """Join by `join_rows` the attractors of a single row of cells, in the order of their parameters (n,)."""
+        """Return what `join_rows` returns for the attractors of n cells in a row, in the order of `parameters` (n,)."""
         return join_rows(table, (1, parameters.size), cls.classifier.cells_of(parameters))

@@ -12,7 +12,7 @@ from rattle.impacting.orbits.periodic import periodic_orbit
 
 DELTA = 0.6
 #: ε of Figure 4(h), at which P(2,2,1) attracts, and an ε at which the attractor is chaotic.
-FROM, TO = 0.0945, 0.0985
+PERIODIC_EPSILON, CHAOTIC_EPSILON = 0.0945, 0.0985
 
 
 class Birth(NamedTuple):
@@ -21,7 +21,7 @@ class Birth(NamedTuple):
     flip: the ε at which P(2,2,1) doubles its period.
     graze: the ε at which the doubled orbit grazes Σ⁻.
     n_plus, n_minus: the numbers of impacts of the doubled orbit on Σ⁺ and on Σ⁻, without the graze.
-    persists: whether P(2,2,1) itself exists at all ε from FROM to TO.
+    persists: whether P(2,2,1) itself exists at all ε from PERIODIC_EPSILON to CHAOTIC_EPSILON.
     """
 
     flip: float
@@ -43,15 +43,17 @@ def birth_of_chaos() -> Birth:
     Raises
     ------
     RattleError
-        If the motions or the events are others than these.
+        If P(2,2,1) does not attract there, or its events are not a flip and then a graze on Σ⁻.
     """
-    for seen in Gear(DELTA, FROM).attractors(count=256):
+    for seen in Gear(DELTA, PERIODIC_EPSILON).attractors(count=256):
         if (seen.m, seen.n_plus, seen.n_minus) == (2, 2, 1):
             break
     else:
-        raise RattleError(f"P(2,2,1) does not attract at delta = {DELTA}, epsilon = {FROM}: report this as a bug")
-    orbit = periodic_orbit(DELTA, FROM, seen.tau, seen.v, seen.n_plus)
-    events = cascade(orbit, "epsilon", (FROM, TO))
+        raise RattleError(
+            f"P(2,2,1) does not attract at delta = {DELTA}, epsilon = {PERIODIC_EPSILON}: report this as a bug"
+        )
+    orbit = periodic_orbit(DELTA, PERIODIC_EPSILON, seen.tau, seen.v, seen.n_plus)
+    events = cascade(orbit, "epsilon", (PERIODIC_EPSILON, CHAOTIC_EPSILON))
     kinds = [event.kind for event in events]
     if kinds != [Kind.FLIP, Kind.GRAZING] or events[1].wall != -1:
         raise RattleError(
@@ -59,6 +61,6 @@ def birth_of_chaos() -> Birth:
             "as a bug"
         )
     flip, graze = events
-    persists = bool(branch(orbit, "epsilon", (FROM, TO)).admissible.all())
+    persists = bool(branch(orbit, "epsilon", (PERIODIC_EPSILON, CHAOTIC_EPSILON)).admissible.all())
     walls = graze.itinerary.walls  # includes the impact of speed 0, so 1 is subtracted on Σ⁻
     return Birth(flip.epsilon, graze.epsilon, walls.count(1), walls.count(-1) - 1, persists)

@@ -17,15 +17,15 @@ from rattle.impacting.attractors.classifier import attractors_of
 #: Number of initial conditions among which the chaotic attractor is searched.
 SAMPLES = 1024
 #: Number of observed trajectories, and the impacts of each before and during the observation.
-WATCHED, BEFORE, IMPACTS = 128, 2_000, 100_000
+WATCHED, EARLIER_IMPACTS, IMPACTS = 128, 2_000, 100_000
 #: A trajectory has settled if at most RETURNS impacts bring it back to where it was, up to the distance CLOSED.
 CLOSED, RETURNS = 1e-6, 2
 
 States = tuple[NDArray[np.float64], NDArray[np.float64]]
 
 
-def states_on_chaos(delta: float, epsilon: float, count: int) -> States:
-    """Return `count` successive states (τ, v) of a trajectory on the chaotic attractor. Raises RattleError."""
+def chaotic_states(delta: float, epsilon: float, count: int) -> States:
+    """Return `count` successive states (τ, v) on the chaotic attractor; RattleError if no such attractor is found."""
     found = attractors_of(delta, epsilon, count=SAMPLES)
     chaotic = np.flatnonzero(found.kind == Outcome.CHAOTIC)
     if not chaotic.size:
@@ -37,8 +37,8 @@ def states_on_chaos(delta: float, epsilon: float, count: int) -> States:
     return states.tau, states.v
 
 
-def has_settled(delta: float, epsilon: float, tau: NDArray[np.float64], v: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Return for each state whether its motion repeats within RETURNS impacts, or its speed v is below 0.1."""
+def have_settled(delta: float, epsilon: float, tau: NDArray[np.float64], v: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Return flags: True for a state with a speed v below 0.1, or with a motion that repeats within RETURNS impacts."""
     later = rattle.iterate(delta, epsilon, tau[:, None], v[:, None], np.arange(1, RETURNS + 1))
     moved = np.hypot(wrapped(later.tau - tau[:, None]), later.v - v[:, None])
     return (moved < CLOSED).any(axis=1) | (v < 0.1)
@@ -47,17 +47,17 @@ def has_settled(delta: float, epsilon: float, tau: NDArray[np.float64], v: NDArr
 def is_leaking(delta: float, epsilon: float, start: States) -> bool:
     """Return whether trajectories leave the chaotic set during the observation.
 
-    The states `start` are first iterated for BEFORE impacts, then observed for IMPACTS impacts.
+    The states `start` are first iterated for EARLIER_IMPACTS impacts, then observed for IMPACTS impacts.
 
     Returns
     -------
     bool
         True if a trajectory settles during the observation, or if all trajectories settled before the observation.
     """
-    near = rattle.iterate(delta, epsilon, *start, BEFORE)
-    left = ~has_settled(delta, epsilon, near.tau, near.v)
+    near = rattle.iterate(delta, epsilon, *start, EARLIER_IMPACTS)
+    left = ~have_settled(delta, epsilon, near.tau, near.v)
     end = rattle.iterate(delta, epsilon, near.tau[left], near.v[left], IMPACTS)
-    return bool(not left.any() or has_settled(delta, epsilon, end.tau, end.v).any())
+    return bool(not left.any() or have_settled(delta, epsilon, end.tau, end.v).any())
 
 
 def end_of_chaos(delta: float, low: float, high: float, width: float) -> tuple[float, float]:
@@ -70,7 +70,7 @@ def end_of_chaos(delta: float, low: float, high: float, width: float) -> tuple[f
     tuple[float, float]
         Both ends of the interval.
     """
-    start = states_on_chaos(delta, low, WATCHED)
+    start = chaotic_states(delta, low, WATCHED)
     while high - low > width:
         middle = (low + high) / 2
         low, high = (low, middle) if is_leaking(delta, middle, start) else (middle, high)

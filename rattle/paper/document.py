@@ -20,20 +20,20 @@ paper writes ≈. An interval agrees only as a whole. Computed values that are c
 
 
 def value(number: Number) -> str:
-    """Return a computed value with ten decimals and, if it is proved, a note; or an interval with seven decimals."""
+    """Return the computed value as text, such as "0.1234567890, proved"; an interval has seven decimals."""
     if isinstance(number.computed, tuple):
         return "{:.7f} to {:.7f}".format(*number.computed)
     return f"{number.computed:.10f}" + (", proved" if number.what in PROVED else "")
 
 
 def difference(number: Number) -> str:
-    """Return the computed minus the stated value, with two decimals more than the paper gives."""
+    """Return the computed minus the stated value as text, with two decimals more than the paper gives."""
     return f"{number.difference:+.{2 - int(number.stated.as_tuple().exponent)}f}"
 
 
 def verdict(report: Report, number: Number) -> str:
-    """Return the verdict on a number, with the number of the finding that explains a deviation."""
-    return f"{number.verdict}: finding {report.number_of(number.finding)}" if number.finding else number.verdict
+    """Return the verdict on a number as text; a finding that explains a deviation is added: "off: finding 3"."""
+    return f"{number.verdict}: finding {report.finding_number(number.finding)}" if number.finding else number.verdict
 
 
 def escaped_cell(text: str) -> str:

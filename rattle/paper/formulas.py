@@ -56,7 +56,7 @@ class Orders(NamedTuple):
 
     displacement, velocity: the orders of (3.6) for Φ and of (3.7) for Φ', as h → 0.
     time: the order of (3.8) for the time to the next impact, as v → 0.
-    printed, third: the orders of v + (f/g) v², as printed, and of v + (f/3g) v² for the speed after a bounce, as v → 0.
+    printed, third: the orders of v + (f/g) v², as printed, and of v + f/(3g) v² for the speed after a bounce, as v → 0.
     """
 
     displacement: float
@@ -77,12 +77,12 @@ def measure_orders() -> Orders:
     Orders
         The order of each formula's error.
     """
-    expansions = np.array([_expansion_residuals(h) for h in STEPS])
-    bounces = np.array([_bounce_residuals(v) for v in SPEEDS])
+    expansions = np.array([_expansion_errors(h) for h in STEPS])
+    bounces = np.array([_bounce_errors(v) for v in SPEEDS])
     return Orders(*np.log2(expansions[0] / expansions[1]), *np.log2(bounces[0] / bounces[1]))
 
 
-def _expansion_residuals(h: float) -> tuple[float, float]:
+def _expansion_errors(h: float) -> tuple[float, float]:
     """Return the largest errors of Φ by the paper's (3.6) and of Φ' by its (3.7), a time h after the departure."""
     rate = acceleration_by_formula(PHASES, SPEED, DELTA, EPSILON)
     left = []
@@ -95,13 +95,14 @@ def _expansion_residuals(h: float) -> tuple[float, float]:
     return float(worst[0]), float(worst[1])
 
 
-def _bounce_residuals(v: float) -> tuple[float, float, float]:
+def _bounce_errors(v: float) -> tuple[float, float, float]:
     """Return the largest errors, over the phases PHASES, of the paper's formulas for a bounce that starts at speed v.
 
     Returns
     -------
     tuple[float, float, float]
-        The errors of the duration by (3.8), and of the speed afterwards by v + (f/g) v² and by v + (f/3g) v².
+        The errors of the duration by (3.8), and of the speed afterwards by v + (f/g) v² and by
+        v + f/(3g) v², with f and g of (3.9) and (3.10).
     """
     gear = Gear(DELTA, EPSILON)
     bounces = [gear.first_impact(1, phase, -v) for phase in PHASES]

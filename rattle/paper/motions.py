@@ -15,7 +15,7 @@ from rattle.impacting.orbits.period_one import orbits_at
 from rattle.impacting.orbits.periodic import periodic_orbit
 from rattle.orbits.orbits_a_to_d import PeriodOne
 from rattle.paper.birth import birth_of_chaos
-from rattle.paper.chaos import has_settled
+from rattle.paper.chaos import have_settled
 from rattle.paper.numbers import epsilon_at
 from rattle.paper.pictures import DELTA, Panels, basin_fraction, fractions_text, label_of
 from rattle.paper.plane import Array, C, D
@@ -83,7 +83,7 @@ def cod23_finding() -> Finding:
     between = orbits_at(delta, (graze + born) / 2, 0.6)
     names = "".join(orbit.name for orbit in between)
     beyond, below = 0.7604, 0.7592
-    exponents = _exponents_beside_c(below, 1e-7)
+    exponents = _exponents_near_g1(below, 1e-7)
     return Finding(
         "COD23",
         "SN2 and PD1 do not meet G1 in COD21",
@@ -115,10 +115,10 @@ def cod23_finding() -> Finding:
     )
 
 
-def _exponents_beside_c(delta: float, below: float) -> Array:
+def _exponents_near_g1(delta: float, below: float) -> Array:
     """Return the largest Lyapunov exponents of unsettled trajectories that begin near the orbit that grazes on G1.
 
-    below: by how much ε is less than on G1. A trajectory is unsettled if it neither repeats nor becomes quiet.
+    below: ε on G1 minus ε of the gear. A trajectory is unsettled if it neither repeats nor becomes quiet.
 
     Returns
     -------
@@ -129,9 +129,9 @@ def _exponents_beside_c(delta: float, below: float) -> Array:
     epsilon = float(graze.epsilon) - below
     tau, v = np.meshgrid(graze.tau + np.linspace(-0.01, 0.01, 40), graze.v + np.linspace(-0.05, 0.05, 40))
     near = rattle.iterate(delta, epsilon, tau, v, 3000)
-    left = ~has_settled(delta, epsilon, near.tau.ravel(), near.v.ravel())
+    left = ~have_settled(delta, epsilon, near.tau.ravel(), near.v.ravel())
     end = rattle.iterate_tangent(delta, epsilon, near.tau.ravel()[left], near.v.ravel()[left], 100_000)
-    return end.lyapunov[0][~has_settled(delta, epsilon, end.tau, end.v)]
+    return end.lyapunov[0][~have_settled(delta, epsilon, end.tau, end.v)]
 
 
 def c_stability_finding(orbits: PeriodOne, region: NDArray[np.int8]) -> Finding:

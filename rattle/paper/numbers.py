@@ -55,7 +55,7 @@ def epsilon_at(curve: str, delta: float) -> float:
     return found[0] if found else math.nan
 
 
-def _computations() -> dict[str, Callable[[], float | tuple[float, float]]]:
+def _number_functions() -> dict[str, Callable[[], float | tuple[float, float]]]:
     """Return {name of a number in STATED: function that computes the number}.
 
     Returns
@@ -97,11 +97,11 @@ def _computations() -> dict[str, Callable[[], float | tuple[float, float]]]:
     }
 
 
-def paper_numbers(of: str | None = None) -> tuple[Number, ...]:
-    """Return all numbers in the paper's order, or only those that the finding with the key `of` explains."""
-    computed = _computations()
+def paper_numbers(finding: str | None = None) -> tuple[Number, ...]:
+    """Return all numbers in the paper's order, or only those that the finding with the key `finding` explains."""
+    computed = _number_functions()
     return tuple(
         Number(where, what, paper, computed[what](), key)
         for what, (where, paper, key) in STATED.items()
-        if of is None or key == of
+        if finding is None or key == finding
     )

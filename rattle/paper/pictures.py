@@ -20,7 +20,7 @@ Panels = dict[float, tuple[Attractor, ...]]
 
 
 def compute_panels() -> Panels:
-    """Return the attractors of every panel of Figure 4, from SAMPLES initial conditions in [0, 1) × (0, 7)."""
+    """Return the attractors of every panel of Figure 4, from SAMPLES initial conditions (τ, v) in [0, 1) × (0, 7)."""
     return {epsilon: Gear(DELTA, epsilon).attractors(count=SAMPLES) for epsilon in PANELS}
 
 
@@ -36,9 +36,9 @@ def fractions_text(attractors: tuple[Attractor, ...]) -> str:
     return ", ".join(f"{label_of(a)} {a.fraction:.3f}" for a in attractors)
 
 
-def basin_fraction(attractors: tuple[Attractor, ...], wanted: str) -> float:
-    """Return the basin fraction of all attractors with the label `wanted`."""
-    return sum(a.fraction for a in attractors if label_of(a) == wanted)
+def basin_fraction(attractors: tuple[Attractor, ...], label: str) -> float:
+    """Return the sum of the basin fractions of the attractors with this label or kind."""
+    return sum(a.fraction for a in attractors if label_of(a) == label)
 
 
 def figure_4_statements(found: Panels) -> tuple[Statement, ...]:

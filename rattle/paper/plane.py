@@ -10,7 +10,7 @@ from rattle.attractors.samples import Outcome
 from rattle.curves import codimension_two
 from rattle.impacting.attractors.classifier import attractors_of
 from rattle.orbits.orbits_a_to_d import PeriodOne
-from rattle.paper.chaos import has_settled, states_on_chaos
+from rattle.paper.chaos import chaotic_states, have_settled
 from rattle.paper.records import Statement
 
 #: Ranges of δ and ε in Figure 7.
@@ -19,13 +19,13 @@ WINDOW = ((0.4, 1.0), (0.0, 0.3))
 CELLS = (300, 150)
 A, B, C, D = range(4)
 #: Distance in ε from a grazing curve at which the orbits on both sides of the curve are determined.
-ASIDE = 1e-7
+SIDE_DISTANCE = 1e-7
 
 Array = NDArray[np.float64]
 
 
 def plane_cells(columns: int = CELLS[0], rows: int = CELLS[1]) -> tuple[Array, Array]:
-    """Return δ and ε at the centres of columns × rows cells of Figure 7's plane."""
+    """Return δ and ε, both (columns · rows,), at the centres of the cells into which Figure 7's plane is cut."""
     (d0, d1), (e0, e1) = WINDOW
     delta = d0 + (d1 - d0) * (np.arange(columns) + 0.5) / columns
     epsilon = e0 + (e1 - e0) * (np.arange(rows) + 0.5) / rows
@@ -54,11 +54,11 @@ def figure_7_statements(orbits: PeriodOne, region: NDArray[np.int8]) -> tuple[St
     )
 
 
-def _orbits_beside(curve: str, delta: Array) -> tuple[set[str], set[str]]:
+def _orbits_on_both_sides(curve: str, delta: Array) -> tuple[set[str], set[str]]:
     """Return the combinations of orbits, such as "AD", that exist just below and just above a grazing curve."""
     epsilon = rattle.grazing(curve, delta).epsilon
     both = []
-    for side in (-ASIDE, ASIDE):
+    for side in (-SIDE_DISTANCE, SIDE_DISTANCE):
         exists = rattle.period_one(delta, epsilon + side).exists
         both.append(
             {"".join(n for n, there in zip("ABCD", column, strict=True) if there) or "none" for column in exists.T}
@@ -83,7 +83,7 @@ def grazing_statements() -> tuple[Statement, ...]:
         ),
         ("A and D appear on G2 beyond COD22", "G2", after, "none", "AD"),
     ):
-        low, high = _orbits_beside(curve, delta)
+        low, high = _orbits_on_both_sides(curve, delta)
         shown = f"{delta.size} δ: {' or '.join(sorted(low))} below, {' or '.join(sorted(high))} above"
         rows.append(Statement("5.2", where, shown, low == {below} and high == {above}))
     for says, name in (
@@ -97,7 +97,7 @@ def grazing_statements() -> tuple[Statement, ...]:
 
 
 def _multiplier_statements(before: Array, between: Array, after: Array) -> tuple[Statement, ...]:
-    """Return the statements about multipliers at δ before COD21, between COD21 and COD22, and after COD22."""
+    """Return the statements about multipliers; arguments: δ below COD21, between COD21 and COD22, and above COD22."""
     first, middle, last = (
         rattle.grazing(c, d).multipliers for c, d in (("G1", before), ("G1", between), ("G2", after))
     )
@@ -139,12 +139,12 @@ def figure_9_statements(end: float) -> tuple[Statement, ...]:
     delta = 0.762
     start = float(rattle.grazing("G1", delta).epsilon)
     epsilon = start + (end - start) * (np.arange(40) + 0.5) / 40
-    tau, v = states_on_chaos(delta, epsilon[0], 256)
+    tau, v = chaotic_states(delta, epsilon[0], 256)
     lost, weakest, spread = 0, math.inf, []
     for e in epsilon:
         states = rattle.iterate_tangent(delta, e, tau, v, 4000)
         tau, v = states.tau, states.v
-        lost += int(has_settled(delta, e, tau, v).sum())
+        lost += int(have_settled(delta, e, tau, v).sum())
         weakest = min(weakest, float(states.lyapunov[0].min()))
         spread.append(np.ptp(rattle.iterate(delta, e, tau[:, None], v[:, None], np.arange(40)).v))
     below = attractors_of(delta, start - 1e-6, count=1024).kind

@@ -42,7 +42,7 @@ class Number:
 
     @property
     def tolerance(self) -> float:
-        """The largest difference at which a number agrees: half a unit of the last digit, or one unit with ≈."""
+        """The largest difference at which a number agrees: half a unit of the last digit, a whole one after ≈."""
         unit = 10.0 ** int(self.stated.as_tuple().exponent)
         return unit if self.paper.startswith("≈") else unit / 2
 
@@ -68,7 +68,7 @@ class Number:
 
 @dataclass(frozen=True)
 class Statement:
-    """A statement of the paper without a number.
+    """A statement that the paper makes in words; a number that it states is a `Number`.
 
     where: the paper's figure or section. says: the statement. computed: the computed evidence in words.
     holds: whether the evidence supports the statement.
@@ -86,7 +86,7 @@ class Statement:
 
     @property
     def is_as_expected(self) -> bool:
-        """True if the statement holds, because a statement that fails belongs among the findings."""
+        """True if the statement holds. All are expected to hold: a wrong statement of the paper is in a `Finding`."""
         return self.holds
 
 
@@ -125,7 +125,7 @@ class Finding:
 class Report:
     """The result of the check of the paper.
 
-    first: the number of findings[0] in the whole report: 1, unless the report has one finding alone.
+    first: the number of the first finding. It is 1, unless the report has a single finding chosen by its number.
     """
 
     numbers: tuple[Number, ...]
@@ -133,13 +133,13 @@ class Report:
     findings: tuple[Finding, ...]
     first: int = 1
 
-    def number_of(self, key: str) -> int:
+    def finding_number(self, key: str) -> int:
         """Return the number of the finding with this key."""
         return [x.key for x in self.findings].index(key) + self.first
 
     @property
     def summary(self) -> str:
-        """One line: how many numbers agree or are off as findings say, and how many statements and findings hold."""
+        """One line of text: how many numbers agree or differ as findings say, how many statements and findings hold."""
         counts = (
             (sum(x.verdict == AGREES for x in self.numbers), self.numbers, "numbers agree"),
             (sum(x.finding != "" and x.is_as_expected for x in self.numbers), self.numbers, "are off as findings say"),

@@ -60,7 +60,7 @@ def one_finding(number: int) -> Report:
 
 
 def _finding_functions(panels: Callable[[], pictures.Panels]) -> tuple[Callable[[], Finding], ...]:
-    """Return the functions that compute the findings, in order. Values that several findings use are cached."""
+    """Return the functions that compute the findings, in the report's order; `panels` computes Figure 4's panels."""
     cells = cache(plane.plane_cells)
     orbits, region = cache(lambda: rattle.period_one(*cells())), cache(lambda: rattle.regions(*cells()))
     return (

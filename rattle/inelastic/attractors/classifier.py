@@ -139,8 +139,8 @@ class InelasticClassifier(Classifier):
         """
         return super().may_leak(cells) & (~self.is_lossy[cells] | self.weak[cells])
 
-    def waits_for_leaks(self, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """Return flags (k,) of the cells whose probes must wait while samples still reach attractors.
+    def should_defer_probes(self, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
+        """Return flags (k,) of the cells whose probes are not measured while samples still reach attractors.
 
         Returns
         -------
@@ -201,7 +201,10 @@ class InelasticClassifier(Classifier):
         super().grow_balls()
 
     def resolve(self, which: NDArray[np.int64], samples: Trajectories) -> None:
-        """Find the orbits of samples whose states recur: exactly after a contact phase, else by Newton's method."""
+        """Find the orbits of samples whose states recur.
+
+        For a sample that has come out of a contact phase the orbit is found exactly, for others by Newton's method.
+        """
         exact = samples.pause[which] == CONTACT
         waiting = which[exact]
         while waiting.size:
@@ -214,7 +217,7 @@ class InelasticClassifier(Classifier):
         super().resolve(which[~exact], samples)
 
     def find_radii(self, centres: Centres) -> None:
-        """Find the radii of the capture regions around these centres."""
+        """Find the radii of the capture regions around these centres, and write them to `centres.radius`."""
         find_radii_one_by_one(centres, self.cells)
 
     def advance(self, which: NDArray[np.int64], samples: Trajectories, early: bool) -> None:
@@ -233,7 +236,8 @@ class InelasticClassifier(Classifier):
     ) -> None:
         """Follow samples `which` with a tangent vector; write sums for exponents, and visited-cell bitmaps, to `seen`.
 
-        Each sample is followed for at least `least` impacts on Σ⁺ and `periods` forcing periods, or to its limit.
+        Each sample is followed for at least `least` impacts on Σ⁺ and `periods` forcing periods, unless its limit of
+        impacts comes first.
         """
         tables = self.samples.for_kernels(), self.balls.for_kernels()
         in_lanes = self.in_lanes[self.samples.cell[which]]

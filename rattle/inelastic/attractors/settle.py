@@ -1,4 +1,4 @@
-"""Follow samples of the inelastic gear until they are quiet, captured, recurrent or at their limit (compiled).
+"""Follow samples of the inelastic gear until each is quiet, captured, recurrent, or at its limit of returns (compiled).
 
 The samples are followed one by one, as in `rattle.stiff.attractors.settle`. The motion after a contact phase does not
 depend on the motion before it: the first impact on Σ⁺ afterwards is one of a few states, identical to the last bit.
@@ -95,7 +95,7 @@ def inelastic_outcome(code):
 
 @kernel
 def settle(which, cells, samples, balls, states):
-    """Follow samples `which` until each has an outcome, or has made all its returns and stays UNRESOLVED."""
+    """Follow samples `which` until each has an outcome, or stays UNRESOLVED after all returns that its limit allows."""
     for j in range(which.size):
         k = which[j]
         point = point_at(samples.cell[k], cells)
@@ -172,8 +172,8 @@ def follow_release(tau, v, cell, point, balls, states):
     -------
     orbit : int
         The number of the orbit to which the state leads, if this orbit is recorded or captures the motion. Otherwise a
-        code. UNKNOWN: a state after contact repeated, so the orbit is new. NOT_YET: a state that does not follow a
-        contact phase almost repeated, before any state after contact repeated. NO_ORBIT: no state repeated within
+        code. UNKNOWN: a state after contact repeated, so the orbit is new. NOT_YET: before any state after
+        contact repeated, a state that does not follow contact almost repeated. NO_ORBIT: no state repeated within
         MOST_RETURNS returns, or the motion makes no further return.
     gap, tau, v
         For UNKNOWN, the number of returns in a period of the new orbit, and a state on this orbit.
@@ -305,7 +305,7 @@ def record_contact_orbit(tau, v, gap, cell, point, orbits, states):
 
 @kernel
 def count_contact_phases(grown, cells, orbits):
-    """Count the contact phases of the orbits that each cell has after its first grown[cell] orbits."""
+    """Count the contact phases of each cell's new orbits, which follow its first grown[cell] orbits in the table."""
     for cell in range(grown.size):
         for j in range(grown[cell], orbits.n[cell]):
             if orbits.first[cell, j] == -math.inf:

@@ -25,13 +25,13 @@ from rattle.errors import RattleError, require_number, require_one_of
 from rattle.impacting.bifurcations.codimension_two import POINTS, CodimensionTwo, codimension_two
 from rattle.impacting.orbits.equations import Itinerary
 from rattle.impacting.orbits.periodic import why_virtual
-from rattle.inelastic.bifurcations.starts import TWO, graze_starts
+from rattle.inelastic.bifurcations.starts import TWO_IMPACT_WALLS, graze_starts
 from rattle.inelastic.orbits.equations import InelasticItinerary
 from rattle.notebook import Columns, TabularResult
 from rattle.numerics.complex_step import Array
 
 LEAST_RESTITUTION = 1e-3  # restitution down to which points are followed by default
-LONGEST = 0.02  # longest continuation step, in the unknowns
+LONGEST_STEP = 0.02  # longest continuation step, in the unknowns
 LARGEST_DAMPING = 8.0  # largest damping to which points are followed, divided by the half-backlash
 # indices of the unknowns: the times of the impact and of the graze, then the parameters δ, ε and r
 TAU, MIDDLE, DELTA, EPSILON, R = range(5)
@@ -63,7 +63,7 @@ def _birth_condition(x: NDArray) -> NDArray:
 
 def _determinant_condition(beta: float, x: NDArray) -> NDArray:
     """Return the determinant of the Jacobian of the equations of P(1,1,1) at the graze, which is 0 at COD23."""
-    flights, r = Itinerary(TWO, 1, beta).flights(x[..., :R]), x[..., R]
+    flights, r = Itinerary(TWO_IMPACT_WALLS, 1, beta).flights(x[..., :R]), x[..., R]
     first = flights.w0_t0[..., 0] + r * flights.w1_t1[..., 1]
     return np.asarray(first * (flights.w0_t0[..., 1] + r * flights.w1_t1[..., 0]))
 
@@ -163,7 +163,7 @@ def _problem_of_point(name: str, beta: float) -> ContinuationProblem:
     condition = _second_conditions(beta)[name]
 
     def equations(x: NDArray) -> NDArray:
-        flights, r = Itinerary(TWO, 1, beta).flights(x[..., :R]), x[..., R]
+        flights, r = Itinerary(TWO_IMPACT_WALLS, 1, beta).flights(x[..., :R]), x[..., R]
         both = [flights.w0[..., i] + r * flights.w1[..., i - 1] for i in range(2)]
         return np.stack([*both, flights.w1[..., 0], condition(x)], axis=-1)
 
@@ -215,10 +215,10 @@ def follow_codimension_two(name: str, beta: float = 0.6, lowest: float = LEAST_R
             return f"restitution = {lowest:g}" if x[R] < lowest else "restitution = 1"
         if not 0.0 < x[DELTA] < LARGEST_DAMPING * beta:
             return "the damping leaves the range that is followed"
-        return why_virtual(InelasticItinerary(TWO, 1, beta, float(x[R])), x[:R], 1)
+        return why_virtual(InelasticItinerary(TWO_IMPACT_WALLS, 1, beta, float(x[R])), x[:R], 1)
 
     bounds = (Bound(R, lowest, 1.0), Bound(DELTA, 1e-3, LARGEST_DAMPING * beta))
-    follower = Follower(problem, bounds, lambda x: reason_to_end(x) is None, lambda _: LONGEST)
+    follower = Follower(problem, bounds, lambda x: reason_to_end(x) is None, lambda _: LONGEST_STEP)
     down = np.zeros(5)
     down[R] = -1.0
     path = follower.follow(start, tangent_at(problem, start, down))
@@ -232,7 +232,7 @@ def _curve_of_path(
     end = "the equations become singular"
     if path.outside is not None:
         end = reason_to_end(path.outside) or "the edge of its existence"
-    speed = -Itinerary(TWO, 1, beta).flights(x[:, :R]).w0[:, 0]
+    speed = -Itinerary(TWO_IMPACT_WALLS, 1, beta).flights(x[:, :R]).w0[:, 0]
     residual = np.abs(problem.equations(x)).max(axis=-1)
     tau = x[:, TAU] - np.floor(x[:, TAU])
     return CodimensionTwoCurve(

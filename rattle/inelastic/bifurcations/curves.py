@@ -30,7 +30,7 @@ from rattle.inelastic.map.quiet import quiet_limit_with_phase
 from rattle.inelastic.orbits.equations import problem_with_load, unknowns_without_load
 from rattle.numerics.complex_step import Array
 
-SAME = 1e-9  # relative tolerance in ε for a point of the quiet limit
+SAME_EPSILON = 1e-9  # relative amount by which ε of a point on the curve may exceed the quiet limit, for rounding
 SAME_POINT = 1e-6  # largest difference in δ and in ε between the end of a curve and a codimension-two point there
 
 
@@ -154,7 +154,7 @@ def _quiet_limit_curve(
 
     def reason_to_leave(x: Array) -> str | None:
         first = quiet_limit_with_phase(float(x[-2]), drift, shape)[1]
-        return None if x[-1] <= first * (1.0 + SAME) else "the contact force reaches 0 at another phase first"
+        return None if x[-1] <= first * (1.0 + SAME_EPSILON) else "the contact force reaches 0 at another phase first"
 
     nothing = np.full(2, complex(np.nan, np.nan))
     return trace_problem(

@@ -20,7 +20,7 @@ from rattle.inelastic.orbits.equations import InelasticItinerary
 from rattle.inelastic.orbits.family import family_nodes, family_numerators
 from rattle.numerics.complex_step import Array
 
-ONE, TWO = (1,), (1, -1)  # walls of P(1,1,0) and of P(1,1,1)
+TWO_IMPACT_WALLS = (1, -1)  # walls of P(1,1,1), in order
 
 
 def inelastic_members(sigma: Array, delta: float, beta: float, r: float) -> StartFamily:
@@ -29,7 +29,7 @@ def inelastic_members(sigma: Array, delta: float, beta: float, r: float) -> Star
     x, y = closed[:, 0] / closed[:, 4], closed[:, 1] / closed[:, 4]
     tau = np.arctan2(y, x) / (2 * np.pi)
     unknowns = np.column_stack([tau, tau + 0.5 + sigma, np.full_like(sigma, delta), np.hypot(x, y)])
-    itinerary = InelasticItinerary(TWO, 1, beta, r)
+    itinerary = InelasticItinerary(TWO_IMPACT_WALLS, 1, beta, r)
     at_one, at_minus_one = (np.linalg.det(itinerary.jacobian(unknowns, multiplier)) for multiplier in (1.0, -1.0))
     return StartFamily(sigma, unknowns, closed[:, 3] / closed[:, 4], at_one, at_minus_one)
 

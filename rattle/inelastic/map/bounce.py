@@ -23,7 +23,7 @@ from rattle.flight.first_impact import OK
 from rattle.flight.forcing import TWO_PI, phase_at
 from rattle.flight.law import folded, wrapped
 from rattle.inelastic.map.contact import is_chatter_captured
-from rattle.inelastic.map.flight import first_forced_impact, forced_flight
+from rattle.inelastic.map.flight import first_impact_of_forced_flight, forced_flight
 from rattle.inelastic.map.harmonics import AMPLITUDE, ORDER, PHASE, force_at
 from rattle.inelastic.map.impact_map import InelasticPoint, piece_number
 from rattle.intensity.forces import force_lines
@@ -47,7 +47,7 @@ def force_primitive(tau, delta, harmonics):
 
 @inline
 def nearest_release(tau, zeros):
-    """Return the index in `zeros` of the release, the end of a contact phase, at phase tau up to rounding."""
+    """Return the index of the zero nearest to tau, the phase of a release; they differ by rounding errors only."""
     nearest, off = 0, math.inf
     for i in range(zeros.size):
         away = abs(wrapped(zeros[i] - tau))
@@ -80,7 +80,7 @@ def flight_and_impact(wall, tau, w, point):
     flight = forced_flight(tau, w, delta, point.drift, harmonics, departure)
     if zeros.size == 0 and is_chatter_captured(wall, abs(w), flight.force, point):
         return IN_CONTACT, 0.0, wall, abs(w), 0.0, 0.0, abs(w)
-    status, s, wall, w1, _bend, _lost = first_forced_impact(wall, tau, flight, piece, point, departure)
+    status, s, wall, w1, _bend, _lost = first_impact_of_forced_flight(wall, tau, flight, piece, point, departure)
     speed = abs(w1)
     v = point.restitution * speed
     if status != OK:

@@ -27,7 +27,7 @@ COSINE, SINE = range(2)
 
 
 class InelasticFlight(NamedTuple):
-    """Quantities of one flight at its departure, at time t₀; the array `departure` has the terms of each harmonic."""
+    """Quantities of one flight at its departure, at time t₀; `forced_flight` returns it."""
 
     w: float  # velocity of departure
     a: float  # A = q + e'(t₀) − w, with the drift q and the forcing e
@@ -50,7 +50,7 @@ def forced_flight(tau, w, delta, drift, harmonics, departure):
 
 
 @inline
-def evaluate_forced(s, flight, harmonics, departure):
+def evaluate_forced_flight(s, flight, harmonics, departure):
     """Return the displacement F since the departure, F', F'' and 1 − e^(−δs) at the flight time s."""
     w, a, _bend, _force, delta = flight
     x = delta * s
@@ -77,7 +77,7 @@ def time_of_forced_crossing(low, high, guess, level, rising, third, flight, harm
     """Return the only time in (low, high) at which the displacement F of a flight is `level`, by Halley steps.
 
     rising: whether F rises there. third: an upper bound of |F‴|. After a step u the error is below
-    u³ (p² + third/|6F'|) with p = F''/2F'; the search ends when this bound is smaller than rounding errors.
+    |u|³ (p² + third/|F'|) with p = F''/(2F'); the search ends when this bound is smaller than rounding errors.
 
     Returns
     -------
@@ -88,7 +88,7 @@ def time_of_forced_crossing(low, high, guess, level, rising, third, flight, harm
     if not (low < s < high):
         s = 0.5 * (low + high)
     for k in range(1, MOST_STEPS + 1):
-        f0, f1, f2, _lost = evaluate_forced(s, flight, harmonics, departure)
+        f0, f1, f2, _lost = evaluate_forced_flight(s, flight, harmonics, departure)
         f0 -= level
         if (f0 > 0.0) == rising:
             high = s
@@ -125,7 +125,7 @@ def time_of_forced_extremum(low, high, guess, convex, third, flight, harmonics, 
     if not (low < s < high):
         s = 0.5 * (low + high)
     for k in range(1, MOST_STEPS + 1):
-        _f0, f1, f2, _lost = evaluate_forced(s, flight, harmonics, departure)
+        _f0, f1, f2, _lost = evaluate_forced_flight(s, flight, harmonics, departure)
         if (f1 > 0.0) == convex:
             high = s
         else:
@@ -189,7 +189,7 @@ def crossing_on_piece(sign, s0, f0, f1, s1, e0, e1, guess, lower, upper, third, 
             else:
                 turn = s0 + (s1 - s0) * slope0 / (slope0 - slope1)
                 end = time_of_forced_extremum(s0, s1, turn, sign > 0, third, flight, harmonics, departure)
-                reached = sign * evaluate_forced(end, flight, harmonics, departure)[0]
+                reached = sign * evaluate_forced_flight(end, flight, harmonics, departure)[0]
                 begin = end
         if reached < low:
             first = s0 + (low - g0) / (reached - g0) * (end - s0)
@@ -204,7 +204,7 @@ def crossing_on_piece(sign, s0, f0, f1, s1, e0, e1, guess, lower, upper, third, 
 
 
 @kernel
-def first_forced_impact(wall, tau, flight, piece, point, departure):
+def first_impact_of_forced_flight(wall, tau, flight, piece, point, departure):
     """Return the first impact of a flight that departs from a wall at phase tau.
 
     piece: the number of zeros of the contact force at or before tau (`piece_number`).
@@ -235,14 +235,14 @@ def first_forced_impact(wall, tau, flight, piece, point, departure):
         ends = not s + length < zero
         e = zero if ends else s + length
         if e > s:
-            e0, e1, _f2, _lost = evaluate_forced(e, flight, harmonics, departure)
+            e0, e1, _f2, _lost = evaluate_forced_flight(e, flight, harmonics, departure)
             if not abs(e0) < math.inf:
                 break
             target, t = crossing_on_piece(
                 sign, s, f0, f1, e, e0, e1, guess, lower, upper, third, flight, harmonics, departure
             )
             if target != 0:
-                _f0, w1, bend, lost = evaluate_forced(t, flight, harmonics, departure)
+                _f0, w1, bend, lost = evaluate_forced_flight(t, flight, harmonics, departure)
                 return OK, t, target, target * max(target * w1, 0.0), bend, lost
             s, f0, f1 = e, e0, e1
         if ends:
@@ -255,7 +255,7 @@ def first_forced_impact(wall, tau, flight, piece, point, departure):
 
 
 @inline
-def forced_tangent(w1, bend1, lost, restitution, flight):
+def forced_flight_tangent(w1, bend1, lost, restitution, flight):
     """Return the tangent map of a flight and the impact at its end: derivatives of (t₁, w₁') by (t₀, w₀), row by row.
 
     w₁' is the velocity after the impact. w1, bend1: Φ' and Φ'' before the impact. lost: 1 − e^(−δs), for the flight

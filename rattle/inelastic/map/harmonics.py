@@ -18,7 +18,7 @@ from rattle.numerics.compile import inline, kernel
 
 ORDER, AMPLITUDE, PHASE = range(3)  # rows of an array of harmonics (3, K)
 CLOSEST = 1e-9  # distance in phase below which two zeros of g may be missed or count as one
-MOST_WAITING = 64  # most intervals to be searched at once: a halving adds one, and 30 halvings reach CLOSEST
+MOST_INTERVALS = 64  # room for intervals to be searched: a halving adds one, and after 30 halvings CLOSEST is reached
 
 
 class ForcingBounds(NamedTuple):
@@ -95,7 +95,7 @@ def isolated_zeros(delta, drift, harmonics, zeros):
     """
     bend = forcing_bounds(delta, harmonics).force_bend
     positive = force_at(0.0, delta, drift, harmonics)[0] > 0.0
-    low, high = np.empty(MOST_WAITING), np.empty(MOST_WAITING)
+    low, high = np.empty(MOST_INTERVALS), np.empty(MOST_INTERVALS)
     low[0], high[0] = 0.0, 1.0
     waiting, found, before = 1, 0, positive
     while waiting > 0:

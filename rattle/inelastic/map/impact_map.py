@@ -15,7 +15,7 @@ from rattle.flight.contact_phase import ENDLESS, IN_CONTACT, MOST_BOUNCES
 from rattle.flight.first_impact import OK, SIGMA_PLUS
 from rattle.flight.law import folded
 from rattle.inelastic.map.contact import is_chatter_captured
-from rattle.inelastic.map.flight import first_forced_impact, forced_flight, forced_tangent
+from rattle.inelastic.map.flight import first_impact_of_forced_flight, forced_flight, forced_flight_tangent
 from rattle.numerics.compile import for_type, inline, kernel
 from rattle.orbits import return_map
 
@@ -53,7 +53,7 @@ class InelasticPoint(NamedTuple):
 
 @inline
 def piece_number(tau, zeros):
-    """Return how many zeros of the contact force are at or before a phase: the number of the piece between zeros."""
+    """Return how many `zeros` of the contact force lie at or before phase tau: the number of the piece with tau."""
     low, high = 0, zeros.size
     while low < high:
         middle = (low + high) // 2
@@ -124,10 +124,10 @@ def step_tangent(tau, v, point):
                 on_minus += 1
                 n_minus -= run - 1
                 run = 0
-        status, s, wall, w1, bend1, lost = first_forced_impact(wall, tau, flight, piece, point, departure)
+        status, s, wall, w1, bend1, lost = first_impact_of_forced_flight(wall, tau, flight, piece, point, departure)
         if status != OK:
             return status, tau, abs(w), time, n_minus, j00, j01, j10, j11, log_det, on_plus, on_minus
-        k00, k01, k10, k11 = forced_tangent(w1, bend1, lost, point.restitution, flight)
+        k00, k01, k10, k11 = forced_flight_tangent(w1, bend1, lost, point.restitution, flight)
         if log_det > -math.inf:  # after a contact phase the tangent stays 0, even if the next impact is a graze
             j00, j10 = k00 * j00 + k01 * j10, k10 * j00 + k11 * j10
             j01, j11 = k00 * j01 + k01 * j11, k10 * j01 + k11 * j11
@@ -178,7 +178,7 @@ def next_impact_on_plus(wall, tau, w, point):
                 on_minus += 1
                 n_minus -= run - 1
                 run = 0
-        status, s, wall, w1, _bend, _lost = first_forced_impact(wall, tau, flight, piece, point, departure)
+        status, s, wall, w1, _bend, _lost = first_impact_of_forced_flight(wall, tau, flight, piece, point, departure)
         if status != OK:
             return status, tau, abs(w), time, n_minus, on_plus, on_minus
         time += s

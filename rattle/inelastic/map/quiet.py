@@ -34,23 +34,23 @@ def quiet_limit_with_phase(delta: float, drift: float, shape: Any) -> tuple[floa
     count = int(PHASES * shape[ORDER].max())
     tau = np.arange(count) / count
 
-    def negative_force(t: Any) -> Any:
-        """Return −G at times t; G is the varying part of the contact force at ε = 1."""
+    def negative_varying_force(t: Any) -> Any:
+        """Return −G(t), minus the varying part of the contact force at ε = 1, at times t."""
         angle = order * np.asarray(t)[..., None] + turn
         return (size * (order * np.cos(angle) + delta * np.sin(angle))).sum(axis=-1)
 
-    def rate_and_bend(t: Any) -> Any:
-        """Return the first and the second derivative of −G; G is the varying part of the contact force at ε = 1."""
+    def derivatives_of_negative_force(t: Any) -> Any:
+        """Return the first and second derivatives, −G' and −G'', of `negative_varying_force` at times t."""
         angle = order * np.asarray(t)[..., None] + turn
         rate = (size * order * (delta * np.cos(angle) - order * np.sin(angle))).sum(axis=-1)
         return rate, -(size * order**2 * (delta * np.sin(angle) + order * np.cos(angle))).sum(axis=-1)
 
-    heights = negative_force(tau)
+    heights = negative_varying_force(tau)
     slack = 0.5 * forcing_bounds(delta, shape).force_bend * (0.5 / count) ** 2
     near = tau[heights >= heights.max() - slack]
     for _ in range(50):
-        rate, bend = rate_and_bend(near)
+        rate, bend = derivatives_of_negative_force(near)
         near = near + np.clip(-rate / np.where(bend < 0, bend, -np.inf), -0.5 / count, 0.5 / count)
     phases = np.concatenate([near, tau])
-    deepest = phases[np.argmax(negative_force(phases))]
-    return float(deepest), float(delta * drift / negative_force(deepest))
+    deepest = phases[np.argmax(negative_varying_force(phases))]
+    return float(deepest), float(delta * drift / negative_varying_force(deepest))

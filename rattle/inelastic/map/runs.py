@@ -45,7 +45,7 @@ def contacts_and_merged_impacts(tau, v, n, point):
 
 
 @kernel
-def returns_of_contact_motion(tau, v, most, tolerance, point):
+def count_returns_of_contact_motion(tau, v, most, tolerance, point):
     """Return the number of returns to Σ⁺ after which a motion with a contact phase is back at its first state (τ, v).
 
     tolerance: the largest difference from the first state, in τ and, relative to v, in the speed.

@@ -6,12 +6,12 @@ import numpy as np
 
 from rattle.flight.first_impact import OK, SIGMA_PLUS
 from rattle.flight.law import folded
-from rattle.inelastic.map.flight import evaluate_forced, first_forced_impact, forced_flight
+from rattle.inelastic.map.flight import evaluate_forced_flight, first_impact_of_forced_flight, forced_flight
 from rattle.inelastic.map.impact_map import InelasticPoint, flight_after_impact, piece_number
 from rattle.numerics.compile import kernel
 from rattle.orbits.iterates import MOST_IMPACTS, Trajectory, sampled_motion
 
-SHORT = 1e-5  # duration, in forcing periods, below which the rest of a chatter is not followed impact by impact
+SHORT_CHATTER = 1e-5  # duration, in forcing periods, below which the rest of a chatter is not followed impact by impact
 
 
 @kernel
@@ -35,8 +35,9 @@ def chatter_time(wall, v, force, point):
 def write_inelastic_motion(tau, v, point, time, phi, velocity, impact_time, impact_wall, impact_speed):
     """Write Φ and Φ' at increasing times, and the impacts before the last of these times, to given arrays.
 
-    A chatter is followed until its remaining duration, from `chatter_time`, is below SHORT. The error of the time at
-    which contact begins is then about SHORT². Impacts beyond the length of the arrays are counted but not written.
+    A chatter is followed until its remaining duration, from `chatter_time`, is below SHORT_CHATTER. The error of the
+    time at which contact begins is then about SHORT_CHATTER². Impacts beyond the length of the arrays are counted but
+    not written.
 
     Returns
     -------
@@ -55,9 +56,9 @@ def write_inelastic_motion(tau, v, point, time, phi, velocity, impact_time, impa
         if contact:
             flight = forced_flight(phase, w, point.delta, point.drift, point.harmonics, departure)
             left = chatter_time(wall, abs(w), flight.force, point)
-            if left < SHORT or (point.restitution == 1.0):
+            if left < SHORT_CHATTER or (point.restitution == 1.0):
                 if wait == math.inf:
-                    rest = now + min(left, SHORT)
+                    rest = now + min(left, SHORT_CHATTER)
                 while i < time.size and time[i] < now + wait:
                     phi[i], velocity[i] = wall * point.beta, 0.0
                     i += 1
@@ -65,11 +66,13 @@ def write_inelastic_motion(tau, v, point, time, phi, velocity, impact_time, impa
                     return OK, impacts, rest
                 now, phase, piece, w = now + wait, release, number, 0.0
                 flight = forced_flight(phase, w, point.delta, point.drift, point.harmonics, departure)
-        status, s, target, w1, _bend, _lost = first_forced_impact(wall, phase, flight, piece, point, departure)
+        status, s, target, w1, _bend, _lost = first_impact_of_forced_flight(
+            wall, phase, flight, piece, point, departure
+        )
         if status != OK:
             return status, impacts, math.inf
         while i < time.size and time[i] < now + s:
-            f0, f1, _f2, _lost = evaluate_forced(time[i] - now, flight, point.harmonics, departure)
+            f0, f1, _f2, _lost = evaluate_forced_flight(time[i] - now, flight, point.harmonics, departure)
             phi[i], velocity[i] = wall * point.beta + f0, f1
             i += 1
         if i == time.size:

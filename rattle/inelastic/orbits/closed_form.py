@@ -24,12 +24,12 @@ from rattle.flight.forcing import TWO_PI
 from rattle.flight.law import folded, wrapped
 from rattle.inelastic.map.harmonics import AMPLITUDE, ORDER, PHASE
 from rattle.inelastic.map.impact_map import InelasticPoint, step
-from rattle.inelastic.orbits.family import excess_drift
+from rattle.inelastic.orbits.family import return_speed_by_drift
 from rattle.orbits.orbits_a_to_d import multipliers_of
 
 Array = NDArray[np.float64]
 PHASES = 64  # grid points per period of the fastest harmonic at which e' is evaluated
-SAME = 1e-7  # largest difference between a state and its image that counts as repetition
+SAME_STATE = 1e-7  # largest difference between a state and its image (in v: relative) that counts as repetition
 
 
 class OneImpactMotion(NamedTuple):
@@ -47,7 +47,7 @@ def departure_speed(delta: float, restitution: float, drift: float) -> float:
 
 def slope_at_departure(delta: float, restitution: float, drift: float) -> float:
     """Return the value that the derivative e' of the forcing has when a P(1,1,0) leaves Σ⁺."""
-    swing = drift * excess_drift(delta, -math.expm1(-delta))
+    swing = drift * return_speed_by_drift(delta, -math.expm1(-delta))
     return float(swing - departure_speed(delta, restitution, drift))
 
 
@@ -64,7 +64,7 @@ def flip_of_c(delta: float, restitution: float, drift: float) -> float:
 
 
 def forcing_derivatives(tau: Array, harmonics: Array) -> tuple[Array, Array]:
-    """Return the first and second derivatives e' and e'' of the forcing at phases (…)."""
+    """Return the derivatives e' and e'' of the forcing, each in the shape of `tau`; `harmonics` is (3, K)."""
     angle = TWO_PI * (harmonics[ORDER] * tau[..., None] + harmonics[PHASE])
     turn = TWO_PI * harmonics[ORDER]
     size = turn * harmonics[AMPLITUDE]
@@ -77,7 +77,7 @@ def one_impact_motions(point: InelasticPoint) -> list[OneImpactMotion]:
     harmonics = point.harmonics
     wanted = slope_at_departure(delta, r, drift)
     v, decay = departure_speed(delta, r, drift), math.exp(-delta)
-    phases = _zeros_of_periodic(
+    phases = _zeros_of_periodic_function(
         lambda tau: forcing_derivatives(tau, harmonics)[0] - wanted, int(PHASES * harmonics[ORDER].max())
     )
     found = []
@@ -90,7 +90,7 @@ def one_impact_motions(point: InelasticPoint) -> list[OneImpactMotion]:
     return sorted(found, key=lambda each: each.tau)
 
 
-def _zeros_of_periodic(function: Callable[[Array], Array], count: int) -> list[float]:
+def _zeros_of_periodic_function(function: Callable[[Array], Array], count: int) -> list[float]:
     """Return zeros of a function of period 1: one in each of `count` equal intervals at whose ends its signs differ."""
     grid = np.arange(count + 1) / count
     from scipy.optimize import brentq  # imported here because it takes a quarter of a second to load
@@ -107,5 +107,9 @@ def _zeros_of_periodic(function: Callable[[Array], Array], count: int) -> list[f
 def _is_admissible(tau: float, v: float, point: InelasticPoint) -> bool:
     """Return whether a state (τ, v) repeats after one period and one impact, without contact or impacts on Σ⁻."""
     status, tau1, v1, time, below, on_plus, on_minus = step(tau, v, point)
-    closed = abs(wrapped(tau1 - tau)) < SAME and abs(v1 - v) < SAME * max(v, 1e-300) and abs(time - 1.0) < SAME
+    closed = (
+        abs(wrapped(tau1 - tau)) < SAME_STATE
+        and abs(v1 - v) < SAME_STATE * max(v, 1e-300)
+        and abs(time - 1.0) < SAME_STATE
+    )
     return bool(status == OK and closed and below + on_plus + on_minus == 0)

@@ -51,7 +51,7 @@ class InelasticItinerary(Itinerary):
         for i in range(n):
             after, later = (i + 1, 1.0) if i < n - 1 else (0, multiplier)
             matrix[..., i, i] += flights.w0_t0[..., i] + r * flights.w1_t1[..., i - 1]
-            matrix[..., i, after] -= flights.pull[..., i] * flights.w1[..., i] * later  # ∂w₀/∂t₁
+            matrix[..., i, after] -= flights.pull[..., i] * flights.w1[..., i] * later  # ∂w₀/∂t₁ = −pull · w₁
             matrix[..., after, i] += r * (flights.decay[..., i] * flights.pull[..., i] * flights.w0[..., i] / later)
         return residual, matrix
 

@@ -23,23 +23,31 @@ from numpy.typing import NDArray
 from rattle.flight.first_impact import SIGMA_MINUS, SIGMA_PLUS, first_impact
 from rattle.flight.forcing import DRIFT, TWO_PI, versines
 from rattle.flight.law import folded
-from rattle.inelastic.map.flight import InelasticFlight, forced_tangent
+from rattle.inelastic.map.flight import InelasticFlight, forced_flight_tangent
 from rattle.numerics.compile import inline, kernel
 from rattle.numerics.secant import narrow_bracket
 
 A, B, C, D = range(4)
-SAME_TIME = 1e-6  # a flight ends with the impact that the equations assume if its time differs by less than this
+SAME_TIME = 1e-6  # largest difference, in forcing periods, between a flight's time and the time in the equations
 INNERMOST_NODE = 1e-9  # |σ| of the two nodes next to σ = 0, where the equations are singular
 NODES_PER_SIDE = 160  # number of values of σ < 0, and of σ > 0, at which ε(σ) is first computed
 MOST_NODES = 2 * NODES_PER_SIDE + 24  # nodes on both sides of σ = 0, and at most 24 turning points of ε(σ)
-SMALL_DAMPING = 0.05  # value of δ times the flight time below which `excess_drift` uses a series
+SMALL_DAMPING = 0.05  # value of δ times the flight time below which `return_speed_by_drift` uses a series
 MOST_STEPS = 200  # largest number of secant steps
 Array = NDArray[np.float64]
 
 
 @inline
-def excess_drift(x, lost):
-    """Return x/(1 − e^(−x)) − 1 without cancellation; lost: 1 − e^(−x)."""
+def return_speed_by_drift(x, lost):
+    """Return x/(1 − e^(−x)) − 1 without cancellation, where `lost` is 1 − e^(−x).
+
+    Times the drift, this is the speed with which an unforced flight must leave Σ⁺ to return to it after the time x/δ.
+
+    Returns
+    -------
+    float
+        The value, about x/2 for small x.
+    """
     if x < SMALL_DAMPING:
         y = x * x
         return x * (0.5 + x * (1.0 / 12.0 - y * (1.0 / 720.0 - y * (1.0 / 30240.0 - y / 1209600.0))))
@@ -63,8 +71,8 @@ def family_numerators(sigma, delta, beta, r):
     h = abs(sigma)
     apart = math.copysign(-max(es, er) * math.expm1(-2.0 * delta * h), sigma)  # Er − Es
     f1, f2 = delta / ls, delta / lr
-    c1 = DRIFT * excess_drift(xs, ls) + 2.0 * beta * f1
-    c2 = DRIFT * excess_drift(xr, lr) - 2.0 * beta * f2
+    c1 = DRIFT * return_speed_by_drift(xs, ls) + 2.0 * beta * f1
+    c2 = DRIFT * return_speed_by_drift(xr, lr) - 2.0 * beta * f2
     k1 = r * es * c1 + c2 - DRIFT * r * ls
     k2 = c1 + r * er * c2 - DRIFT * r * lr
     g1, g2 = r * es * f1 - f2, f1 - r * er * f2
@@ -161,7 +169,7 @@ def one_impact_orbit(sign, delta, epsilon, beta, r):
     """Return (admissible, τ, v, trace of the tangent map) of A or C. sign: that of cos 2πτ, −1 for A and 1 for C."""
     decay, lost = math.exp(-delta), -math.expm1(-delta)
     v = r * delta * DRIFT / (1.0 + r)
-    offset = (v - DRIFT * excess_drift(delta, lost)) / TWO_PI  # ε sin 2πτ
+    offset = (v - DRIFT * return_speed_by_drift(delta, lost)) / TWO_PI  # ε sin 2πτ
     if epsilon < abs(offset) or epsilon == 0.0:
         return False, 0.0, v, 0.0
     x = sign * math.sqrt((epsilon - offset) * (epsilon + offset))
@@ -173,7 +181,7 @@ def one_impact_orbit(sign, delta, epsilon, beta, r):
 
 @inline
 def flight_at_phase(w, x, y, delta):
-    """Return the flight that departs with velocity w at the phase τ that x = ε cos 2πτ and y = ε sin 2πτ determine."""
+    """Return the flight that departs with velocity w at a phase τ, given as x = ε cos 2πτ and y = ε sin 2πτ."""
     slope, bend = -TWO_PI * y, -TWO_PI * TWO_PI * x
     return InelasticFlight(w, DRIFT + slope - w, bend, delta * (DRIFT + slope) + bend, delta)
 
@@ -200,8 +208,8 @@ def two_impact_orbit(sigma, delta, epsilon, beta, r):
     # Φ'' at both arrivals, from the contact force of a flight with the phase and velocity of the arrival
     ends = flight_at_phase(-u, x1, y1, delta), flight_at_phase(v / r, x, y, delta)
     bend_down, bend_up = ends[0].force + delta * u, ends[1].force - delta * v / r
-    a00, a01, a10, a11 = forced_tangent(-u, bend_down, -math.expm1(-delta * s), r, down)
-    b00, b01, b10, b11 = forced_tangent(v / r, bend_up, -math.expm1(-delta * rest), r, up)
+    a00, a01, a10, a11 = forced_flight_tangent(-u, bend_down, -math.expm1(-delta * s), r, down)
+    b00, b01, b10, b11 = forced_flight_tangent(v / r, bend_up, -math.expm1(-delta * rest), r, up)
     return True, tau, v, b00 * a00 + b01 * a10 + b10 * a01 + b11 * a11
 
 
@@ -209,9 +217,8 @@ def two_impact_orbit(sigma, delta, epsilon, beta, r):
 def store_first_orbit(orbit, found, exists, phase, speed, traces, i):
     """Store an orbit at parameter point i, if it is admissible and no orbit with its letter is stored there.
 
-    orbit: the letter, 0 to 3 for A to D. found: the tuple of `one_impact_orbit` or `two_impact_orbit`. Of
-    several orbits with one letter the longest time from Σ⁺ to Σ⁻ wins, because callers store orbits in falling order of
-    this time.
+    orbit: the letter, 0 to 3 for A to D. found: the tuple of `one_impact_orbit` or `two_impact_orbit`. Callers
+    store orbits in falling order of the time from Σ⁺ to Σ⁻, so of each letter the orbit with the longest time is kept.
     """
     admissible, tau, v, trace = found
     if admissible and not exists[orbit, i]:
@@ -223,9 +230,9 @@ def store_first_orbit(orbit, found, exists, phase, speed, traces, i):
 def fill_family_orbits(order, delta, epsilon, beta, r, exists, phase, speed, traces):
     """Write the orbits A to D at n parameter points to exists, phase, speed and traces (4, n).
 
-    order: the numbers of the points in the order in which they are computed; it is fastest if points with equal δ, β
-    and r are adjacent. Before the call `exists` must be False and the other arrays NaN. Entries of orbits that do not
-    exist keep these values.
+    order: the numbers of the points in the order in which they are computed. The function is fastest if points with
+    equal δ, β and r are adjacent. Before the call `exists` must be False and the other arrays NaN. Entries of orbits
+    that do not exist keep these values.
     """
     last, n = -1, 0
     sigma, e = np.zeros(MOST_NODES), np.zeros(MOST_NODES)

@@ -8,12 +8,12 @@ from typing import NamedTuple
 from rattle.errors import RattleError, require_integer, require_number
 from rattle.flight.first_impact import OK
 from rattle.inelastic.map.impact_map import InelasticPoint
-from rattle.inelastic.map.runs import contacts_and_merged_impacts, returns_of_contact_motion
+from rattle.inelastic.map.runs import contacts_and_merged_impacts, count_returns_of_contact_motion
 from rattle.orbits.orbits_a_to_d import multipliers_of
 from rattle.orbits.return_map import fastest_point, newton, power_map, shortest_return
 
 MOST_RETURNS = 4096  # largest number of impacts on Σ⁺ per period of a sought motion
-CLOSE = 1e-6  # largest difference in τ, and relative in v, at which a motion with contact is back at its first state
+SAME_STATE = 1e-6  # largest difference (of v: relative) at which a motion with contact is back at its first state
 
 
 class InelasticOrbit(NamedTuple):
@@ -58,7 +58,7 @@ def inelastic_orbit(point: InelasticPoint, tau: float, v: float, n_plus: int = 1
         leaves double precision.
     """
     v, k = require_number("v", v, positive=True), require_integer("n_plus", n_plus, 1, MOST_RETURNS)
-    k = returns_of_contact_motion(tau, v, MOST_RETURNS, CLOSE, point) or k
+    k = count_returns_of_contact_motion(tau, v, MOST_RETURNS, SAME_STATE, point) or k
     found, tau1, v1 = newton(tau, v, k, point)
     if not found:
         raise RattleError(

@@ -24,7 +24,8 @@ class Impacting(Model):
     functions: ClassVar[Functions] = impacting
     classifier = ImpactingClassifier
     curve_names = impacting.NAMES
-    # the first cell has quiet and periodic motions, the second quiet and chaotic ones, the third chaotic ones only
+    # eccentricities of three cells at δ = β = 0.6: the first has quiet and periodic motions, the second quiet and
+    # chaotic motions, the third chaotic motions only
     compiled_at = 0.089, 0.1, 0.25
 
     def gear(self, delta: float, epsilon: float) -> Gear:

@@ -52,7 +52,8 @@ class Inelastic(Model):
     design_gears = 256
     takes_harmonics = True
     one_cosine = frozenset({Capability.PERIOD_ONE})
-    compiled_at = (0.1, 0.25)  # the first cell has quiet motion and impacts, the second contact phases
+    # eccentricities of two cells at δ = β = 0.6: the first has quiet motion and impacts, the second contact phases
+    compiled_at = (0.1, 0.25)
 
     def __post_init__(self) -> None:
         """Check and convert all parameters."""
@@ -82,7 +83,7 @@ class Inelastic(Model):
         return super().period_one(delta, epsilon)
 
     def trace(self, name: str, delta: Range, epsilon: Range) -> Curve:
-        """Return a curve in a window of δ and ε. With harmonics, curves other than quiet_limit raise RattleError."""
+        """Return the curve `name` in a window of δ and ε; with harmonics, RattleError unless it is "quiet_limit"."""
         return inelastic.trace(name, **self.numbers, harmonics=self.harmonics, delta=delta, epsilon=epsilon)
 
     def codimension_two(self) -> Sequence[CodimensionTwo]:

@@ -15,7 +15,7 @@ from rattle.stiff.attractors.classifier import StiffClassifier
 
 
 def _kappa_of_machine(stiffness: Any, pair: Any) -> Any:
-    """Return κ from a mesh stiffness in N/m (docs/decisions/0025-machine.md)."""
+    """Return κ from a mesh stiffness in N/m and the machine's pair of gears (docs/decisions/0025-machine.md)."""
     turned = TWO_PI * pair.radius / pair.speed
     return stiffness * turned * turned / (pair.scale * pair.inertia)
 
@@ -50,11 +50,12 @@ class Stiff(Model):
     tile_samples = 4096  # computing a return takes a hundred times as long as for the impacting gear
     cell_milliseconds = 100.0
     design_gears = 256
-    compiled_at = (0.1,)  # one cell: computing a second one takes longer than the compilation that it saves
+    # eccentricity of a single cell: computing a second one would take longer than the compilation that it saves
+    compiled_at = (0.1,)
 
     @property
     def dwell(self) -> float:
-        """The duration of a contact in forcing periods, if the impact is fast: half a period of free oscillation."""
+        """The duration of the contact of a fast impact, in forcing periods: half a period of free oscillation."""
         return math.pi / math.sqrt(2.0 * self.kappa)
 
     def gear(self, delta: float, epsilon: float) -> stiff.StiffGear:

@@ -54,7 +54,7 @@ class StiffClassifier(Classifier):
         """Do nothing, because this gear has no orbits that are known before its samples are followed."""
 
     def find_radii(self, centres: Centres) -> None:
-        """Find the radii of the capture regions around these centres."""
+        """Find the radii of the capture regions around these centres, and write them to `centres.radius`."""
         find_radii_one_by_one(centres, self.cells)
 
     def advance(self, which: NDArray[np.int64], samples: Trajectories, early: bool) -> None:  # noqa: ARG002
@@ -69,7 +69,8 @@ class StiffClassifier(Classifier):
     ) -> None:
         """Follow samples `which` with a tangent vector; write sums for exponents, and visited-cell bitmaps, to `seen`.
 
-        Each sample is followed for at least `least` returns and `periods` forcing periods, or to its limit.
+        Each sample is followed for at least `least` returns and `periods` forcing periods, unless its limit of returns
+        comes first.
         """
         tables = self.samples.for_kernels(), self.balls.for_kernels()
         measure(which, least, periods, self.cells, *tables, seen.sums, seen.prints)

@@ -1,4 +1,4 @@
-"""Follow samples of the stiff gear until each is quiet, captured or recurrent, or has made all its returns (compiled).
+"""Follow samples of the stiff gear until each is quiet, captured, recurrent, or at its limit of returns (compiled).
 
 The method is that of `rattle.impacting.attractors.settle`, but samples are followed one by one, not in SIMD lanes. A
 sample whose contact with Σ⁺ never ends is quiet. Tangent vectors are in the coordinates (Φ, Φ') at fixed times.
@@ -46,7 +46,7 @@ def stiff_outcome(code):
 
 @kernel
 def settle(which, cells, samples, balls):
-    """Follow samples `which` until each has an outcome, or has made all its returns and stays UNRESOLVED."""
+    """Follow samples `which` until each has an outcome, or stays UNRESOLVED after all returns that its limit allows."""
     for j in range(which.size):
         k = which[j]
         point = point_of(samples.cell[k], cells)

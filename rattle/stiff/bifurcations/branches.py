@@ -26,7 +26,7 @@ from rattle.errors import RattleError, require, require_integer, require_pair
 from rattle.numerics.complex_step import Array
 from rattle.orbits.orbits_a_to_d import Orbit
 from rattle.stiff.bifurcations.grazes import VANISHING, Graze, graze_at_end
-from rattle.stiff.bifurcations.line import TWICE, MotionsOnLine
+from rattle.stiff.bifurcations.line import EQUAL_HALVES, MotionsOnLine
 from rattle.stiff.bifurcations.records import StiffBranch, StiffEvent, unknowns_of
 from rattle.stiff.orbits.periodic import LONGEST_STEP, StiffOrbit, as_stiff_orbit, is_admissible_solution, softness
 
@@ -95,7 +95,7 @@ def stiff_branch(
 
 def _follower(line: MotionsOnLine, span: tuple[float, float], resolution: int) -> Follower:
     def is_on_branch(y: Array) -> bool:
-        return line.is_admissible(y) and not line.is_run_twice(y)
+        return line.is_admissible(y) and not line.has_equal_halves(y)
 
     longest = longest_step(span, resolution, LONGEST_STEP)
     return Follower(line.problem, (Bound(-1, *span),), is_on_branch, longest, line.twins)
@@ -148,7 +148,7 @@ def _end_of_path(line: MotionsOnLine, path: Path, span: tuple[float, float]) -> 
     if path.outside is not None and not span[0] <= path.outside[-1] <= span[1]:
         return _BranchEnd("span")
     half = line.mean_of_halves(last)
-    if half is not None and half[2] < (NEARLY_TWICE if path.outside is None else 2 * TWICE):
+    if half is not None and half[2] < (NEARLY_TWICE if path.outside is None else 2 * EQUAL_HALVES):
         flip = half[0].flip_near(half[1], FLIP_WITHIN * (span[1] - span[0]))
         if flip is not None:
             return _BranchEnd(HALF_PERIOD, flip=half[0].orbit(flip))
@@ -187,7 +187,7 @@ def _branch_of_points(
     marked: list[int] = []
     for k in folds[::-1].tolist():
         a, b = points[k], points[k + 1]
-        y = root_between(problem, a, b, _rate_of_parameter(problem, a, b))
+        y = root_between(problem, a, b, _fold_function(problem, a, b))
         if y is None:
             continue
         if np.array_equal(y, a) or np.array_equal(y, b):
@@ -231,7 +231,7 @@ def _branch_of_points(
     )
 
 
-def _rate_of_parameter(problem: ContinuationProblem, a: Array, b: Array) -> Callable[[Array], float]:
+def _fold_function(problem: ContinuationProblem, a: Array, b: Array) -> Callable[[Array], float]:
     """Return the function that is 0 at a fold between the points a and b of a branch.
 
     Returns

@@ -43,7 +43,7 @@ from rattle.stiff.orbits.periodic import orbit_of
 FOLDS = {"SN1": "AC", "SN2": "BD", "G1": "BC", "G2": "AD"}
 FLIPS, QUIET = ("PD1", "PDC", "PD2"), "quiet_limit"
 BORN_WITH = ("A", "B")  # D is born in a fold, together with A at G2 or with B at SN2
-OF_ONE_CONTACT = ("SN1", "PDC")  # curves of P(1,1,0); all others belong to P(1,1,1)
+ONE_CONTACT_CURVES = ("SN1", "PDC")  # curves of P(1,1,0); all others belong to P(1,1,1)
 MEANINGS = {
     "SN1": "saddle-node at which A and C, P(1,1,0), are born as ε grows; goes on as G2 where they are born grazing",
     "SN2": "saddle-node at which B and D, P(1,1,1), are born as ε grows; ends with G1 in a cusp",
@@ -110,7 +110,7 @@ def describe(name: str) -> str:
 
 
 def _trace_family_curve(name: str, beta: float, kappa: float, window: PlaneWindow, dampings: Array) -> Curve:
-    walls = PLUS if name in OF_ONE_CONTACT else PLUS_MINUS
+    walls = PLUS if name in ONE_CONTACT_CURVES else PLUS_MINUS
     itinerary = StiffItinerary(tuple(walls.tolist()), 1, beta, softness(kappa))
     kind = Kind.FLIP if name in FLIPS else Kind.SADDLE_NODE
 
@@ -159,7 +159,7 @@ def _motions_on_curve(name: str, family: StiffFamily) -> list[Array]:
 
 def _flips_on_curve(name: str, family: StiffFamily) -> list[Array]:
     """Return the flips of a family that lie on the curve with this name: flips of C for PDC, of D for PD1 and PD2."""
-    if (family.cycle.walls.size == 1) != (name in OF_ONE_CONTACT):
+    if (family.cycle.walls.size == 1) != (name in ONE_CONTACT_CURVES):
         return []
     flip, found = 1.0 + ELASTIC.determinant(family.cycle.delta, 1, 1), []
     edges = [0, *family.folds.tolist(), len(family.points) - 1]
@@ -173,7 +173,7 @@ def _flips_on_curve(name: str, family: StiffFamily) -> list[Array]:
             before, after = ("", *family.letters)[i], (*family.letters, "")[i + 1]
             turns = sorted({*(turns[:1] if before in BORN_WITH else ()), *(turns[-1:] if after in BORN_WITH else ())})
         elif name == "PD2":
-            # whether D gains stability as ε grows; along one part of a family ε is monotone
+            # D gains stability as ε grows where `above`, which is negative beyond a flip, rises with ε
             gained = np.diff(above) * np.diff(points[:, -1]) > 0.0
             turns = [k for k in turns if gained[k]]
         found += [_flip_by_bisection(points[k], points[k + 1], family.cycle, flip) for k in turns]

@@ -20,8 +20,8 @@ from rattle.stiff.bifurcations.line import MotionsOnLine
 from rattle.stiff.orbits.periodic import FailingPiece, first_failing_piece
 
 VANISHING = 1e-5  # duration, in units of p = 1/√(2κ), below which a contact or a flight counts as vanished
-# duration, in units of p² = 1/2κ, of a new contact or flight next to a graze; where C and B meet, the new contact of C
-# lasts 2.1 of these units
+# duration, in units of p² = 1/(2κ), of a new contact or flight next to a graze; where C and B meet, the new contact of
+# C lasts 2.1 of these units
 STARTING_DURATION = 0.04
 # distances from a graze, in the unknowns, at which an admissible motion is sought
 DISTANCES_TO_TRY = 10.0 ** np.arange(-9, -3)
@@ -46,35 +46,35 @@ def graze_at_end(line: MotionsOnLine, y: Array, tangent: Array) -> Graze | None:
     same = np.array(line.walls) == np.roll(line.walls, -1)
     shortest, nearest = int(np.argmin(y[c : 2 * c])), int(np.argmin(np.where(same, flights, np.inf)))
     if c > 1 and y[c + shortest] < VANISHING:
-        fewer = _without_contact(line, y, shortest)
+        fewer = _remove_contact(line, y, shortest)
     elif c > 1 and same.any() and flights[nearest] < VANISHING * p:
-        fewer = _with_merged_contacts(line, y, nearest)
+        fewer = _merge_contacts(line, y, nearest)
     else:
-        found = _with_one_more_contact(line, y, tangent)
-        return None if found is None else Graze(_with_sigma_plus_first(line, y), _with_sigma_plus_first(*found))
-    here = _with_sigma_plus_first(*fewer)
+        found = _motion_with_one_more_contact(line, y, tangent)
+        return None if found is None else Graze(_begin_with_sigma_plus(line, y), _begin_with_sigma_plus(*found))
+    here = _begin_with_sigma_plus(*fewer)
     return Graze(here, _admissible_motion_near(*here))
 
 
-def _with_sigma_plus_first(line: MotionsOnLine, y: Array) -> tuple[MotionsOnLine, Array]:
+def _begin_with_sigma_plus(line: MotionsOnLine, y: Array) -> tuple[MotionsOnLine, Array]:
     """Return the motion y with its first contact with Σ⁺ as number 0; unchanged if it has no contact with Σ⁺."""
     first = line.walls.index(1) if 1 in line.walls else 0
     itinerary = line.itinerary(y)
     return replace(line, walls=itinerary.with_first_impact(first).walls), unknowns_from_impact(itinerary, y, first)
 
 
-def _without_contact(line: MotionsOnLine, y: Array, contact: int) -> tuple[MotionsOnLine, Array]:
+def _remove_contact(line: MotionsOnLine, y: Array, contact: int) -> tuple[MotionsOnLine, Array]:
     """Return the motion y without contact number `contact`."""
     fewer = replace(line, walls=line.itinerary(y).without_impact(contact).walls)
     return fewer, np.delete(y, [contact, len(line.walls) + contact])
 
 
-def _with_merged_contacts(line: MotionsOnLine, y: Array, contact: int) -> tuple[MotionsOnLine, Array]:
+def _merge_contacts(line: MotionsOnLine, y: Array, contact: int) -> tuple[MotionsOnLine, Array]:
     """Return the motion y with contact number `contact` and the next contact merged into one."""
     itinerary, c = line.itinerary(y), len(line.walls)
     y, walls = unknowns_from_impact(itinerary, y, contact), itinerary.with_first_impact(contact).walls
     y[c] = (y[1] - y[0]) / itinerary.softness + y[c + 1]
-    return _without_contact(replace(line, walls=walls), y, 1)
+    return _remove_contact(replace(line, walls=walls), y, 1)
 
 
 def _admissible_motion_near(line: MotionsOnLine, y: Array) -> tuple[MotionsOnLine, Array] | None:
@@ -96,15 +96,23 @@ def _admissible_motion_near(line: MotionsOnLine, y: Array) -> tuple[MotionsOnLin
     return None
 
 
-def _with_one_more_contact(line: MotionsOnLine, y: Array, tangent: Array) -> tuple[MotionsOnLine, Array] | None:
-    """Return the motion with one contact more that continues a branch beyond its end y; None if it is not found."""
+def _motion_with_one_more_contact(line: MotionsOnLine, y: Array, tangent: Array) -> tuple[MotionsOnLine, Array] | None:
+    """Return the motion with one contact more that continues a branch beyond its end.
+
+    y, tangent: the last motion of the branch, and the branch's outward tangent there.
+
+    Returns
+    -------
+    tuple or None
+        The line and the unknowns of the new motion; None if it is not found.
+    """
     for reach in DISTANCES_TO_TRY:
         there = newton_on_curve(line.problem, y + reach * tangent, tangent)
         failure = (
             None if there is None else first_failing_piece(line.itinerary(there[0]), line.full_unknowns(there[0])[:-1])
         )
         if failure is not None and failure.wall != 0:
-            more, guess, constraint = (_with_split_contact if failure.contact else _with_short_contact)(
+            more, guess, constraint = (_guess_with_split_contact if failure.contact else _guess_with_short_contact)(
                 line, y, failure
             )
             found = newton_on_curve(more.problem, guess, constraint)
@@ -113,7 +121,7 @@ def _with_one_more_contact(line: MotionsOnLine, y: Array, tangent: Array) -> tup
     return None
 
 
-def _with_inserted_contact(
+def _insert_contact(
     line: MotionsOnLine, y: Array, after: int, wall: int, time: float, duration: float
 ) -> tuple[MotionsOnLine, Array]:
     """Return the motion y with a new contact inserted after contact number `after`; duration: in units of 1/√(2κ)."""
@@ -122,10 +130,13 @@ def _with_inserted_contact(
     return more, np.insert(y, [after + 1, c + after + 1], [time, duration])
 
 
-def _with_short_contact(line: MotionsOnLine, y: Array, failure: FailingPiece) -> tuple[MotionsOnLine, Array, Array]:
+def _guess_with_short_contact(
+    line: MotionsOnLine, y: Array, failure: FailingPiece
+) -> tuple[MotionsOnLine, Array, Array]:
     """Return a guess of the motion with a short contact where a flight touches a wall, and a row of equations.
 
-    The row completes the linear system of Newton's method, so that the duration of the new contact does not change.
+    failure: the flight that ends too early, at the touched wall. The row completes the linear system of Newton's
+    method, so that the duration of the new contact does not change.
 
     Returns
     -------
@@ -134,18 +145,19 @@ def _with_short_contact(line: MotionsOnLine, y: Array, failure: FailingPiece) ->
     """
     p = line.itinerary(y).softness
     duration = STARTING_DURATION * p
-    more, guess = _with_inserted_contact(
-        line, y, failure.piece, failure.wall, failure.time - 0.5 * p * duration, duration
-    )
+    more, guess = _insert_contact(line, y, failure.piece, failure.wall, failure.time - 0.5 * p * duration, duration)
     constraint = np.zeros(guess.size)
     constraint[len(more.walls) + failure.piece + 1] = 1.0
     return more, guess, constraint
 
 
-def _with_split_contact(line: MotionsOnLine, y: Array, failure: FailingPiece) -> tuple[MotionsOnLine, Array, Array]:
+def _guess_with_split_contact(
+    line: MotionsOnLine, y: Array, failure: FailingPiece
+) -> tuple[MotionsOnLine, Array, Array]:
     """Return a guess of the motion with a short flight where a contact's depth falls to 0, and a row of equations.
 
-    The row completes the linear system of Newton's method, so that the duration of the new flight does not change.
+    failure: the contact that ends too early. The row completes the linear system of Newton's method, so that the
+    duration of the new flight does not change.
 
     Returns
     -------
@@ -155,7 +167,7 @@ def _with_split_contact(line: MotionsOnLine, y: Array, failure: FailingPiece) ->
     i, c, p = failure.piece, len(line.walls), line.itinerary(y).softness
     gap = STARTING_DURATION * p * p
     ends = y[i] + p * y[c + i]
-    more, guess = _with_inserted_contact(
+    more, guess = _insert_contact(
         line, y, i, failure.wall, failure.time + 0.5 * gap, (ends - failure.time - 0.5 * gap) / p
     )
     guess[c + 1 + i] = (failure.time - 0.5 * gap - y[i]) / p

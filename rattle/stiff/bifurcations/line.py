@@ -12,7 +12,7 @@ from rattle.orbits.periodic_motions import solve_at_parameters, twins
 from rattle.stiff.orbits.equations import StiffItinerary
 from rattle.stiff.orbits.periodic import StiffOrbit, is_admissible_solution, orbit_of, trace_of
 
-TWICE = 1e-5  # a motion whose halves differ by less, in the unknowns, is one motion run through twice
+EQUAL_HALVES = 1e-5  # largest difference between unknowns of the halves of a motion that counts as run through twice
 MOST_BRACKETS = 8  # number of times that the interval around a sought flip is made ten times wider
 
 
@@ -78,8 +78,8 @@ class MotionsOnLine:
     def twins(self, start: Array, y: Array) -> Array:
         """Return arrays of unknowns (k, 2c + 1) that all describe the motion `start`.
 
-        Each array counts from another contact. Its times are shifted by whole periods so that the first is near the
-        first time of y.
+        Each array has another contact of the motion as its first contact. The times of an array are shifted by whole
+        periods so that its first time is near the first time of y.
 
         Returns
         -------
@@ -106,15 +106,15 @@ class MotionsOnLine:
         line = replace(self, walls=self.walls[:half], m=self.m // 2)
         return line, np.append(halves.mean(axis=1), y[-1]), float(np.max(np.abs(halves[:, 1] - halves[:, 0])))
 
-    def is_run_twice(self, y: Array) -> bool:
-        """Return whether a motion y consists of two equal halves, so that its period is half as long."""
+    def has_equal_halves(self, y: Array) -> bool:
+        """Return whether a motion y consists of two equal halves, so that it repeats after m/2 forcing periods."""
         found = self.mean_of_halves(y)
-        return found is not None and found[2] < TWICE
+        return found is not None and found[2] < EQUAL_HALVES
 
     def flip_near(self, y: Array, width: float) -> Array | None:
         """Return the flip on this line near a motion y.
 
-        A branch of doubled period ends at this flip, and y is half of the last motion of the branch.
+        y is half of the last motion of a branch of doubled period, and the branch ends at this flip.
 
         Returns
         -------

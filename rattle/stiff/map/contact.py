@@ -130,7 +130,7 @@ def contact_state(s, contact):
 
 @inline
 def steady_contact(s, contact):
-    """Return the depth and velocity at the time s in permanent contact, the periodic solution for the same force."""
+    """Return the depth and velocity at the time s in permanent (periodic) contact under the force of this contact."""
     _x0, _w0, mean, a, b, delta, kappa = contact
     omc, sine, _defect = versines(s)
     cosine = 1.0 - omc

@@ -29,10 +29,10 @@ from rattle.flight.law import LONGEST_DECAY, decay64, folded, speed_unit
 from rattle.numerics.compile import inline, kernel
 from rattle.stiff.map.contact import ENDS, contact_end, forced_responses, responses
 
-SAME_TIME = 1e-6  # difference in duration below which two flights or contacts count as the same
+SAME_TIME = 1e-6  # largest error of a flight's duration, in forcing periods, and of a contact's, in units of πp
 LEAST_CONTACT = 1e-6  # duration of a contact, in units of 1/√(2κ), below which the contact counts as a graze
 GRAZING = 1e-6  # speed, in units of `speed_unit`, below which rounding decides whether a flight meets a wall
-SAME_END = 1e-9  # error of a contact's duration, in forcing periods, that is allowed besides a relative one, for grazes
+SAME_END = 1e-9  # further error of a contact's duration, in forcing periods, that is allowed because of grazes
 
 
 class Cycle(NamedTuple):
@@ -149,7 +149,7 @@ def contact_exit(wall, t, u, s, delta, epsilon, kappa):
 
 @inline
 def flight_after_contact(i, y, cycle):
-    """Return the flight after contact i: number of the next contact, times of beginning and end, change of Φ."""
+    """Return the flight after contact i: number of the next contact, times of beginning and end, rise of Φ (signed)."""
     c = cycle.walls.size
     after = i + 1 if i < c - 1 else 0
     t1 = y[after] if i < c - 1 else y[0] + cycle.m

@@ -157,10 +157,9 @@ def residuals_and_jacobian(x, p, signs, m, beta, multiplier, with_matrix):
                 continue
             after, later = (i + 1, 1.0 + 0j) if i < c - 1 else (0, multiplier)
             earlier = 1.0 + 0j if i else np.divide(1.0 + 0j, multiplier)
-            from_start = (
-                flights[DECAY, j, before] * flights[PULL, j, before] * flights[W0, j, before] * earlier
-            )  # ∂w₁/∂t₀
-            to_end = -flights[PULL, j, i] * flights[W1, j, i] * later  # ∂w₀/∂t₁
+            # ∂w₁/∂t₀ of the flight before contact i, and ∂w₀/∂t₁ of the flight after it, times growth over the period
+            from_start = flights[DECAY, j, before] * flights[PULL, j, before] * flights[W0, j, before] * earlier
+            to_end = -flights[PULL, j, i] * flights[W1, j, i] * later
             of_depth = np.divide(x_u, duration), np.divide(x_t, duration), np.divide(v - depth, duration)
             for row, by in ((i, of_depth), (c + i, (v_u, v_t, v_duration))):
                 by_u, by_t, by_duration = by

@@ -129,7 +129,7 @@ def sign_changes(values: Array) -> list[int]:
 
 
 def family_lost_error(cycle: Cycle, epsilon: float) -> RattleError:
-    """Return the error for a family whose continuation fails among admissible motions, so that some are not found."""
+    """Return the error for a family that cannot be followed, so that admissible motions of it may be missed."""
     return RattleError(
         f"a family of motions cannot be followed at delta = {cycle.delta:g}, epsilon = {epsilon:g}, "
         f"beta = {cycle.beta:g}, kappa = {cycle.kappa:g}: choose another point"
@@ -195,17 +195,18 @@ def explicit_solutions(cycle: Cycle, offset: Array, duration: Array) -> Array:
 
 
 def _guess_of_sn1(cycle: Cycle) -> Array | None:
-    """Return unknowns close to SN1, a minimum of ε over the P(1,1,0).
+    """Return unknowns close to SN1, at which ε is least among P(1,1,0) with similar durations of the contact.
 
-    Among several minima the function takes the one whose contact duration σ is nearest to π.
+    If ε has several such minima, the function takes the minimum whose contact duration σ is nearest to π.
 
     Returns
     -------
     Array or None
-        Unknowns (3,); None if no P(1,1,0) has a minimum of ε.
+        Unknowns (3,); None if ε has no minimum at a P(1,1,0) that leaves Σ⁺ with a speed v > 0.
     """
     p = softness(cycle.kappa)
-    # distances from π of the durations σ at which SN1 is sought; SN1 has a distance of about 2p · force / speed
+    # distances from π of the durations σ at which SN1 is sought; at SN1 itself the distance is about
+    # 2p · (contact force)/(impact speed)
     hard = p * np.geomspace(1e-2, 1e4, DURATIONS)
     duration = np.concatenate([np.linspace(0.0, 4 * np.pi, DURATIONS), np.pi - hard, np.pi + hard])
     duration = np.unique(duration[(duration > 0.0) & (duration < 0.999 / p)])
@@ -269,6 +270,8 @@ def families_on_both_walls(cycle: Cycle, span: float, plus: Sequence[StiffFamily
 def _guesses_on_both_walls(cycle: Cycle, plus: Sequence[StiffFamily]) -> Iterator[tuple[Array, Array]]:
     """Yield guesses of P(1,1,1), each with a row that completes Newton's equations.
 
+    plus: the families of P(1,1,0), at whose grazes with Σ⁻ some of the guesses lie.
+
     Yields
     ------
     tuple[Array, Array]
@@ -306,9 +309,9 @@ def _letters_of_parts(family: StiffFamily, plus: Sequence[StiffFamily]) -> tuple
     """Return the letters of a family of P(1,1,1).
 
     A part is B if its motions are saddles with a multiplier above 1, else D. The first and the last part may have other
-    letters: if the family ends there because the contact with Σ⁻ is lost, the motion continues as a P(1,1,0), and the
-    part has the letter A or C of this P(1,1,0). A part that continues as C but does not fold back to B remains D
-    (docs/stiff.md).
+    letters: if the family ends in such a part because the contact with Σ⁻ is lost, the motion continues as a P(1,1,0),
+    and the part has the letter A or C of this P(1,1,0). A part that continues as C but does not fold back to B
+    remains D (docs/stiff.md).
 
     Returns
     -------

@@ -35,7 +35,7 @@ MOST_SECANTS = 100  # largest number of secant steps of `locate_between`
 
 
 @inline
-def eliminate(matrix, right):
+def solve_linear_system(matrix, right):
     """Solve matrix x = right by Gaussian elimination and write x to `right`.
 
     Returns
@@ -101,7 +101,7 @@ def correct_in_hyperplane(y, constraint, cycle):
             return 0
         matrix[n], right[n] = constraint, 0.0
         matrix[n, n] /= unit * unit
-        if eliminate(matrix, right) == 0.0:
+        if solve_linear_system(matrix, right) == 0.0:
             return 0
         last, size = size, 0.0
         for j in range(n + 1):
@@ -131,7 +131,7 @@ def family_tangent(y, direction, cycle, tangent):
     unit = epsilon_unit(cycle)
     matrix[n], right[:n], right[n] = direction, 0.0, 1.0
     matrix[n, n] /= unit * unit
-    sign = eliminate(matrix, right)
+    sign = solve_linear_system(matrix, right)
     size = math.sqrt(inner_product(right, right, unit))
     if sign == 0.0 or not size < math.inf:
         return 0.0
@@ -184,16 +184,16 @@ def family_solution_above_chord(a, b, share, cycle, y):
 
 
 @inline
-def value_to_zero(y, index, level, chord, cycle, tangent):
-    """Return the value at a solution y of the function whose zero `locate_between` finds.
+def offset_from_target(y, index, level, chord, cycle, tangent):
+    """Return how far a solution y is from the solution that `locate_between` seeks, as a number with a sign.
 
-    The function is y[index] − level; for index −1 it is the rate of ε along the family, towards `chord`. `tangent` is
-    scratch memory.
+    This is y[index] − level. For index −1, where a fold is sought, it is the rate of ε along the family, towards
+    `chord`. `tangent` is scratch memory.
 
     Returns
     -------
     float
-        The value.
+        The number, which is 0 at the sought solution.
     """
     if index >= 0:
         return y[index] - level
@@ -214,8 +214,8 @@ def locate_between(a, b, index, level, cycle, y):
     """
     tangent, chord = np.empty(y.size), b - a
     lo, hi, side, share = 0.0, 1.0, 0, math.nan
-    f_lo = value_to_zero(a, index, level, chord, cycle, tangent)
-    f_hi = value_to_zero(b, index, level, chord, cycle, tangent)
+    f_lo = offset_from_target(a, index, level, chord, cycle, tangent)
+    f_hi = offset_from_target(b, index, level, chord, cycle, tangent)
     if f_lo * f_hi >= 0.0:  # no change of sign: the solution is at an end, where rounding may have changed the sign
         y[:] = b if abs(f_hi) < abs(f_lo) else a
         return True
@@ -225,7 +225,7 @@ def locate_between(a, b, index, level, cycle, y):
             share = 0.5 * (lo + hi)
         if not family_solution_above_chord(a, b, share, cycle, y):
             return False
-        f = value_to_zero(y, index, level, chord, cycle, tangent)
+        f = offset_from_target(y, index, level, chord, cycle, tangent)
         if f == 0.0 or abs(share - last) <= 1e-15:
             return True
         lo, f_lo, hi, f_hi, side = narrow_bracket(lo, f_lo, hi, f_hi, side, share, f)

@@ -97,7 +97,7 @@ def test_a_finding_without_evidence_or_need_is_unexpected(report):
     assert replace(report, findings=(doubtful, *report.findings[1:])).deviations
     off = next(x for x in report.numbers if x.finding)
     assert not replace(off, computed=float(off.stated)).is_as_expected
-    assert report.number_of(off.finding) <= len(report.findings)
+    assert report.finding_number(off.finding) <= len(report.findings)
     assert replace(report, statements=(replace(report.statements[0], holds=False),)).deviations
 
 

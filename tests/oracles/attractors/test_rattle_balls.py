@@ -62,8 +62,8 @@ def test_what_is_done_with_the_samples_of_many_cells_is_what_is_done_with_those_
     values, holds = rng.integers(0, 100, 1000), rng.random(size.sum()) < 0.9
     each = np.split(sets.which, np.cumsum(size)[:-1])
     evenly = [here[np.arange(min(12, here.size)) * here.size // min(12, here.size)] for here in each]
-    np.testing.assert_array_equal(sets.evenly_spaced(12).which, np.concatenate(evenly))
-    np.testing.assert_array_equal(sets.evenly_spaced(12).size, [here.size for here in evenly])
+    np.testing.assert_array_equal(sets.select_evenly(12).which, np.concatenate(evenly))
+    np.testing.assert_array_equal(sets.select_evenly(12).size, [here.size for here in evenly])
     of_each = np.split(holds, np.cumsum(size)[:-1])
     np.testing.assert_array_equal(sets.cells_where_all(holds), [here.all() for here in of_each])
     np.testing.assert_array_equal(sets.largest_by_cell(values), [values[here].max() for here in each])
