@@ -21,7 +21,7 @@ import numpy as np
 
 import rattle
 from gear_rattle.workers.errors import SurveyError, storage_error
-from gear_rattle.workers.storage.added import Each
+from gear_rattle.workers.storage.added import RunForEach
 from gear_rattle.workers.storage.integrity import COMPLETED
 from gear_rattle.workers.storage.location import CERTIFICATES as BESIDE
 from gear_rattle.workers.storage.location import Directory, certificates_path, place_of
@@ -274,7 +274,7 @@ def lacks_certificates(request: SurveyRequest, where: str | Path | Location) -> 
 def prove_survey(
     request: SurveyRequest,
     where: str | Path | Location,
-    each: Each,
+    each: RunForEach,
     at_once: int,
     on_done: Callable[[int, int], None],
     should_stop: Callable[[], bool],

@@ -75,7 +75,7 @@ REFUSED_TOPIC = "gear-rattle-refused"  # topic of dask's events about refused wo
 logger = logging.getLogger(__name__)
 
 
-class WarmKernels(WorkerPlugin):
+class KernelLoader(WorkerPlugin):
     """Load the kernels before a worker's first tile, compiling them if necessary, also on a restarted worker."""
 
     name = "gear-rattle-kernels"
@@ -148,13 +148,13 @@ def version_check(versions: Mapping[str, str | None], module: str, topic: str) -
                 self.closing = asyncio.create_task(worker.close(reason=sentence))
                 await asyncio.sleep(0)  # lets the task above begin to close the worker
                 raise RuntimeError(sentence)  # dask writes this error to the worker's log
-            await import_module(module).WarmKernels().setup(worker)
+            await import_module(module).KernelLoader().setup(worker)
 
     return VersionCheck()
 
 
 @contextmanager
-def _interrupts_blocked() -> Iterator[None]:
+def _block_interrupts() -> Iterator[None]:
     """Make threads and processes that start in this context ignore Ctrl-C, which a terminal sends to all of them.
 
     A Ctrl-C during the context reaches the caller afterwards.
@@ -287,12 +287,12 @@ def embedded_cluster(
         scratch = stack.enter_context(scratch_directory(dask.config.get("temporary-directory", None)))
         stack.enter_context(dask.config.set({**FEW_DIAGNOSTICS, **NO_PAGES, "temporary-directory": scratch}))
         try:
-            with _interrupts_blocked():
+            with _block_interrupts():
                 cluster = stack.enter_context(_cluster_without_workers())
                 processes = stack.enter_context(_WorkerProcesses(n_workers, nice, cluster, should_stop))
                 client = stack.enter_context(Client(cluster, set_as_default=False))
             processes.wait(client)
-            client.register_plugin(WarmKernels())
+            client.register_plugin(KernelLoader())
         except Exception as error:
             raise SurveyError(f"the embedded cluster of {n_workers} processes does not start: {error}") from error
         processes.started.set()
@@ -466,7 +466,7 @@ def end_tasks_and_wait(client: Client, futures: list[Future]) -> None:
     quiet, keys = 0, {future.key for future in futures}
     while quiet < IDLE_CHECKS:
         answers: SimpleQueue[dict[str, bool]] = SimpleQueue()
-        Thread(target=_ask_who_computes, args=(client, keys, answers), name="ask-workers", daemon=True).start()
+        Thread(target=_queue_busy_flags, args=(client, keys, answers), name="ask-workers", daemon=True).start()
         at_work = list[str]()
         with suppress(Empty):  # a frozen worker does not answer, but it computes nothing either
             at_work = [address for address, here in answers.get(timeout=END_SECONDS).items() if here]
@@ -475,7 +475,7 @@ def end_tasks_and_wait(client: Client, futures: list[Future]) -> None:
         time.sleep(LOOK_SECONDS)
 
 
-def _ask_who_computes(client: Client, keys: set[str], answers: SimpleQueue[dict[str, bool]]) -> None:
+def _queue_busy_flags(client: Client, keys: set[str], answers: SimpleQueue[dict[str, bool]]) -> None:
     with suppress(OSError):  # the scheduler is gone, and its workers end
         answers.put(client.run(_is_computing, keys, on_error="ignore"))
 

@@ -39,7 +39,7 @@ class SubmittedTasks(ABC, Generic[Work, Result]):
 
     def __init__(self, client: Client, name: str, lost: str) -> None:
         """Store the client. name: prefix of the tasks' keys in dask. lost: message for a lost scheduler."""
-        self._client, self._lost = client, lost
+        self._client, self._lost_message = client, lost
         self._loop = cast("IOLoop", client.loop)
         self._name = f"{name}-{uuid4().hex}"  # unique, so that dask does not confuse the tasks of two runs
         self._submitted = 0
@@ -145,4 +145,4 @@ class SubmittedTasks(ABC, Generic[Work, Result]):
 
     def lost_error(self) -> ClusterLostError:
         """Return the error for a lost scheduler."""
-        return ClusterLostError(self._lost)
+        return ClusterLostError(self._lost_message)

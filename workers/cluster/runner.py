@@ -35,7 +35,7 @@ from gear_rattle.workers.errors import ClusterLostError, StoppedError, SurveyErr
 from gear_rattle.workers.kinds import AnyRequest, AnyTile, compute_tile, template_of
 from gear_rattle.workers.populations.tiles import GearTile
 from gear_rattle.workers.storage.location import Place, place_of
-from gear_rattle.workers.storage.manifest import recording_tiles
+from gear_rattle.workers.storage.manifest import tile_recorder
 from gear_rattle.workers.storage.store import prepare_for_tiles, require_aligned, write_tile
 from gear_rattle.workers.survey.request import SurveyRequest
 from gear_rattle.workers.survey.template import Template
@@ -80,7 +80,7 @@ def advance_tile(
     """
     if isolated or not is_divisible(request, tile.n_cells):
         return compute_and_write(request, path, tile, isolated)
-    if not (loaded := _load_marks(request)):
+    if not (loaded := _kernel_load_marks(request)):
         compute_partly(request, tile, None, 0.0)  # one cell, to load kernels before times are measured
         loaded.append(True)
     part = compute_partly(request, tile, before, seconds, expected)
@@ -90,7 +90,7 @@ def advance_tile(
 
 
 @lru_cache(maxsize=16)
-def _load_marks(_request: AnyRequest) -> list[bool]:
+def _kernel_load_marks(_request: AnyRequest) -> list[bool]:
     """Return a list that is empty if this process has not loaded the kernels of a request yet.
 
     Returns
@@ -260,7 +260,7 @@ def run_tiles(
         submission = Submission(advance_tile, request, str(place), client, run_state.partial)
         left = {tile.index: tile for tile in tiles}
 
-        with recording_tiles(place) as note:
+        with tile_recorder(place) as note:
 
             def on_ended(record: TileRecord) -> None:
                 note({record.index: record.files})

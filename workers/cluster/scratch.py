@@ -25,7 +25,7 @@ def scratch_directory(root: str | None) -> Iterator[str]:
     str
         Path of the directory.
     """
-    _remove_abandoned(root or tempfile.gettempdir())
+    _remove_abandoned_directories(root or tempfile.gettempdir())
     with tempfile.TemporaryDirectory(prefix=PREFIX, dir=root, ignore_cleanup_errors=True) as path:
         new = os.path.join(path, f"{HELD}.new")
         file = os.open(new, os.O_RDWR | os.O_CREAT, 0o600)
@@ -39,7 +39,7 @@ def scratch_directory(root: str | None) -> Iterator[str]:
             os.close(file)
 
 
-def _remove_abandoned(root: str) -> None:
+def _remove_abandoned_directories(root: str) -> None:
     with suppress(OSError), os.scandir(root) as entries:
         for entry in entries:
             if entry.name.startswith(PREFIX) and entry.is_dir(follow_symlinks=False):

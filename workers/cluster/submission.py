@@ -31,7 +31,7 @@ WORKERLESS_SECONDS = 60.0
 LOST = "the dask scheduler is gone: start one and compute the same request again, which resumes the computation"
 
 
-Found = TileRecord | PartialTile
+TileResult = TileRecord | PartialTile
 
 
 @dataclass(frozen=True)
@@ -45,12 +45,12 @@ class Attempt:
     isolated: bool
 
 
-class Submission(SubmittedTasks[Attempt, Found]):
+class Submission(SubmittedTasks[Attempt, TileResult]):
     """The tiles of one run that are submitted to the cluster and have not ended."""
 
     def __init__(
         self,
-        task: Callable[..., Found],
+        task: Callable[..., TileResult],
         request: AnyRequest,
         path: str,
         client: Client,

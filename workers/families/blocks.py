@@ -71,7 +71,7 @@ def blocks_of(request: SurveyRequest, along: Along = ()) -> list[Block]:
     ]
 
 
-def extended_by_rim(cells: Rectangle, shape: tuple[int, int], before: int = 1) -> Rectangle:
+def extend_by_rim(cells: Rectangle, shape: tuple[int, int], before: int = 1) -> Rectangle:
     """Extend a rectangle by one cell on each side, but not beyond a grid of this shape.
 
     before: 1, or 0 to extend it only after its last row and column.
@@ -96,13 +96,13 @@ def is_within(cell: np.ndarray, cells: Rectangle, columns: int) -> np.ndarray:
     return found
 
 
-def renumbered_in_rectangle(table: Attractors, cells: Rectangle, columns: int) -> Attractors:
+def renumber_in_rectangle(table: Attractors, cells: Rectangle, columns: int) -> Attractors:
     """Return attractors with the numbers of their cells in a rectangle, instead of the numbers in the grid."""
     row, column = np.divmod(table.cell, columns)
     return table.replace(cell=(row - cells.top) * (cells.right - cells.left) + column - cells.left)
 
 
-def renumbered_in_grid(table: Attractors, cells: Rectangle, columns: int) -> Attractors:
+def renumber_in_grid(table: Attractors, cells: Rectangle, columns: int) -> Attractors:
     """Return attractors with the numbers of their cells in the grid, instead of the numbers in a rectangle."""
     row, column = np.divmod(table.cell, cells.right - cells.left)
     return table.replace(cell=(row + cells.top) * columns + column + cells.left)
@@ -127,7 +127,7 @@ def read_attractors(request: SurveyRequest, place: Place, cells: Rectangle, alon
             name: np.asarray(zarr.open_array(place.zarr(), path=name, mode="r")[at]) for name in ATTRACTOR_VARIABLES
         }
     found = attractors_in_slots(values, request.initial_conditions.count)
-    return found._replace(attractors=renumbered_in_grid(found.attractors, cells, request.shape[1]))
+    return found._replace(attractors=renumber_in_grid(found.attractors, cells, request.shape[1]))
 
 
 def read_components(place: Place, block: Block) -> np.ndarray:

@@ -19,13 +19,13 @@ from gear_rattle.workers.families.blocks import (
     COMPONENTS,
     TARGETS,
     Block,
-    extended_by_rim,
+    extend_by_rim,
     is_within,
     position_in_cell,
     read_attractors,
     read_components,
-    renumbered_in_grid,
-    renumbered_in_rectangle,
+    renumber_in_grid,
+    renumber_in_rectangle,
 )
 from gear_rattle.workers.storage.location import Place, place_of
 from gear_rattle.workers.survey.crossings import Crossings
@@ -90,7 +90,7 @@ class BlockSummary(NamedTuple):
     """
 
     sums: Sums
-    ends: ComponentEdges
+    edges: ComponentEdges
     pairs: np.ndarray
 
 
@@ -109,18 +109,18 @@ def continue_into_block(
         The new orbits in the block; their cells are numbered in the grid.
     """
     columns = request.shape[1]
-    cells, frame, tried = block.cells, extended_by_rim(block.cells, request.shape), beside is not None
+    cells, frame, tried = block.cells, extend_by_rim(block.cells, request.shape), beside is not None
     table = read_attractors(request, place_of(path), cells if tried else frame, block.along).attractors
     inside = is_within(table.cell, cells, columns)
     beside = beside or table.take(~inside)
     table = together(table.take(inside), entered)
     order = in_order(table)
     tables = table.take(order), beside
-    here, there = (renumbered_in_rectangle(each, frame, columns) for each in tables)
+    here, there = (renumber_in_rectangle(each, frame, columns) for each in tables)
     top, left = frame.top, frame.left
     piece = Rectangle(cells.top - top, cells.bottom - top, cells.left - left, cells.right - left)
     new = continue_into_piece(here, there, tried, frame.right - left, piece, _kernel_cells(request, frame))
-    return renumbered_in_grid(new, frame, columns)
+    return renumber_in_grid(new, frame, columns)
 
 
 def connect_block(
@@ -137,14 +137,14 @@ def connect_block(
         The components of the block, and their connections to other blocks.
     """
     place, columns = place_of(path), request.shape[1]
-    frame = extended_by_rim(block.cells, request.shape, before=0)
+    frame = extend_by_rim(block.cells, request.shape, before=0)
     found = read_attractors(request, place, frame, block.along).attractors
     n = found.cell.size
     table = together(found, entered, beside)
     order = in_order(table)
     table = table.take(order)
     shape = frame.bottom - frame.top, frame.right - frame.left
-    component = connect_attractors(renumbered_in_rectangle(table, frame, columns), shape, _kernel_cells(request, frame))
+    component = connect_attractors(renumber_in_rectangle(table, frame, columns), shape, _kernel_cells(request, frame))
     inside, where = is_within(table.cell, block.cells, columns), position_in_cell(table.cell)
     mine = np.unique(component[inside & (component > QUIET_FAMILY)])
     numbers = np.full(int(component.max(initial=QUIET_FAMILY)) + 2, NO_FAMILY)  # the last entry is for component −1
@@ -193,9 +193,9 @@ def summarize_block(
     table, of, is_listed = _block_attractors(place, block, found, entered)
     of, columns = component[of], request.shape[1]
     cell, each = np.append(table.cell, beyond.cell), np.append(of, beyond.component)
-    ends = edges_in_part(block.cells, columns, cell, each, crossings)
+    edges = edges_in_part(block.cells, columns, cell, each, crossings)
     pairs = _pairs_in_cells(table.cell[is_listed], of[is_listed])
-    return BlockSummary(sums_of(table, of, columns), ends, pairs)
+    return BlockSummary(sums_of(table, of, columns), edges, pairs)
 
 
 def write_families(
@@ -216,7 +216,7 @@ def write_families(
     found = read_attractors(request, place, cells, block.along)
     _table, component, is_listed = _block_attractors(place, block, found, entered)
     component = component[is_listed]
-    cell, here = renumbered_in_rectangle(found.attractors, cells, request.shape[1]).cell, family[component]
+    cell, here = renumber_in_rectangle(found.attractors, cells, request.shape[1]).cell, family[component]
     target = slots_in_cells(here, cell, slot[component]) if request.slots_follow_families else found.slot
     shape = request.n_slots, cells.bottom - cells.top, cells.right - cells.left
     numbers = np.full((request.n_slots, shape[1] * shape[2]), NO_FAMILY, np.int32)

@@ -27,7 +27,7 @@ from rattle.plot import KIND_COLOURS, Palette, legend_name
 OTHERS = 31  # the last code, for all further families: a pyramid level distinguishes 32 codes, and code 0 is "none"
 FLAG_COLOURS = "flag_colours"  # attribute of a map: the colour of each code
 NONE_COLOUR = "#f4efe3"
-APART = 40.0  # least distance in CIELAB between the colours of two families, if possible
+COLOUR_DISTANCE = 40.0  # least distance in CIELAB between the colours of two families, if possible
 MOST_CELLS = 24_000_000  # families of larger surveys are not drawn
 BAND = 1 << 22  # at most this many numbers, in all slots, are read at a time
 NOT_JOINED = "The families of this survey are not joined yet: wait until all of its tiles are computed."
@@ -123,7 +123,7 @@ def family_names(survey: xr.Dataset, table: xr.Dataset, most: int = OTHERS) -> l
     for number, (kind, *label) in enumerate(zip(*of.values(), strict=True)):
         motion = (label[0], label[1], label[2])
         if kind == PERIODIC:
-            name = legend_name(motion, _contacts_of(survey, table, number))
+            name = legend_name(motion, _count_contact_phases(survey, table, number))
         else:
             name = {CHAOTIC: "chaos"}.get(kind, KINDS[kind])
         letter = f" = {letters[motion]}" if kind == PERIODIC and motion in letters else ""
@@ -131,7 +131,7 @@ def family_names(survey: xr.Dataset, table: xr.Dataset, most: int = OTHERS) -> l
     return found
 
 
-def _contacts_of(survey: xr.Dataset, table: xr.Dataset, number: int) -> int:
+def _count_contact_phases(survey: xr.Dataset, table: xr.Dataset, number: int) -> int:
     """Return how many contact phases a family has where its share is largest; 0 for models without contact phases."""
     if CONTACTS not in survey:
         return 0
@@ -151,7 +151,7 @@ def family_colours(table: xr.Dataset) -> list[str]:
     list[str]
         Colours as "#rrggbb", by the family's number.
     """
-    palette, found = Palette(APART), []
+    palette, found = Palette(COLOUR_DISTANCE), []
     rows = (np.asarray(table[name][: OTHERS - 1]).tolist() for name in ("kind", "m", "n_plus", "n_minus"))
     for kind, *label in zip(*rows, strict=True):
         found.append(palette.next_colour((label[0], label[1], label[2]) if kind == PERIODIC else KINDS[kind]))

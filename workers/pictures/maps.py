@@ -94,8 +94,8 @@ UNITS = {
 }
 FARTHEST_DRAWN = 1e300  # axes reach at most to this value, so that matplotlib's margins do not overflow
 SIGNS = {"+": "₊", "-": "₋"}  # subscripts that name the walls Σ⁺ and Σ⁻
-CAPTION = 110  # at most this many characters in a line of the caption
-ROOM = (512, 512)  # largest number of drawn cells along (epsilon, delta); a map has more pixels than cells
+CAPTION_WIDTH = 110  # at most this many characters in a line of the caption
+MOST_DRAWN_CELLS = (512, 512)  # largest number of drawn cells along (epsilon, delta); a map has more pixels than cells
 SYMMETRIC = "symmetric"  # attribute of a map whose colours are centred at 0
 CODE_COLOURS = ("#f4efe3", "#9ecae1", "#74c476", "#e6550d", "#756bb1", "#636363")
 KIND, PERIODIC_COLOUR = "attractor_kind", "#2f6fb5"
@@ -154,8 +154,8 @@ def map_figure(
     variable : str
         Any variable over (epsilon, delta).
     index : int
-        The number of the orbit or slot, if the variable has a map for each of several. Of two exponents or multipliers
-        the first is shown.
+        The number of the map, from 0, if the variable has a map for each orbit or slot; else 0. If an attractor has two
+        exponents or multipliers, the map shows the first.
     opened : OpenGroup | None
         Function that opens a pyramid level of the survey, which is faster than reading all cells; None: read all cells.
     look : Look
@@ -176,7 +176,7 @@ def map_figure(
     """
     if look.delta or look.epsilon:
         dataset, opened = look.cut_to_window(dataset), None  # pyramid levels cover all cells, not a window
-    shown = reduce_map(dataset, variable, index, ROOM, opened)
+    shown = reduce_map(dataset, variable, index, MOST_DRAWN_CELLS, opened)
     plane = plane_of(shown, variable, index if shown is dataset else 0)
     with report_damage(f"the map of {variable}"):
         plane = mask_nonperiodic(shown, plane.load(), index) if shown is dataset else plane
@@ -200,7 +200,7 @@ def map_figure(
     if POINTS in lines:
         draw_points_over(axes, dataset, curves)
     if look.caption:
-        figure.supxlabel("\n".join(wrap(look.caption, CAPTION)), x=0.01, ha="left", fontsize=7, parse_math=False)
+        figure.supxlabel("\n".join(wrap(look.caption, CAPTION_WIDTH)), x=0.01, ha="left", fontsize=7, parse_math=False)
     return figure
 
 
@@ -364,7 +364,7 @@ def _dim_cells_without_family(axes: Axes, dataset: xr.Dataset, family: int) -> N
     with report_damage(f"the map of {SHARE}"):
         values = drawn_numbers(share)
     shape = values.shape[0], values.shape[1]
-    level = level_part_for(possible_levels(shape), (0, 0), shape, ROOM).level
+    level = level_part_for(possible_levels(shape), (0, 0), shape, MOST_DRAWN_CELLS).level
     along, across = level.cells if level else (1, 1)
     shown = FinerCells(
         level_centres(dataset["delta"].values, across),

@@ -23,7 +23,7 @@ DIRECTIONS = (
 )  # directions from a mark to its name, in the order in which they are tried
 GAPS = (8.0, 20.0, 34.0, 50.0, 70.0, 95.0, 125.0)  # pixels between a mark and its name
 MARK = 6.0  # half a side of the square that a mark fills
-SAMPLES = np.linspace(0.1, 1.0, 24)[:, None]  # positions of the tested points along a leader, from mark (0) to name (1)
+LEADER_POSITIONS = np.linspace(0.1, 1.0, 24)[:, None]  # of the tested points, from mark (0) to name (1)
 
 
 class PlacedName(NamedTuple):
@@ -111,7 +111,7 @@ def _first_free_place(
 
 def _leader_points(mark: Array, end: tuple[float, float] | None) -> Array:
     """Return points (k, 2) along the leader from a mark to `end`; an empty array if `end` is None (no leader)."""
-    return np.empty((0, 2)) if end is None else mark + SAMPLES * (np.array(end) - mark)
+    return np.empty((0, 2)) if end is None else mark + LEADER_POSITIONS * (np.array(end) - mark)
 
 
 def _is_leader_in_box(leader: Array, box: Box) -> bool:

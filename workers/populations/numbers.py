@@ -87,7 +87,7 @@ AnyDistribution = Annotated[
 ]
 
 
-def _number_or_distribution(value: Any, handler: ValidatorFunctionWrapHandler) -> Any:
+def _validate_number_or_distribution(value: Any, handler: ValidatorFunctionWrapHandler) -> Any:
     """Validate a field for a number or a distribution. Raises one error for a wrong value."""
     try:
         return handler(value)
@@ -101,7 +101,7 @@ def _number_or_distribution(value: Any, handler: ValidatorFunctionWrapHandler) -
 
 #: A field for a number or a distribution. A wrong value is reported once: as a wrong distribution if it is an object
 #: with fields, else as a wrong number.
-Number = Annotated[Real | AnyDistribution | None, WrapValidator(_number_or_distribution)]
+Number = Annotated[Real | AnyDistribution | None, WrapValidator(_validate_number_or_distribution)]
 
 
 if TYPE_CHECKING:

@@ -150,7 +150,7 @@ def attributes_of(place: Place) -> dict[str, Any]:
 
 
 @contextmanager
-def recording_tiles(place: Place) -> Iterator[RecordTiles]:
+def tile_recorder(place: Place) -> Iterator[RecordTiles]:
     """Yield a function that records written tiles in the manifest.
 
     The caller holds the lock of the store, and changes nothing else in the manifest in this context. If the process is
@@ -212,10 +212,10 @@ def set_attributes(place: Place, attributes: Mapping[str, Any]) -> None:
     known = json.loads(root)["attributes"]
     changed = {name: value for name, value in {**known, **attributes}.items() if value is not None}
     if changed != known:
-        replace_root(place, manifest, with_attributes(root, changed), manifest)
+        replace_root(place, manifest, replace_attributes(root, changed), manifest)
 
 
-def with_attributes(root: bytes, attributes: Mapping[str, Any]) -> bytes:
+def replace_attributes(root: bytes, attributes: Mapping[str, Any]) -> bytes:
     """Return the content of a root with its attributes replaced."""
     kept: dict[str, Buffer] = {ROOT: cpu.Buffer.from_bytes(root)}
     with zarr.config.set(COMPACT):

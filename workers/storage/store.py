@@ -22,6 +22,7 @@ from gear_rattle.workers.storage.manifest import (
     attributes_of,
     manifest_of,
     read_file,
+    replace_attributes,
     replace_root,
     require_manifest,
     require_store,
@@ -29,7 +30,6 @@ from gear_rattle.workers.storage.manifest import (
     unchecked_attributes,
     update_metadata,
     whole_root,
-    with_attributes,
 )
 from gear_rattle.workers.survey.levels.grid import GROUP as LEVELS
 from gear_rattle.workers.survey.manifest import MANIFEST, ROOT, Manifest, chunk_key, file_digests
@@ -54,12 +54,12 @@ if TYPE_CHECKING:
     import xarray as xr
 
 
-Make = Callable[[AnyRequest, str | None], Template]
+TemplateMaker = Callable[[AnyRequest, str | None], Template]
 KEPT = COMPLETED, ROUNDS  # attributes that a repaired root keeps, because the template does not contain them
 _blank = lru_cache(maxsize=16)(empty_arrays)
 
 
-def create_store(request: AnyRequest, where: str | Path | Place, make: Make | None = None) -> None:
+def create_store(request: AnyRequest, where: str | Path | Place, make: TemplateMaker | None = None) -> None:
     """Create the empty store of a survey or population, or accept and repair the store of an earlier, equal request.
 
     The new store appears complete, in one step. In an earlier store, damaged files that belong to no tile (for
@@ -68,7 +68,7 @@ def create_store(request: AnyRequest, where: str | Path | Place, make: Make | No
 
     Parameters
     ----------
-    make : Make | None
+    make : TemplateMaker | None
         Function that computes the template, by default `template_of`. It may use a cluster, because it may take long.
 
     Raises
@@ -94,7 +94,7 @@ def _is_damaged(place: Place, manifest: Manifest | None) -> bool:
     return manifest is None or bool(damaged_template_files(place, manifest))
 
 
-def _repair(request: AnyRequest, place: Place, make: Make) -> None:
+def _repair(request: AnyRequest, place: Place, make: TemplateMaker) -> None:
     """Write the template over a damaged store, root and manifest last. Families and levels are computed again later."""
     manifest = _require_same_survey(request, place)
     if not _is_damaged(place, manifest):
@@ -114,7 +114,7 @@ def _repair(request: AnyRequest, place: Place, make: Make) -> None:
         after.tiles.update(manifest.tiles)
     attributes = json.loads(template[ROOT])["attributes"]
     kept = {name: trusted[name] for name in KEPT if name in trusted}
-    replace_root(place, manifest or after, with_attributes(template[ROOT], attributes | kept), after)
+    replace_root(place, manifest or after, replace_attributes(template[ROOT], attributes | kept), after)
 
 
 def _decodable_tiles(request: AnyRequest, place: Place) -> Iterator[tuple[int, dict[str, str]]]:

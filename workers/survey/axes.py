@@ -65,7 +65,7 @@ def _require_printable(name: str) -> str:
 Name = Annotated[str, Field(max_length=200), AfterValidator(_require_printable)]
 
 
-def _python_numbers(given: Mapping[str, Any]) -> dict[str, Any]:
+def _convert_numpy_numbers(given: Mapping[str, Any]) -> dict[str, Any]:
     """Return fields with numpy's numbers replaced by Python's, because strict fields refuse numpy's types."""
     return {name: value.item() if isinstance(value, np.generic) else value for name, value in given.items()}
 
@@ -78,7 +78,7 @@ class StrictRecord(BaseModel):
     @model_validator(mode="before")
     @classmethod
     def _convert_numbers(cls, given: Any) -> Any:
-        return _python_numbers(given) if isinstance(given, Mapping) else given
+        return _convert_numpy_numbers(given) if isinstance(given, Mapping) else given
 
 
 class Axis(StrictRecord):
@@ -93,7 +93,7 @@ class Axis(StrictRecord):
     def _accept_triple(cls, given: Any) -> Any:
         """Convert a tuple (start, stop, num) to fields. Raises ValueError for a value of another kind."""
         if isinstance(given, tuple) and len(given) == len(cls.model_fields):
-            return _python_numbers(dict(zip(cls.model_fields, given, strict=True)))
+            return _convert_numpy_numbers(dict(zip(cls.model_fields, given, strict=True)))
         if not isinstance(given, Mapping | cls):
             raise ValueError("an axis has start, stop and num: a triple in Python, an object with these names in JSON")
         return given

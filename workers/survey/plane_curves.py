@@ -48,7 +48,15 @@ class CurveVariable:
     values: Callable[[Any], Any]
 
     def stored_values(self, item: Any) -> np.ndarray:
-        """Return the variable's values for an object, in the stored type; an empty array for a `MissingCurve`."""
+        """Return the values of the variable for `item`, in the stored type.
+
+        item: a curve, the codimension-two points or the families, whichever the variable describes.
+
+        Returns
+        -------
+        np.ndarray
+            For a `MissingCurve` an array of length 0 along its points.
+        """
         if isinstance(item, MissingCurve):
             return np.empty([2 if dim == "multiplier" else 0 for dim in self.dims], self.dtype)
         return np.asarray(self.values(item), self.dtype)

@@ -25,12 +25,12 @@ class Refine(StrictRecord):
     bound: Annotated[Real, Field(gt=0, lt=1)] | None = None
 
 
-def _refine_options(value: Any) -> Any:
-    """Return the default options for True and None for False; return any other value unchanged."""
+def _replace_bool_by_options(value: Any) -> Any:
+    """Return the default options if the value is True, None if it is False, and any other value unchanged."""
     return (Refine() if value else None) if isinstance(value, bool) else value
 
 
-RefineOrNot = BeforeValidator(_refine_options)
+RefineOrNot = BeforeValidator(_replace_bool_by_options)
 
 
 def require_refinable(quantities: Iterable[Group], model: str) -> None:

@@ -3,7 +3,7 @@
 import numpy as np
 
 from gear_rattle.workers.survey.values.cells import Cells
-from gear_rattle.workers.survey.values.evaluate import Evaluate, in_slots
+from gear_rattle.workers.survey.values.evaluate import Evaluate, arrange_in_slots
 from gear_rattle.workers.survey.values.schema import CELL, Group, Quantity
 from rattle.intensity import natural_energy
 
@@ -40,7 +40,7 @@ def _levels_in_db(energy: np.ndarray, delta: np.ndarray) -> np.ndarray:
 
 
 def _slot_evaluator(field: str) -> Evaluate:
-    return lambda cells: in_slots(cells, _attractor_values(cells, field), np.nan, "float64")
+    return lambda cells: arrange_in_slots(cells, _attractor_values(cells, field), np.nan, "float64")
 
 
 def _sample_mean(cells: Cells, values: np.ndarray) -> np.ndarray:
