@@ -47,7 +47,7 @@ SLOT_DIMS = ("attractor", *CELL)
 AT_ONCE = 32  # number of motions that one task proves
 IDENTITY_ATTRIBUTE = "survey_content_hash"  # attribute of a store of certificates that identifies the survey
 
-Place = tuple[int, int, int]  # slot, and index of the cell along ε and along δ
+Place = tuple[int, int, int]  # slot of an attractor, row (along ε) and column (along δ) of its cell
 #: For each attractor its place, with its certificate as a dictionary or the reason why it has none.
 ProofResults = list[tuple[Place, dict[str, Any] | str]]
 
@@ -55,7 +55,7 @@ ProofResults = list[tuple[Place, dict[str, Any] | str]]
 class AttractorClaim(NamedTuple):
     """A periodic attractor to prove.
 
-    place: the attractor's slot, and the indices of its cell along ε and δ. tau, v: a state on the attractor. label:
+    place: the attractor's slot, and the row and the column of its cell. tau, v: a state on the attractor. label:
     (m, n₊, n₋).
     """
 
@@ -402,7 +402,7 @@ def _checksums(out: Path, files: Iterable[str]) -> dict[str, str]:
 def _write_variables(survey: xr.Dataset, out: Path, radii: dict[Place, float]) -> xr.Dataset:
     """Write the variables that follow from the certificates, and return them as a dataset.
 
-    radii: `time_radius` of the certificate of each proved attractor, by the attractor's place.
+    radii: `time_radius` of the certificate of each proved attractor, by its place (slot, row and column of its cell).
 
     Returns
     -------
@@ -433,7 +433,7 @@ def _write_variables(survey: xr.Dataset, out: Path, radii: dict[Place, float]) -
     }
     found = xr.Dataset(variables, coordinates, attributes)
     with warnings.catch_warnings():
-        # zarr warns that other libraries may not read consolidated metadata.
+        # zarr warns that other libraries may ignore consolidated metadata, which is harmless.
         warnings.simplefilter("ignore", ZarrUserWarning)
         found.to_zarr(out, mode="a", zarr_format=3)
     return found

@@ -70,5 +70,5 @@ def complete(
         join_survey(request, where, each, at_once)
     if lacks_levels(request, where):  # levels are built after families are joined, because the join changes slots
         make_levels(request, where, each)
-    if lacks_certificates(request, where):  # certificates name slots, which the join changes
+    if lacks_certificates(request, where):  # last, because certificates name slots, and joining families changes slots
         prove_survey(request, where, each, at_once, on_proved, should_pause)

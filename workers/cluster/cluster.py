@@ -76,7 +76,7 @@ logger = logging.getLogger(__name__)
 
 
 class KernelLoader(WorkerPlugin):
-    """Load the kernels before a worker's first tile, compiling them if necessary, also on a restarted worker."""
+    """A plugin that loads the kernels on each worker before its first tile, also on a restarted worker."""
 
     name = "gear-rattle-kernels"
 
@@ -167,7 +167,7 @@ def _block_interrupts() -> Iterator[None]:
 
 
 class _WorkerProcesses:
-    """Start the process that starts the nannies and workers. If this process is killed, start it again.
+    """Keeps the process alive that starts the nannies and workers: if it is killed, another one is started.
 
     Parameters
     ----------
@@ -224,7 +224,7 @@ class _WorkerProcesses:
             self._over.wait(WATCH_SECONDS)
 
     def _run(self) -> None:
-        """Start the process, wait until it ends or must end, and end all its descendants."""
+        """Start the process of the nannies, wait until it ends or `_over` is set, then kill it and its descendants."""
         command = [sys.executable, "-m", nannies.__name__]
         # The process has a session of its own, so a terminal's Ctrl-C does not reach it. It ends when its stdin closes.
         with subprocess.Popen(command, stdin=subprocess.PIPE, env=_environment(), start_new_session=True) as process:
@@ -235,7 +235,7 @@ class _WorkerProcesses:
                     process.stdin.flush()
                 while process.poll() is None and not self._over.wait(WATCH_SECONDS):
                     if not self.started.is_set() and self._should_stop():
-                        # dask would log all tasks that fail because the cluster does not start.
+                        # Without this, the log would list every asyncio task that the cancelled start-up leaves behind.
                         logging.getLogger("asyncio").setLevel(logging.CRITICAL)
                         self._over.set()
             finally:
@@ -347,7 +347,7 @@ def connect(url: str) -> Iterator[Client]:
             client = stack.enter_context(Client(url, timeout=CONNECT_SECONDS, set_as_default=False))
             client.wait_for_workers(1, timeout=CONNECT_SECONDS)
         except (OSError, ValueError, TypeError, RuntimeError) as error:
-            # TypeError and RuntimeError come from wrong settings of TLS.
+            # Wrong settings of TLS raise TypeError or RuntimeError.
             raise ClusterLostError(
                 f"no dask scheduler with workers answers at {url} ({error}): start both, or correct the address or the "
                 "settings of TLS"
@@ -439,7 +439,8 @@ def end_processes(client: Client, addresses: list[str]) -> None:
         ending = partial(client.run, _end_process, workers=addresses, wait=False, on_error="ignore")
         thread = Thread(target=ending, name="end-processes", daemon=True)
         thread.start()
-        deadline = time.monotonic() + END_SECONDS  # wait, because dask may send tasks to dying workers
+        # Wait until the workers are gone, because until then dask may send tasks to them.
+        deadline = time.monotonic() + END_SECONDS
         with suppress(OSError):
             while time.monotonic() < deadline and not client.nthreads().keys().isdisjoint(addresses):
                 time.sleep(LOOK_SECONDS)
@@ -476,7 +477,8 @@ def end_tasks_and_wait(client: Client, futures: list[Future]) -> None:
 
 
 def _queue_busy_flags(client: Client, keys: set[str], answers: SimpleQueue[dict[str, bool]]) -> None:
-    with suppress(OSError):  # the scheduler is gone, and its workers end
+    """Put {address of a worker: whether it computes one of the tasks `keys`} into `answers`."""
+    with suppress(OSError):  # the scheduler is gone: its workers end, and nothing is put
         answers.put(client.run(_is_computing, keys, on_error="ignore"))
 
 

@@ -88,7 +88,9 @@ def _receive_outcomes(stream: IO[bytes]) -> Iterator[CellOutcome]:
     try:
         pickle.load(stream)
     except (EOFError, pickle.UnpicklingError):
-        raise RuntimeError("the process of a tile does not start: see the worker's log") from None
+        raise RuntimeError(
+            "the process that computes the cells of a tile does not start: see the worker's log"
+        ) from None
     while True:
         try:
             received = pickle.load(stream)

@@ -81,7 +81,7 @@ def advance_tile(
     if isolated or not is_divisible(request, tile.n_cells):
         return compute_and_write(request, path, tile, isolated)
     if not (loaded := _kernel_load_marks(request)):
-        compute_partly(request, tile, None, 0.0)  # one cell, to load kernels before times are measured
+        compute_partly(request, tile, None, 0.0)  # computes one cell, so that no measured time includes loading kernels
         loaded.append(True)
     part = compute_partly(request, tile, before, seconds, expected)
     if not part.is_whole:
@@ -91,12 +91,12 @@ def advance_tile(
 
 @lru_cache(maxsize=16)
 def _kernel_load_marks(_request: AnyRequest) -> list[bool]:
-    """Return a list that is empty if this process has not loaded the kernels of a request yet.
+    """Return the list in which this process notes that it has loaded the kernels of a request.
 
     Returns
     -------
     list[bool]
-        The same list for equal requests, from the cache. The caller appends to it after loading the kernels.
+        At first empty; the caller appends True after loading the kernels. For equal requests it is the same list.
     """
     return []
 
@@ -141,7 +141,8 @@ def _compute_template(
     future.add_done_callback(ended.put)
     try:
         while not should_stop():
-            with suppress(Empty):  # a queue, because dask's `result` sometimes misses its timeout on Python 3.12
+            with suppress(Empty):
+                # Wait by a queue, because dask's `future.result(timeout)` sometimes misses its timeout on Python 3.12.
                 ended.get(timeout=POLL_SECONDS)
                 template: Template = future.result()
                 return template

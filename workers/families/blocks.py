@@ -74,7 +74,7 @@ def blocks_of(request: SurveyRequest, along: Along = ()) -> list[Block]:
 def extend_by_rim(cells: Rectangle, shape: tuple[int, int], before: int = 1) -> Rectangle:
     """Extend a rectangle by one cell on each side, but not beyond a grid of this shape.
 
-    before: 1, or 0 to extend it only after its last row and column.
+    before: 1 to extend it on all sides, 0 to extend it only after its last row and column.
 
     Returns
     -------
@@ -131,14 +131,15 @@ def read_attractors(request: SurveyRequest, place: Place, cells: Rectangle, alon
 
 
 def read_components(place: Place, block: Block) -> np.ndarray:
-    """Return for each attractor of a block the number of its component (connected part of a family), sorted by cell.
+    """Return the number of the component (connected part of a family) of each attractor of a block.
 
-    The attractors are those that a slot lists and the orbits that were continued into the block.
+    The attractors, sorted by cell, are those that a slot lists and the orbits that were continued into the block.
 
     Returns
     -------
     np.ndarray
-        Shape (attractors,), int64; −1 for the row that stands for the undecided samples of a cell.
+        Shape (attractors,), int64. −1 in an entry that stands for the undecided samples of a cell, which a slot lists
+        like an attractor.
     """
     with report_damage(f"a temporary file of {place}"):
         return np.frombuffer(place.read(block.temporary_key(COMPONENTS)), np.int32).astype(np.int64)

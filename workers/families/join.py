@@ -93,7 +93,7 @@ def join_survey(
 
 
 class _Join:
-    """The join of one slice's attractors to families. A summary and the border of each block are in memory."""
+    """Joins the attractors of one slice to families. Of each block only a summary and the border are in memory."""
 
     def __init__(self, survey: SurveyRequest, place: Place, each: RunForEach, at_once: int, along: Along) -> None:
         self.along, self._survey, self._request = along, survey, survey.slice_request(along)
@@ -141,10 +141,10 @@ class _Join:
         return [i for i in found if i is not None]
 
     def _rows_around(self, block: Block, tables: Sequence[Rows], before: int = 1) -> Rows:
-        """Return the attractors in the cells just around a block, from the tables of the blocks around it.
+        """Return the attractors in the cells that touch a block from outside, from the tables of the blocks around it.
 
-        tables: a table of attractors for each block. before: 1 for all cells around the block, 0 for only the cells
-        after its last row and column.
+        tables: a table of attractors for each block. before: 1 for the cells on all sides of the block, 0 for only the
+        cells just after its last row and column.
 
         Returns
         -------
@@ -231,7 +231,8 @@ class _Join:
         Returns
         -------
         list[BlockSummary]
-            For each block the sums and edges of its components, and the pairs of components that share a cell.
+            For each block its components' sums (see `Sums`) and edges (pairs of neighbouring cells of which exactly one
+            has the component), and the pairs of components that share a cell.
         """
         delta, epsilon = self._request.delta.values(), self._request.epsilon.values()
         crossings = [crossings_of(curve, delta, epsilon) for curve in curves.values()]

@@ -46,7 +46,7 @@ from rattle.families import (
 )
 from rattle.numerics import StructOfArrays
 
-POSITIONS = 1 << 16  # every cell has fewer attractors than this
+POSITIONS = 1 << 16  # larger than the number of attractors of any cell, so that `BorderAttractors.key` is unique
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,8 +72,8 @@ class BlockComponents(NamedTuple):
     """The components (connected parts of families) of a block.
 
     number: how many components the block has; component 0 is quiet running. first: the attractors in the block's first
-    row and column. beyond: the attractors just after the block's last row and column that are connected with a
-    component of the block. entered: the component of each orbit that was continued into the block.
+    row and first column. beyond: those attractors in the cells just after the block's last row and column that belong
+    to a component of the block. entered: the component of each orbit that was continued into the block.
     """
 
     number: int
@@ -85,8 +85,8 @@ class BlockComponents(NamedTuple):
 class BlockSummary(NamedTuple):
     """Summary of the components (connected parts of families) in a block.
 
-    sums: properties that can be added to those of other blocks. ends: the edges of the components.
-    pairs (k, 2): each row has the numbers of two components that slots of the same cell list.
+    sums: properties that are added to those of other blocks. edges: the edges of the components (see
+    `ComponentEdges`). pairs (k, 2): the numbers of each two components that slots of the same cell list.
     """
 
     sums: Sums
@@ -226,7 +226,7 @@ def write_families(
     kept: dict[str, Buffer] = {}
     array = create_family_array(zarr.create_group(MemoryStore(kept), zarr_format=3), request, block.side)
     array[:, cells.top : cells.bottom, cells.left : cells.right] = numbers.reshape(shape)
-    # the array in memory has no third axis, so the chunk has another key there than in the store, but the same bytes
+    # The array in memory has no third axis, so there the chunk has another key than in the store, but the same bytes.
     content = kept[replace(block, along=()).chunk].to_bytes()
     place.put(block.chunk, content)
     return digest(content)

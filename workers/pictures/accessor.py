@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import xarray as xr
 
-if TYPE_CHECKING:  # matplotlib takes half a second to import
+if TYPE_CHECKING:  # not imported at run time, because matplotlib takes long to import
     from matplotlib.figure import Figure
 
 

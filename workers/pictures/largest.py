@@ -132,7 +132,7 @@ def family_names(survey: xr.Dataset, table: xr.Dataset, most: int = OTHERS) -> l
 
 
 def _count_contact_phases(survey: xr.Dataset, table: xr.Dataset, number: int) -> int:
-    """Return how many contact phases a family has where its share is largest; 0 for models without contact phases."""
+    """Return a family's number of contact phases in m forcing periods, in the cell with its largest share; else 0."""
     if CONTACTS not in survey:
         return 0
     at = {axis: float(table[f"{axis}_at"][number]) for axis in CELL}
@@ -208,7 +208,7 @@ class _FamilyMaps(BackendArray):
         return found.reshape([size for each in asked for size in np.shape(each)])
 
     def _maps_in_window(self, index: np.ndarray, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
-        """Return the values of the maps with the numbers `index`, in these rows and columns."""
+        """Return the values (maps, rows, columns) of the maps with the numbers `index`, in these rows and columns."""
         spans = dict(zip(CELL, ((each.min(), each.max() + 1) for each in (rows, columns)), strict=True))
         window = {axis: slice(int(low), int(high)) for axis, (low, high) in spans.items()}
         cells = np.ix_(rows - rows.min(), columns - columns.min())

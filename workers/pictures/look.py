@@ -12,7 +12,7 @@ from gear_rattle.workers.survey.values.quantities import QUANTITIES
 from gear_rattle.workers.survey.values.schema import OF_PERIODIC, SLOT
 from rattle.curves import NAMES
 
-if TYPE_CHECKING:  # not imported at run time: matplotlib takes a second to import, and only drawing needs it
+if TYPE_CHECKING:  # not imported at run time, because matplotlib takes long to import, and only drawing needs it
     import xarray as xr
     from matplotlib.colors import Normalize
 

@@ -94,8 +94,8 @@ UNITS = {
 }
 FARTHEST_DRAWN = 1e300  # axes reach at most to this value, so that matplotlib's margins do not overflow
 SIGNS = {"+": "₊", "-": "₋"}  # subscripts that name the walls Σ⁺ and Σ⁻
-CAPTION_WIDTH = 110  # at most this many characters in a line of the caption
-MOST_DRAWN_CELLS = (512, 512)  # largest number of drawn cells along (epsilon, delta); a map has more pixels than cells
+CAPTION_WIDTH = 110  # most characters in a line of the caption below a map
+MOST_DRAWN_CELLS = (512, 512)  # along (epsilon, delta): fewer than a map has pixels, so that every cell is visible
 SYMMETRIC = "symmetric"  # attribute of a map whose colours are centred at 0
 CODE_COLOURS = ("#f4efe3", "#9ecae1", "#74c476", "#e6550d", "#756bb1", "#636363")
 KIND, PERIODIC_COLOUR = "attractor_kind", "#2f6fb5"
@@ -351,7 +351,7 @@ def valueless_layers(
 
 
 def draw_legend(axes: Axes) -> None:
-    """Draw a legend below the map for lines and for colours that the colour bar does not explain, if there are any."""
+    """Draw a legend below the map, if there are lines, or colours that the colour bar does not explain."""
     if axes.get_legend_handles_labels()[1]:
         axes.legend(
             loc="upper center", bbox_to_anchor=(0.5, -0.13), ncols=5, columnspacing=1.2, fontsize=8, frameon=False
@@ -359,7 +359,7 @@ def draw_legend(axes: Axes) -> None:
 
 
 def _dim_cells_without_family(axes: Axes, dataset: xr.Dataset, family: int) -> None:
-    """Dim the cells without a family. A cell of a reduced map stays bright if any of the cells in it has the family."""
+    """Dim the cells that lack the family `family`. A cell of a reduced map is dimmed if all cells in it lack it."""
     share = plane_of(dataset, SHARE, family)
     with report_damage(f"the map of {SHARE}"):
         values = drawn_numbers(share)
@@ -410,7 +410,8 @@ def _is_listed(plane: xr.DataArray, code: int, values: np.ndarray) -> bool:
 def colours_of_codes(plane: xr.DataArray) -> Sequence[str]:
     """Return the colour of each code of a map of codes."""
     own = str(plane.attrs.get(FLAG_COLOURS, "")).split()
-    if plane.name == LARGEST and plane.coords[AMONG] == WHICH[1]:  # on this map code 0 means only quiet running
+    # On the map of the families other than quiet running, code 0 (no such family) means only quiet running.
+    if plane.name == LARGEST and plane.coords[AMONG] == WHICH[1]:
         own[0] = KIND_COLOURS["quiet"]
     return own or {"region": REGION_COLOURS, KIND: COLOURS_OF_KINDS}.get(str(plane.name), CODE_COLOURS)
 

@@ -27,7 +27,10 @@ LEADER_POSITIONS = np.linspace(0.1, 1.0, 24)[:, None]  # of the tested points, f
 
 
 class PlacedName(NamedTuple):
-    """The place of a name in pixels. leader: the end of the line that joins mark and name, None without such a line."""
+    """The position of a name on a picture, in pixels.
+
+    centre: the middle of the name. leader: where the line from the mark ends at the name; None without such a line.
+    """
 
     centre: tuple[float, float]
     leader: tuple[float, float] | None

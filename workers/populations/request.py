@@ -150,7 +150,7 @@ class PopulationRequest(StrictRecord):
 
     @property
     def samples(self) -> int:
-        """The largest possible number of samples, including additional samples of gears tested for passing."""
+        """The largest possible number of samples of all gears, with the additional ones of gears tested for passing."""
         judging = self.plan.sample_counts[-1] if self.share is not None else 0
         return self.n_cells * self.count + self.plan.n_judged * judging
 

@@ -112,7 +112,7 @@ def require_store(place: Place) -> None:
     """Raise StorageError if nothing is at a store's place. Its disk may come back, so it does not count as damaged."""
     if not place.is_occupied():
         raise StorageError(
-            f"{place} is gone: it was moved or deleted, or its disk is away. Bring it back, or compute it again"
+            f"{place} is gone: it was moved or deleted, or its disk is not mounted. Bring it back, or compute it again"
         )
 
 

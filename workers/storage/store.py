@@ -120,7 +120,7 @@ def _repair(request: AnyRequest, place: Place, make: TemplateMaker) -> None:
 def _decodable_tiles(request: AnyRequest, place: Place) -> Iterator[tuple[int, dict[str, str]]]:
     """Yield index and chunk digests of each tile whose chunks decode and which has no uncomputed cell.
 
-    They replace the lost or damaged manifest of a store.
+    From these entries a lost or damaged manifest of a store is written again.
 
     Yields
     ------

@@ -131,7 +131,7 @@ else:
 
 
 class _CommonFields(StrictRecord):
-    """The first fields of a survey request in documents: name, model and half-backlash."""
+    """The fields that the JSON of a survey request begins with: name, model and half-backlash."""
 
     name: Name = ""
     model: ModelName = ModelName(DEFAULT_MODEL)
@@ -266,7 +266,9 @@ class SurveyRequest(_ModelFields):
                 raise ValueError(f'only the {owner} model has {name}: set model to "{owner}", or leave {name} out')
         with_harmonics(MODELS[self.model](), self.harmonics)  # raises an error if the model refuses the harmonics
         if len(self.third_axis) > 1:
-            raise ValueError(f"a survey has one third axis: give one number for {', or for '.join(self.third_axis)}")
+            raise ValueError(
+                f"a survey has at most one third axis: give a number, not an axis, for {' or '.join(self.third_axis)}"
+            )
         if self.slots_by == BY_FAMILY and Group.FAMILIES not in self.quantities:
             raise ValueError("slots_by family needs families: add families to quantities, or leave slots_by out")
         known = groups_of(self.model, bool(self.harmonics))

@@ -15,7 +15,8 @@ SLOT = "attractor"  # the dimension of slots
 FIXED = OTHERS  # names of the parameters other than δ and ε, each of which has one value in a whole slice
 #: Variables that are meaningful for periodic attractors only. For other attractors they describe an arbitrary state.
 OF_PERIODIC = frozenset({"attractor_phase"})
-PARTS = {"real": "real part", "imag": "imaginary part"}  # the parts of a complex variable are stored separately
+#: {attribute of a complex number: its description}. A store has a variable for each of these parts.
+PARTS = {"real": "real part", "imag": "imaginary part"}
 
 
 class Group(StrEnum):
