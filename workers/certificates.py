@@ -47,9 +47,9 @@ SLOT_DIMS = ("attractor", *CELL)
 AT_ONCE = 32  # number of motions that one task proves
 IDENTITY_ATTRIBUTE = "survey_content_hash"  # attribute of a store of certificates that identifies the survey
 
-Place = tuple[int, int, int]  # slot of an attractor, row (along ε) and column (along δ) of its cell
+AttractorPlace = tuple[int, int, int]  # slot of an attractor, row (along ε) and column (along δ) of its cell
 #: For each attractor its place, with its certificate as a dictionary or the reason why it has none.
-ProofResults = list[tuple[Place, dict[str, Any] | str]]
+ProofResults = list[tuple[AttractorPlace, dict[str, Any] | str]]
 
 
 class AttractorClaim(NamedTuple):
@@ -59,7 +59,7 @@ class AttractorClaim(NamedTuple):
     (m, n₊, n₋).
     """
 
-    place: Place
+    place: AttractorPlace
     model: Model
     delta: float
     epsilon: float
@@ -206,12 +206,12 @@ def certify_survey(
         raise refusal from error
 
 
-def _open_or_create(survey: xr.Dataset, out: Path) -> dict[Place, float]:
+def _open_or_create(survey: xr.Dataset, out: Path) -> dict[AttractorPlace, float]:
     """Open a store of certificates, or create it empty. A damaged store is emptied.
 
     Returns
     -------
-    dict[Place, float]
+    dict[AttractorPlace, float]
         `time_radius` of each stored certificate, by slot and by the cell's indices along ε and δ: the half-width of the
         intervals of impact times in which the motion is unique.
 
@@ -242,7 +242,7 @@ def _open_or_create(survey: xr.Dataset, out: Path) -> dict[Place, float]:
     (out / CHECKSUMS_FILE).unlink(missing_ok=True)
     certificates = out / CERTIFICATES
     lines = certificates.read_bytes().splitlines(keepends=True) if certificates.exists() else []
-    radii: dict[Place, float] = {}
+    radii: dict[AttractorPlace, float] = {}
     for line in lines:
         try:
             each = json.loads(line)
@@ -399,7 +399,7 @@ def _checksums(out: Path, files: Iterable[str]) -> dict[str, str]:
     return found
 
 
-def _write_variables(survey: xr.Dataset, out: Path, radii: dict[Place, float]) -> xr.Dataset:
+def _write_variables(survey: xr.Dataset, out: Path, radii: dict[AttractorPlace, float]) -> xr.Dataset:
     """Write the variables that follow from the certificates, and return them as a dataset.
 
     radii: `time_radius` of the certificate of each proved attractor, by its place (slot, row and column of its cell).

@@ -81,7 +81,7 @@ class CompletionTasks(SubmittedTasks[_TaskAttempt, Any]):
         return found
 
     def batch_size(self) -> int:
-        """Return the number of tasks of a batch: many for each thread, because at a batch's end threads are idle."""
+        """Return the number of tasks of a batch: several for each thread, so that the threads are seldom idle."""
         return TASKS_PER_THREAD * max(self.count_threads(WORKERLESS_SECONDS), 1)
 
     def handle_error(self, task: Task[_TaskAttempt], error: BaseException) -> None:

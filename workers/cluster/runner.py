@@ -297,7 +297,7 @@ def run_tiles(
                 if not should_stop():
                     _run_submission(submission, waiting, on_ended, *asked, on_part)
                 if submission.superseded and isinstance(request, SurveyRequest) and request.has_bound:
-                    # Later rounds of audits write some tiles again. An old attempt at such a tile would overwrite it.
+                    # Later rounds of audits write some tiles again; an old attempt still running would overwrite them.
                     end_tasks_and_wait(client, submission.superseded)
             finally:
                 submission.cancel()

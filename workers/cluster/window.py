@@ -158,7 +158,7 @@ class WindowGrid:
         self.failed += computed.failed
 
     def frame_at_level(self, level: int) -> Frame:
-        """Return the window on one level; a cell that is not computed yet has a value of the next coarser level."""
+        """Return the frame of a level; a cell that is not computed yet gets its value from the next coarser level."""
         step = 2**level
         rows, columns = (np.arange(0, number, step) for number in self.values.shape)
         at, known = self.values[np.ix_(rows, columns)], self.known[np.ix_(rows, columns)]

@@ -31,7 +31,7 @@ COLOUR_DISTANCE = 40.0  # least distance in CIELAB between the colours of two fa
 MOST_CELLS = 24_000_000  # families of larger surveys are not drawn
 BAND = 1 << 22  # at most this many numbers, in all slots, are read at a time
 NOT_JOINED = "The families of this survey are not joined yet: wait until all of its tiles are computed."
-CONTACTS = "attractor_contacts"
+CONTACTS = "attractor_contacts"  # a variable of models with contact phases
 LETTERS = {(1, 1, 0): "C", (1, 1, 1): "D"}  # motions of the impacting gear with a letter; A and B are never attractors
 
 
@@ -132,7 +132,7 @@ def family_names(survey: xr.Dataset, table: xr.Dataset, most: int = OTHERS) -> l
 
 
 def _count_contact_phases(survey: xr.Dataset, table: xr.Dataset, number: int) -> int:
-    """Return a family's number of contact phases in m forcing periods, in the cell with its largest share; else 0."""
+    """Return a family's contact phases in m forcing periods, in the cell with its largest share; 0 without CONTACTS."""
     if CONTACTS not in survey:
         return 0
     at = {axis: float(table[f"{axis}_at"][number]) for axis in CELL}

@@ -218,7 +218,7 @@ def _reduced_status(states: reduce.LevelCodes) -> np.ndarray:
 
 
 def _covered_cells(size: int, cells: int, at: slice) -> np.ndarray:
-    """Return how many cells of the map each cell of a level covers along an axis: `cells`, or fewer for the last."""
+    """Return how many of the map's `size` cells along an axis each of a level's cells `at` covers: `cells` or fewer."""
     begins = np.arange(0, size, cells)[at]
     found: np.ndarray = np.minimum(size - begins, cells)
     return found

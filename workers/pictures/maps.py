@@ -223,11 +223,11 @@ def title_of(plane: xr.DataArray) -> str:
     if np.iscomplexobj(plane):
         name = f"|{name}|"
     along = (dim for dim, value in plane.coords.items() if not value.dims and dim not in FIXED)
-    chosen = ", ".join(_orbit_or_slot(str(dim), plane.coords[dim].item(), plane) for dim in along)
+    chosen = ", ".join(_orbit_or_slot_in_words(str(dim), plane.coords[dim].item(), plane) for dim in along)
     return f"{name} ({chosen})" if chosen else name
 
 
-def _orbit_or_slot(dim: str, value: object, plane: xr.DataArray) -> str:
+def _orbit_or_slot_in_words(dim: str, value: object, plane: xr.DataArray) -> str:
     """Return in words which of a variable's maps this is: the map of an orbit, or of a slot of attractors."""
     if dim != SLOT:
         return f"{dim} {value}"
@@ -359,7 +359,7 @@ def draw_legend(axes: Axes) -> None:
 
 
 def _dim_cells_without_family(axes: Axes, dataset: xr.Dataset, family: int) -> None:
-    """Dim the cells that lack the family `family`. A cell of a reduced map is dimmed if all cells in it lack it."""
+    """Dim the cells that lack the family `family`; in a reduced map, a cell that covers no cell with this family."""
     share = plane_of(dataset, SHARE, family)
     with report_damage(f"the map of {SHARE}"):
         values = drawn_numbers(share)

@@ -79,8 +79,8 @@ def copy_store(
     source
         Path, s3:// URL or zip file of a survey's or population's store.
     target
-        Path, s3:// URL, zip file, or directory of a repository that ends in .icechunk. It must not exist, except that
-        it may have an interrupted copy of this store if it is no zip file.
+        Path, s3:// URL, zip file, or directory of a repository that ends in .icechunk. A zip file must not exist. Any
+        other target must not exist, or must have an interrupted copy of this store.
     on_file
         Called with the number of copied files and the number of all files.
 

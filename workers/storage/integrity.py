@@ -31,9 +31,8 @@ BATCH = 1024  # tasks that are submitted at a time, because each waiting task ta
 
 Item = TypeVar("Item")
 Answer = TypeVar("Answer")
-TileFindings = tuple[
-    set[int], dict[int, tuple[str, ...]]
-]  # indices of whole tiles; {index of a damaged tile: its damaged variables}
+#: The indices of the whole tiles, and {index of a damaged tile: its damaged variables}.
+TileFindings = tuple[set[int], dict[int, tuple[str, ...]]]
 
 
 @dataclass(frozen=True)

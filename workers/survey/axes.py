@@ -225,7 +225,7 @@ def field_and_message(error: ValidationError) -> str:
     return f"{where}: {first_message(error)}" if where else first_message(error)
 
 
-def _number_or_axis(value: Any, handler: ValidatorFunctionWrapHandler) -> Any:
+def _validate_number_or_axis(value: Any, handler: ValidatorFunctionWrapHandler) -> Any:
     is_axis = isinstance(value, Mapping | tuple | Axis)
     try:
         return Axis.model_validate(value) if is_axis else handler(value)
@@ -238,7 +238,7 @@ def _number_or_axis(value: Any, handler: ValidatorFunctionWrapHandler) -> Any:
 
 
 #: Validator that reports a wrong value once: as a wrong axis if it looks like an axis, else as a wrong number.
-NumberOrAxis = WrapValidator(_number_or_axis)
+NumberOrAxis = WrapValidator(_validate_number_or_axis)
 
 
 class Window(NamedTuple):

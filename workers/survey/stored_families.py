@@ -170,7 +170,7 @@ def complete_sources(source: np.ndarray) -> np.ndarray:
         The source of each slot; all sources in a cell are different.
     """
     taken = np.zeros((source.shape[0] + 1, *source.shape[1:]), bool)
-    # A −1 (none) marks the last row, which is one row more than there are slots; the next line leaves it out.
+    # `taken` has one row more than there are slots: index −1 (no source) sets the last row, which `taken[:-1]` drops.
     np.put_along_axis(taken, source.astype(np.int64), True, 0)
     to, of = (np.argsort(used, axis=0, kind="stable") for used in (source >= 0, taken[:-1]))
     free = np.arange(source.shape[0])[:, None, None] < (source < 0).sum(axis=0)

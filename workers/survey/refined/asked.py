@@ -9,7 +9,7 @@ from gear_rattle.workers.survey.axes import Real, StrictRecord
 from gear_rattle.workers.survey.values.schema import SAMPLED, Group
 from rattle.models import MODELS, Capability, require_capability
 
-BLOCK = 32  # cells along a side of a block; blocks begin at multiples of this number, whatever the tiles are
+BLOCK = 32  # cells along a side of a block; blocks begin at rows and columns that are multiples of this number
 AUDITED_SHARE = 0.02  # default of `Refine.audit`, the share of filled cells to audit
 
 

@@ -86,7 +86,7 @@ class Blocks:
 
     @property
     def n_cells(self) -> int:
-        """Number of cells of the frame: the cells rows × columns, and the next row and column of the grid."""
+        """Number of cells of the frame: of the cells rows × columns, and of the next row and column of the grid."""
         return self.shape[0] * self.shape[1]
 
     def undivided_leaves(self) -> Leaves:

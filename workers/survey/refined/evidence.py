@@ -151,7 +151,7 @@ def cells_differ(samples: np.ndarray, known: np.ndarray, count: int) -> np.ndarr
     samples (…, k, n, n): how many samples of each cell go to the motion. known (k, n, n): flags of the sampled cells.
     count: the number of samples of a cell. A cell of which no sample goes to the motion may have missed it by chance.
     If there are such cells, the flag is set in two cases: in another cell at least CERTAIN_SAMPLES samples go to the
-    motion (all samples, if a cell has fewer); or such cells are more than is likely with equal basin fractions.
+    motion (all samples, if a cell has fewer); or there are more of them than is likely with equal basin fractions.
 
     Returns
     -------

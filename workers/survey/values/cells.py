@@ -136,7 +136,7 @@ class Cells:
 
     @cached_property
     def robust_chaos(self) -> np.ndarray:
-        """Flags of the δ in the interval where chaos is robust; False everywhere if this β has no such interval."""
+        """Flags (n_delta,): δ is in the interval where chaos is robust; all False if this β has no such interval."""
         try:
             low, high = rattle.robust_chaos_interval(self.model.beta)
         except rattle.RattleError:

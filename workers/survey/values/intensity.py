@@ -75,7 +75,7 @@ def _sample_values(cells: Cells, field: str) -> np.ndarray:
     if field == "largest_speed":
         largest = np.zeros(cells.delta.size * cells.epsilon.size)
         won = cells.attractors.samples > 0
-        with np.errstate(invalid="ignore"):  # NaN (an unknown speed) makes the result of its cell NaN
+        with np.errstate(invalid="ignore"):  # no warning of NaN: an unknown speed makes its cell NaN
             np.maximum.at(largest, cells.attractors.cell[won], found.largest_speed[won])
         return largest
     if field == "level":
