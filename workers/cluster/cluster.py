@@ -202,7 +202,7 @@ class _WorkerProcesses:
         self._over.set()
         self._thread.join()
 
-    def wait(self, client: Client) -> None:
+    def wait_for_workers(self, client: Client) -> None:
         """Wait until all workers have connected.
 
         Raises
@@ -291,7 +291,7 @@ def embedded_cluster(
                 cluster = stack.enter_context(_cluster_without_workers())
                 processes = stack.enter_context(_WorkerProcesses(n_workers, nice, cluster, should_stop))
                 client = stack.enter_context(Client(cluster, set_as_default=False))
-            processes.wait(client)
+            processes.wait_for_workers(client)
             client.register_plugin(KernelLoader())
         except Exception as error:
             raise SurveyError(f"the embedded cluster of {n_workers} processes does not start: {error}") from error
@@ -418,7 +418,7 @@ def _workers_in_words(addresses: list[str]) -> str:
 
 
 def _address_of(url: str) -> str:
-    """Return a scheduler's address, given the address or a scheduler file. Raises ClusterLostError."""
+    """Return a scheduler's address, given this address or the path of its scheduler file. Raises ClusterLostError."""
     if not url.endswith(".json"):
         return url
     try:

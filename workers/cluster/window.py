@@ -152,7 +152,7 @@ class WindowGrid:
                 yield WindowPart(*(_slice_of_range(each) for each in (rows[i : i + band], columns[j : j + piece])))
 
     def put(self, part: WindowPart, computed: PartValues) -> None:
-        """Store the values of a part."""
+        """Take over the computed values of a part of the window."""
         self.values[part] = computed.values
         self.known[part] = True
         self.failed += computed.failed
@@ -198,7 +198,7 @@ def compute_part(
         delta=delta,
         epsilon=epsilon,
         model=request.gear_model,
-        sample=request.sample,
+        sample_spec=request.sample_spec,
         is_sampled=bool(SAMPLED.intersection(groups)),
         slots=request.n_slots,
     )

@@ -52,7 +52,7 @@ class Block:
         return "/".join([FAMILY, "c", *map(str, (*self.along, 0, self.row, self.column))])
 
     def temporary_key(self, what: str) -> str:
-        """Return the key of the temporary file `what` of the block. The file exists during the join only."""
+        """Return the key of a temporary file, which exists during the join only. what: COMPONENTS or TARGETS."""
         return ".".join([f"{GROUP}/joining", *map(str, (*self.along, self.row, self.column)), what])
 
 

@@ -255,7 +255,7 @@ def _block_attractors(
 
 
 def _pairs_in_cells(cell: np.ndarray, component: np.ndarray) -> np.ndarray:
-    """Return the sorted pairs (k, 2) of components that occur in the same cell, the smaller number first."""
+    """Return each pair (k, 2) of different components that occur in the same cell once, the smaller number first."""
     found = [np.zeros((0, 2), np.int64)]
     for apart in range(1, int(np.bincount(np.unique(cell, return_inverse=True)[1]).max(initial=0))):
         same = cell[apart:] == cell[:-apart]

@@ -228,7 +228,7 @@ def title_of(plane: xr.DataArray) -> str:
 
 
 def _orbit_or_slot_in_words(dim: str, value: object, plane: xr.DataArray) -> str:
-    """Return in words which of a variable's maps this is: the map of an orbit, or of a slot of attractors."""
+    """Return words for one of a variable's maps: the orbit, or the slot of attractors, that it shows."""
     if dim != SLOT:
         return f"{dim} {value}"
     return SLOTS[plane.attrs.get(SLOT_ORDER, BY_FRACTION)].format(value)

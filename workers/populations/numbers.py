@@ -14,7 +14,7 @@ MOST_MEASURED = 10_000  # a measured distribution has at most this many values
 
 
 class NormalNumber(StrictRecord):
-    """A normal distribution, truncated at low and high if these are given."""
+    """A normal distribution, truncated at `low` and `high` if these are given. deviation: its standard deviation."""
 
     distribution: Literal["normal"]
     mean: Real
@@ -30,7 +30,7 @@ class NormalNumber(StrictRecord):
 
 
 class UniformNumber(StrictRecord):
-    """A uniform distribution."""
+    """A uniform distribution from `low` to `high`."""
 
     distribution: Literal["uniform"]
     low: Real
@@ -43,7 +43,7 @@ class UniformNumber(StrictRecord):
 
 
 class TriangularNumber(StrictRecord):
-    """A triangular distribution."""
+    """A triangular distribution from `low` to `high`, with its peak at `mode`."""
 
     distribution: Literal["triangular"]
     low: Real
@@ -70,7 +70,7 @@ class LogNormalNumber(StrictRecord):
 
 
 class MeasuredNumber(StrictRecord):
-    """The distribution of measured values of some gears."""
+    """The distribution of a number whose `values` were measured at some gears."""
 
     distribution: Literal["measured"]
     values: Annotated[tuple[Real, ...], Field(min_length=2, max_length=MOST_MEASURED)]

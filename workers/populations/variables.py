@@ -38,7 +38,7 @@ class PopulationVariable:
 
     @property
     def fill_value(self) -> float | int:
-        """The value of entries that are not computed."""
+        """The stored value for a gear that is not computed: NaN in a variable of floats, else 0."""
         return float("nan") if np.dtype(self.dtype).kind == "f" else 0
 
     @property
@@ -50,7 +50,7 @@ class PopulationVariable:
         return found
 
     def shape(self, request: PopulationRequest, rows: int) -> tuple[int, ...]:
-        """Return the shape of the variable for a number of rows."""
+        """Return the shape of the variable for `rows` gears: (rows,), or (rows, samples of a gear)."""
         return (rows, request.count) if SAMPLE in self.dims else (rows,)
 
 

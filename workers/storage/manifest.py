@@ -216,7 +216,7 @@ def set_attributes(place: Place, attributes: Mapping[str, Any]) -> None:
 
 
 def replace_attributes(root: bytes, attributes: Mapping[str, Any]) -> bytes:
-    """Return the content of a root with its attributes replaced."""
+    """Return the content of a store's root with `attributes` in place of its own attributes."""
     kept: dict[str, Buffer] = {ROOT: cpu.Buffer.from_bytes(root)}
     with zarr.config.set(COMPACT):
         zarr.open_group(MemoryStore(kept), mode="r+").attrs.put(dict(attributes))

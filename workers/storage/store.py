@@ -84,7 +84,7 @@ def create_store(request: AnyRequest, where: str | Path | Place, make: TemplateM
             place.build(make(request, None))
         if _is_damaged(place, _require_same_survey(request, place)):
             with place.lock_for_writing():
-                _repair(request, place, make)
+                _repair_store(request, place, make)
     except OSError as error:
         refusal = storage_error(f"{place} cannot be created", error)
         raise refusal from error
@@ -94,7 +94,7 @@ def _is_damaged(place: Place, manifest: Manifest | None) -> bool:
     return manifest is None or bool(damaged_template_files(place, manifest))
 
 
-def _repair(request: AnyRequest, place: Place, make: TemplateMaker) -> None:
+def _repair_store(request: AnyRequest, place: Place, make: TemplateMaker) -> None:
     """Write the template over a damaged store, root and manifest last. Families and levels are computed again later."""
     manifest = _require_same_survey(request, place)
     if not _is_damaged(place, manifest):
@@ -325,7 +325,7 @@ def finish_store(where: str | Path | Place) -> None:
 
 
 def has_added(where: str | Path | Place, name: str) -> bool:
-    """Return whether a group or variable was added to a survey's store after its tiles."""
+    """Return whether the group or variable `name` was added to a survey's store after its tiles."""
     manifest = manifest_of(place_of(where))
     return manifest is not None and f"{name}/{ROOT}" in manifest.files
 

@@ -90,7 +90,7 @@ class Axis(StrictRecord):
 
     @model_validator(mode="before")
     @classmethod
-    def _accept_triple(cls, given: Any) -> Any:
+    def _convert_triple(cls, given: Any) -> Any:
         """Convert a tuple (start, stop, num) to fields. Raises ValueError for a value of another kind."""
         if isinstance(given, tuple) and len(given) == len(cls.model_fields):
             return _convert_numpy_numbers(dict(zip(cls.model_fields, given, strict=True)))

@@ -232,10 +232,10 @@ def traced_crossings(model: Model, delta: Axis, epsilon: Axis) -> tuple[Crossing
     """Return for each curve of a model the pairs of neighbouring cells of a grid between which the curve passes."""
     grid = delta.values(), epsilon.values()
     found = (traced_curve(name, model, window_around(*grid)) for name in model.curve_names)
-    return tuple(crossings_of(_polyline(curve), *grid) for curve in found)
+    return tuple(crossings_of(_polyline_of_curve(curve), *grid) for curve in found)
 
 
-def _polyline(curve: Curve | MissingCurve) -> Polyline:
+def _polyline_of_curve(curve: Curve | MissingCurve) -> Polyline:
     if isinstance(curve, MissingCurve):
         return np.zeros(0), np.zeros(0), np.zeros(0, np.int64)
     return curve.delta, curve.epsilon, curve.piece

@@ -101,7 +101,7 @@ def cells_of_tile(request: SurveyRequest, tile: Tile | None = None) -> Cells:
         delta=delta if tile is None else delta[tile.delta],
         epsilon=epsilon if tile is None else epsilon[tile.epsilon],
         model=request.gear_model,
-        sample=request.sample,
+        sample_spec=request.sample_spec,
         is_sampled=bool(SAMPLED.intersection(request.quantities)),
         slots=request.n_slots,
     )

@@ -74,7 +74,7 @@ class Blocks:
 
     @cached_property
     def block_origins(self) -> tuple[np.ndarray, np.ndarray]:
-        """First row and first column of each block (blocks,), counted from those of the frame (see `Blocks`)."""
+        """First row and first column of each block (blocks,), counted from the start of the frame (see `Blocks`)."""
         down, right = (np.arange(0, span.stop - span.start, BLOCK) for span in (self.rows, self.columns))
         return np.repeat(down, right.size), np.tile(right, down.size)
 

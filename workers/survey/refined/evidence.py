@@ -55,7 +55,7 @@ class Evidence:
                 self.region[cells[part]] = rattle.classify_regions(model.period_one(delta[part], epsilon[part]))
         if not self.compares_attractors:
             return
-        found = model.attractors_of(delta, epsilon, own.sample)
+        found = model.attractors_of(delta, epsilon, own.sample_spec)
         found = found.replace(cell=cells[found.cell])
         for which, kind in enumerate(SAMPLED_KINDS):
             np.add.at(self.samples[which], found.cell[found.kind == kind], found.samples[found.kind == kind])

@@ -56,7 +56,7 @@ class AuditCounts(NamedTuple):
 
 
 def confidence_of_round(number: int) -> float:
-    """Return the confidence of the bound of round `number`; all bounds hold together with probability CONFIDENCE."""
+    """Return the confidence of the bound of round `number`; together all bounds hold with at least CONFIDENCE."""
     return 1.0 - (1.0 - CONFIDENCE) / 2.0 ** (number + 1)
 
 
