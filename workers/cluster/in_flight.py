@@ -75,7 +75,7 @@ class SubmittedTasks(ABC, Generic[Work, Result]):
             raise ClusterLostError(f"the cluster has had no workers for {patience:.0f} s: start workers")
         return threads
 
-    def put(self, work: Work, function: Callable[..., Result], *arguments: Any, **options: Any) -> None:
+    def submit_task(self, work: Work, function: Callable[..., Result], *arguments: Any, **options: Any) -> None:
         """Submit a task that calls `function(*arguments)`.
 
         work: item that the task computes. options: arguments of dask's `Client.submit`.

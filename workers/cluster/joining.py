@@ -69,7 +69,7 @@ class CompletionTasks(SubmittedTasks[_TaskAttempt, Any]):
                 room = self.count_threads(WORKERLESS_SECONDS) - len(self.in_flight)
                 for _ in range(min(room, len(self._waiting))):
                     item = self._waiting.popleft()
-                    self.put(item, task, *items[item.number])
+                    self.submit_task(item, task, *items[item.number])
                 if ended := self.next_result(POLL_SECONDS):
                     done, result = ended
                     found[done.work.number] = result

@@ -102,7 +102,7 @@ class _WindowTasks(SubmittedTasks[WindowPart, PartValues]):
             room = PARTS_PER_THREAD * self.count_threads(WORKERLESS_SECONDS) - len(self.in_flight)
             while left and room > 0:
                 axes = self._delta[left.delta], self._epsilon[left.epsilon]
-                self.put(left, compute_part, *self._map, *axes, priority=PRIORITY)
+                self.submit_task(left, compute_part, *self._map, *axes, priority=PRIORITY)
                 left, room = next(parts, None), room - 1
             if ended := self.next_result(POLL_SECONDS):
                 task, values = ended

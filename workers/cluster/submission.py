@@ -88,7 +88,7 @@ class Submission(SubmittedTasks[Attempt, TileResult]):
     def submit(self, tile: AnyTile, isolated: bool = False, workers: Iterable[str] | None = None) -> None:
         """Submit a tile. isolated: compute it in a process of its own. workers: addresses of allowed workers."""
         known = self._partial.get(tile.index), self._slowest or math.inf, self.seconds
-        self.put(
+        self.submit_task(
             Attempt(tile, isolated), self._task, self._request, self._path, tile, isolated, *known, workers=workers
         )
 

@@ -38,7 +38,7 @@ LINES = (*NAMES, CRISIS, LIMIT, POINTS)
 OWN_STYLES: dict[str, tuple[str, Any]] = {CRISIS: ("#00695c", (0, (4, 1.5))), LIMIT: ("#b8860b", "-")}
 USUAL_SHARE = 0.9  # a design limit's default probability of running quietly
 COVERED = 0xC4 / 0xFF  # opacity of the white cover over cells without the chosen family
-OPACITY = 0.3  # opacity of the interval of a design limit
+OPACITY = 0.3  # opacity of the area that shows the 95 % interval of a design limit
 
 
 def is_survey_only(variable: str, request: SurveyRequest) -> bool:

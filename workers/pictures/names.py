@@ -21,8 +21,8 @@ DIRECTIONS = (
     (0, 1),
     (0, -1),
 )  # directions from a mark to its name, in the order in which they are tried
-GAPS = (8.0, 20.0, 34.0, 50.0, 70.0, 95.0, 125.0)  # pixels between a mark and its name
-MARK = 6.0  # half a side of the square that a mark fills
+GAPS = (8.0, 20.0, 34.0, 50.0, 70.0, 95.0, 125.0)  # tried distances from a mark to its name, in pixels
+MARK = 6.0  # half a side of the square that a mark fills, in pixels
 LEADER_POSITIONS = np.linspace(0.1, 1.0, 24)[:, None]  # tested points of a leader, from 0 (mark) to 1 (name)
 
 

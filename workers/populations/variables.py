@@ -19,7 +19,7 @@ NAMES = {
     "epsilon": "eccentricity ε",
     **{each.name: each.long_name for each in (BETA, *ADDED.values())},
 }
-UNIT_OF = UNITS | {"rpm": "rpm"}  # {number of a machine: its unit}
+UNIT_OF = UNITS | {"rpm": "rpm"}  # {name of a number that describes a machine: its unit}
 
 Evaluate = Callable[[PopulationRequest, Gears], Any]
 

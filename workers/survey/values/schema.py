@@ -40,7 +40,7 @@ class RowForm(StrEnum):
     ORBITS = "orbits"
 
 
-#: The groups for which every cell is sampled.
+#: If a request has one of these groups, samples are followed in every cell.
 SAMPLED = frozenset({Group.ATTRACTORS, Group.LYAPUNOV, Group.INTENSITY})
 #: The groups that are computed only on request: basins cost several times as much as all others, intensities are two
 #: dozen variables that few users need, and families need further steps after the tiles.
