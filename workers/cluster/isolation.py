@@ -114,14 +114,14 @@ def serve_cells() -> None:
     threading.Thread(target=lambda: (sys.stdin.buffer.read(), os._exit(1)), daemon=True).start()
     if memory:
         resource.setrlimit(resource.RLIMIT_DATA, (memory, memory))
-    _send(out, None)
+    _send_pickled(out, None)
     try:
         _limit_next_cell()
         for outcome in cell_outcomes(request, tile, first, failing=(MemoryError,)):
-            _send(out, outcome)
+            _send_pickled(out, outcome)
             _limit_next_cell()
     except Exception as error:
-        _send(out, error)
+        _send_pickled(out, error)
     os._exit(0)
 
 
@@ -132,6 +132,6 @@ def _limit_next_cell() -> None:
     resource.setrlimit(resource.RLIMIT_CPU, (limit if most == resource.RLIM_INFINITY else min(limit, most), most))
 
 
-def _send(out: IO[bytes], item: object) -> None:
+def _send_pickled(out: IO[bytes], item: object) -> None:
     pickle.dump(item, out)
     out.flush()

@@ -312,6 +312,8 @@ def _run_submission(
     should_pause: Callable[[], bool],
     on_part: Callable[[AnyTile], None],
 ) -> None:
+    """Submit the tiles `waiting` in their order and report ended tasks, until no tile is left or the run must stop."""
+
     def report(result: TileRecord | AnyTile | None) -> None:
         if isinstance(result, Tile | GearTile):
             on_part(result)

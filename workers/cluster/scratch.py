@@ -44,10 +44,11 @@ def _remove_abandoned_directories(root: str) -> None:
         for entry in entries:
             if entry.name.startswith(PREFIX) and entry.is_dir(follow_symlinks=False):
                 with suppress(OSError):  # the directory belongs to another account, is in use, or is gone
-                    _remove_unless_held(entry.path)
+                    _remove_unless_locked(entry.path)
 
 
-def _remove_unless_held(path: str) -> None:
+def _remove_unless_locked(path: str) -> None:
+    """Remove the directory at `path` if it is of this account and its owner, who locks the file HELD, has ended."""
     if os.lstat(path).st_uid != os.getuid():
         return
     file = os.open(os.path.join(path, HELD), os.O_RDWR | os.O_NOFOLLOW)

@@ -183,6 +183,7 @@ POINT_VARIABLES: tuple[CurveVariable, ...] = (
 
 
 def _pair_column(points: Points, number: int) -> list[Any]:
+    """Return entry `number` (0 to 3) of each tuple that `_pairs_at_points` returns."""
     return [pair[number] for pair in _pairs_at_points(points)]
 
 
