@@ -110,7 +110,7 @@ def serve_cells() -> None:
     out = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # text that a library prints goes to stderr, so that stdout has outcomes only
     request, tile, first, memory = pickle.load(sys.stdin.buffer)
-    # When the worker ends, stdin closes and this thread ends the process. It can run because kernels release the GIL.
+    # When the worker ends, stdin closes and this thread ends the process, even in a kernel: kernels release the GIL.
     threading.Thread(target=lambda: (sys.stdin.buffer.read(), os._exit(1)), daemon=True).start()
     if memory:
         resource.setrlimit(resource.RLIMIT_DATA, (memory, memory))

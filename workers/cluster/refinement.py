@@ -97,7 +97,7 @@ class _WindowTasks(SubmittedTasks[WindowPart, PartValues]):
     ) -> Iterator[tuple[WindowPart, PartValues]]:
         """Compute parts on the cluster, and yield each part with its values as soon as its task ends."""
         left = next(parts, None)
-        self._cells, self._seconds = 0, 0.0  # measured anew: cells of this level may take longer
+        self._cells, self._seconds = 0, 0.0  # measured anew on each level, because its cells may take longer
         while (left or self.in_flight) and not should_stop():
             room = PARTS_PER_THREAD * self.count_threads(WORKERLESS_SECONDS) - len(self.in_flight)
             while left and room > 0:

@@ -19,8 +19,7 @@ ROWS = 32  # rows of a band, if the dataset does not say how many rows the store
 CELLS = 16_384  # at most this many cells are converted to text at a time
 
 
-#: For two forms of a table: the dimension whose entries have a row each, and the variable that says whether an entry
-#: exists.
+#: {form of a table: (the dimension whose entries have a row each, the variable that says whether an entry exists)}.
 OWN_ROWS = {RowForm.ATTRACTORS: ("attractor", "attractor_kind"), RowForm.ORBITS: ("orbit", "orbit_exists")}
 
 

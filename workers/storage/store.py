@@ -315,7 +315,7 @@ def finish_store(where: str | Path | Place) -> None:
         try:
             place.remove_leftovers()
             attributes = {COMPLETED: attributes_of(place).get(COMPLETED) or current_time()}
-            # A survey with the variable LEAF must meet a bound, and its rounds of audits count the audited cells.
+            # Without the variable LEAF no rounds of audits have counted the audited cells, so they are counted here.
             if AUDIT in manifest.chunks and LEAF not in manifest.chunks:
                 attributes |= _audit_attributes(place)
             set_attributes(place, attributes)
