@@ -270,7 +270,7 @@ def _repository_at(path: Path) -> icechunk.Repository:
         if not path.exists():
             return icechunk.Repository.create(storage)
         repository = icechunk.Repository.open(storage)
-        if len(list(repository.ancestry(branch=BRANCH))) == 1:  # the empty snapshot with which a repository begins
+        if len(list(repository.ancestry(branch=BRANCH))) == 1:  # only the snapshot with which a repository begins
             return repository
     except icechunk.IcechunkError as error:
         raise SurveyError(

@@ -184,7 +184,7 @@ def examine_tiles(place: Place, manifest: Manifest, should_stop: Callable[[], bo
         found = _map_in_batches(readers, lambda index: _damaged_variables(place, manifest, index), manifest.tiles)
         for index, lost in zip(manifest.tiles, found, strict=True):
             if should_stop and should_stop():
-                readers.shutdown(cancel_futures=True)  # returns without waiting for the other tiles
+                readers.shutdown(cancel_futures=True)  # waits only for tiles that a thread is reading
                 raise StoppedError(f"stopped while {place} was read")
             if lost:
                 damaged[index] = lost
