@@ -106,7 +106,7 @@ def compared(cells: Drawn) -> dict[str, np.ndarray]:
     if not cells.shares:
         return wrong
     sample = request.initial_conditions
-    found = model.attractors_of(cells.delta, cells.epsilon, replace(request.sample, seed=cells.seed))
+    found = model.attractors_of(cells.delta, cells.epsilon, replace(request.sample_spec, seed=cells.seed))
     periodic = found.kind == rattle.KINDS.index("periodic")
     at = found.cell[periodic]
     label = number(found.m[periodic], found.n_plus[periodic], found.n_minus[periodic])

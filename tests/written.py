@@ -9,18 +9,18 @@ import numpy as np
 from gear_rattle.workers.cluster import runner
 from gear_rattle.workers.storage import store
 from gear_rattle.workers.storage.location import Place, place_of
-from gear_rattle.workers.storage.manifest import recording_tiles
+from gear_rattle.workers.storage.manifest import tile_recorder
 from gear_rattle.workers.survey.tiles import TileRecord
 
 
 def write_tile(request: Any, path: str | Path | Place, tile: Any, values: Mapping[str, np.ndarray]) -> None:
     files = store.write_tile(request, str(path), tile, values)
-    with recording_tiles(place_of(path)) as note:
+    with tile_recorder(place_of(path)) as note:
         note({tile.index: files})
 
 
 def compute_and_write(request: Any, path: str, tile: Any) -> TileRecord:
     record = runner.compute_and_write(request, path, tile)
-    with recording_tiles(place_of(path)) as note:
+    with tile_recorder(place_of(path)) as note:
         note({tile.index: record.files})
     return record

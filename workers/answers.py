@@ -38,7 +38,7 @@ def population_of(where: str | Path | Place) -> Population:
     """
     place = place_of(where)
     manifest = manifest_of(place)
-    is_whole = manifest is None or whole_root(place, manifest) is not None  # old versions wrote no manifest
+    is_whole = manifest is None or whole_root(place, manifest) is not None  # old stores have no manifest
     request = _request_of(unchecked_attributes(place) if is_whole else {}, str(place))
     with report_damage(f"the gears of {place}"):
         group = zarr.open_group(place.zarr(), mode="r")

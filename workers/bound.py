@@ -13,9 +13,9 @@ import numpy as np
 import zarr
 
 from gear_rattle.workers.errors import report_damage, storage_error
-from gear_rattle.workers.storage.added import Each, run_in_process
+from gear_rattle.workers.storage.added import RunForEach, run_in_process
 from gear_rattle.workers.storage.location import Place, place_of
-from gear_rattle.workers.storage.manifest import attributes_of, recording_tiles, set_attributes
+from gear_rattle.workers.storage.manifest import attributes_of, set_attributes, tile_recorder
 from gear_rattle.workers.storage.store import write_tile
 from gear_rattle.workers.survey.refined.audit import AUDIT, AUDIT_ATTRIBUTES, DISAGREED, LEAF, ROUNDS, SOURCE_LEVEL
 from gear_rattle.workers.survey.refined.rounds import KINDS, AuditCounts, AuditRound, next_round, wrong_share_upper
@@ -41,7 +41,7 @@ def lacks_bound(request: SurveyRequest, where: str | Path | Place) -> bool:
 def meet_bound(
     request: SurveyRequest,
     where: str | Path | Place,
-    each: Each = run_in_process,
+    each: RunForEach = run_in_process,
     at_once: int = 1,
     should_pause: Callable[[], bool] = lambda: False,
 ) -> bool:
@@ -53,7 +53,7 @@ def meet_bound(
 
     Parameters
     ----------
-    each : Each
+    each : RunForEach
         Function that runs a task for each of several items, such as `run_in_process`.
     at_once : int
         Number of tiles in a group; each tile is one task.
@@ -82,7 +82,7 @@ def meet_bound(
         # computed.
         found = each(audit_counts_of_tile, request, str(place), tiles)
         waiting = iter([tile for tile, counts in zip(tiles, found, strict=True) if counts is None])
-        with recording_tiles(place) as note:
+        with tile_recorder(place) as note:
             while part := list(islice(waiting, at_once)):
                 taken = each(recompute_tile, request, str(place), part)
                 note({tile.index: files for (tile,), (_, files) in zip(part, taken, strict=True)})

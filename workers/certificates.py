@@ -21,7 +21,7 @@ import numpy as np
 
 import rattle
 from gear_rattle.workers.errors import SurveyError, storage_error
-from gear_rattle.workers.storage.added import Each
+from gear_rattle.workers.storage.added import RunForEach
 from gear_rattle.workers.storage.integrity import COMPLETED
 from gear_rattle.workers.storage.location import CERTIFICATES as BESIDE
 from gear_rattle.workers.storage.location import Directory, certificates_path, place_of
@@ -47,19 +47,19 @@ SLOT_DIMS = ("attractor", *CELL)
 AT_ONCE = 32  # number of motions that one task proves
 IDENTITY_ATTRIBUTE = "survey_content_hash"  # attribute of a store of certificates that identifies the survey
 
-Place = tuple[int, int, int]  # slot, and index of the cell along ε and along δ
+AttractorPlace = tuple[int, int, int]  # slot of an attractor, row (along ε) and column (along δ) of its cell
 #: For each attractor its place, with its certificate as a dictionary or the reason why it has none.
-ProofResults = list[tuple[Place, dict[str, Any] | str]]
+ProofResults = list[tuple[AttractorPlace, dict[str, Any] | str]]
 
 
 class AttractorClaim(NamedTuple):
     """A periodic attractor to prove.
 
-    place: the attractor's slot, and the indices of its cell along ε and δ. tau, v: a state on the attractor. label:
+    place: the attractor's slot, and the row and the column of its cell. tau, v: a state on the attractor. label:
     (m, n₊, n₋).
     """
 
-    place: Place
+    place: AttractorPlace
     model: Model
     delta: float
     epsilon: float
@@ -206,12 +206,12 @@ def certify_survey(
         raise refusal from error
 
 
-def _open_or_create(survey: xr.Dataset, out: Path) -> dict[Place, float]:
+def _open_or_create(survey: xr.Dataset, out: Path) -> dict[AttractorPlace, float]:
     """Open a store of certificates, or create it empty. A damaged store is emptied.
 
     Returns
     -------
-    dict[Place, float]
+    dict[AttractorPlace, float]
         `time_radius` of each stored certificate, by slot and by the cell's indices along ε and δ: the half-width of the
         intervals of impact times in which the motion is unique.
 
@@ -242,7 +242,7 @@ def _open_or_create(survey: xr.Dataset, out: Path) -> dict[Place, float]:
     (out / CHECKSUMS_FILE).unlink(missing_ok=True)
     certificates = out / CERTIFICATES
     lines = certificates.read_bytes().splitlines(keepends=True) if certificates.exists() else []
-    radii: dict[Place, float] = {}
+    radii: dict[AttractorPlace, float] = {}
     for line in lines:
         try:
             each = json.loads(line)
@@ -274,7 +274,7 @@ def lacks_certificates(request: SurveyRequest, where: str | Path | Location) -> 
 def prove_survey(
     request: SurveyRequest,
     where: str | Path | Location,
-    each: Each,
+    each: RunForEach,
     at_once: int,
     on_done: Callable[[int, int], None],
     should_stop: Callable[[], bool],
@@ -399,10 +399,10 @@ def _checksums(out: Path, files: Iterable[str]) -> dict[str, str]:
     return found
 
 
-def _write_variables(survey: xr.Dataset, out: Path, radii: dict[Place, float]) -> xr.Dataset:
+def _write_variables(survey: xr.Dataset, out: Path, radii: dict[AttractorPlace, float]) -> xr.Dataset:
     """Write the variables that follow from the certificates, and return them as a dataset.
 
-    radii: `time_radius` of the certificate of each proved attractor, by the attractor's place.
+    radii: `time_radius` of the certificate of each proved attractor, by its place (slot, row and column of its cell).
 
     Returns
     -------
@@ -433,7 +433,7 @@ def _write_variables(survey: xr.Dataset, out: Path, radii: dict[Place, float]) -
     }
     found = xr.Dataset(variables, coordinates, attributes)
     with warnings.catch_warnings():
-        # zarr warns that other libraries may not read consolidated metadata.
+        # zarr warns that other libraries may ignore consolidated metadata, which is harmless.
         warnings.simplefilter("ignore", ZarrUserWarning)
         found.to_zarr(out, mode="a", zarr_format=3)
     return found

@@ -10,7 +10,7 @@ from gear_rattle.workers.certificates import lacks_certificates, prove_survey
 from gear_rattle.workers.families.join import join_survey, lacks_families
 from gear_rattle.workers.kinds import AnyRequest
 from gear_rattle.workers.overviews import lacks_levels, make_levels
-from gear_rattle.workers.storage.added import Each, run_in_process
+from gear_rattle.workers.storage.added import RunForEach, run_in_process
 from gear_rattle.workers.storage.location import Place
 from gear_rattle.workers.survey.request import SurveyRequest
 
@@ -32,7 +32,7 @@ def is_incomplete(request: AnyRequest, where: str | Path | Place) -> bool:
 def complete(
     request: AnyRequest,
     where: str | Path | Place,
-    each: Each = run_in_process,
+    each: RunForEach = run_in_process,
     at_once: int = 1,
     on_proved: Callable[[int, int], None] = lambda _done, _number: None,
     should_pause: Callable[[], bool] = lambda: False,
@@ -44,7 +44,7 @@ def complete(
 
     Parameters
     ----------
-    each : Each
+    each : RunForEach
         Function that runs a task for each of several items, such as `run_in_process`.
     at_once : int
         Number of tasks in a group; the results of a group are stored together.
@@ -70,5 +70,5 @@ def complete(
         join_survey(request, where, each, at_once)
     if lacks_levels(request, where):  # levels are built after families are joined, because the join changes slots
         make_levels(request, where, each)
-    if lacks_certificates(request, where):  # certificates name slots, which the join changes
+    if lacks_certificates(request, where):  # last, because certificates name slots, and joining families changes slots
         prove_survey(request, where, each, at_once, on_proved, should_pause)

@@ -11,7 +11,7 @@ from queue import Empty, SimpleQueue
 from gear_rattle.workers.kinds import AnyRequest, AnyTile, compute_tile, tile_error
 from gear_rattle.workers.populations.request import PopulationRequest
 from gear_rattle.workers.storage.location import Place, place_of
-from gear_rattle.workers.storage.manifest import recording_tiles
+from gear_rattle.workers.storage.manifest import tile_recorder
 from gear_rattle.workers.storage.store import prepare_for_tiles, require_aligned, write_tile
 from gear_rattle.workers.survey.tiles import GRACE_SECONDS, POLL_SECONDS, TileRecord
 from gear_rattle.workers.survey.values.schema import SAMPLED, Group
@@ -88,7 +88,7 @@ def run_tiles_here(
     with place.lock_for_writing():
         if tiles:
             prepare_for_tiles(request, place)
-        with recording_tiles(place) as note:
+        with tile_recorder(place) as note:
             threading.Thread(target=compute_tiles, name="tiles", daemon=True).start()
             try:
                 deadline = math.inf

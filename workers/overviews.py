@@ -14,7 +14,7 @@ from zarr.abc.buffer import Buffer
 from zarr.storage import MemoryStore
 
 from gear_rattle.workers.errors import report_damage, storage_error
-from gear_rattle.workers.storage.added import Each, run_in_process
+from gear_rattle.workers.storage.added import RunForEach, run_in_process
 from gear_rattle.workers.storage.location import Place, place_of
 from gear_rattle.workers.storage.store import add_to_store, has_added
 from gear_rattle.workers.survey.levels import reduce
@@ -38,7 +38,7 @@ def lacks_levels(request: SurveyRequest, where: str | Path | Place) -> bool:
     return bool(levels_of(request.shape)) and not has_added(where, GROUP)
 
 
-def make_levels(request: SurveyRequest, where: str | Path | Place, each: Each = run_in_process) -> None:
+def make_levels(request: SurveyRequest, where: str | Path | Place, each: RunForEach = run_in_process) -> None:
     """Build and store the levels of a survey whose tiles are final.
 
     The caller holds the lock of the store. The result depends on the cells alone, not on the shape or order of tiles. A

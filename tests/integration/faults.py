@@ -118,7 +118,7 @@ IN_PROCESS = """
             return spec({0: {"cls": cluster.Worker, "options": worker}}, scheduler=scheduler, security=security)
         async def nothing(self, worker):
             pass
-        cluster.SpecCluster, cluster.WarmKernels.setup = start, nothing
+        cluster.SpecCluster, cluster.KernelLoader.setup = start, nothing
         cluster._WorkerProcesses._run = lambda self: self._over.wait()
 """
 

@@ -80,7 +80,7 @@ PROTECTIONS = (
         "the next start removes what a killed process left",
         f"{PROCESSES}::test_they_end_with_their_parent_also_if_it_is_killed_and_the_next_start_tidies_up",
         "workers/cluster/scratch.py",
-        "    _remove_abandoned(root or tempfile.gettempdir())\n",
+        "    _remove_abandoned_directories(root or tempfile.gettempdir())\n",
         "",
     ),
     _one(

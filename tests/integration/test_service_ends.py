@@ -116,7 +116,7 @@ STAGES = {
             async def setup(self, worker):
                 note("warming")
                 wait_for_signal()
-            cluster.WarmKernels.setup = setup
+            cluster.KernelLoader.setup = setup
         """,
 }
 EARLY = ("begun", "opened")

@@ -68,7 +68,7 @@ def edges_in_part(
     row, column = np.divmod(at, width)
     number, on = np.zeros(ids.size, np.int64), np.zeros((ids.size, len(crossings)), np.int64)
     for axis, (down, right) in enumerate(((0, 1), (1, 0))):
-        for back in (0, 1):  # 0: only the first cell of the pair has the family; 1: only the second
+        for back in (0, 1):  # 0: the first cell of the pair has the component and the second lacks it; 1: the reverse
             i, j = row - back * down, column - back * right
             other = (row + (1 - 2 * back) * down) * width + column + (1 - 2 * back) * right
             pair = (i >= 0) & (i < part.bottom - part.top) & (j >= 0) & (j < part.right - part.left)

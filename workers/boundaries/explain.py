@@ -157,7 +157,7 @@ class _CurveSearch:
         return (float(delta[0]), float(delta[-1])), (float(epsilon[0]), float(epsilon[-1]))
 
     def run(self) -> Iterator[tuple[int, str]]:
-        """Compute curves for all pairs. Yield the pair's number and the reason for each unexplained difference."""
+        """Compute curves for all pairs. Yield, for each difference that none explains, its pair's number and why."""
         for n in range(len(self.pairs)):
             if self.pairs.region[n] and not self.is_region_explained()[n]:
                 for orbit, target in self._period_one_changes(n):
@@ -203,7 +203,13 @@ class _CurveSearch:
         return left + chaos if left or len(chaos) == len(changed) else []
 
     def _explain_label(self, n: int, label: Label) -> str | None:
-        """Find a curve that explains why the cells of a pair differ in a label; if none does, return the reason."""
+        """Find a curve that explains why the cells of the n-th pair differ in a label.
+
+        Returns
+        -------
+        str | None
+            None if a curve explains it; otherwise the reason why none does.
+        """
         if label == QUIET_LABEL:
             return (
                 "quiet motion exists on both sides: its basin fraction is small"
@@ -318,8 +324,8 @@ def _group_unexplained(
 ) -> tuple[UnexplainedPairs, ...]:
     """Return the unexplained pairs, grouped by change and reason, largest group first.
 
-    why: {number of a pair: reason}. region, attractors (n,): whether a difference of the pair's regions, and of its
-    attractors, is explained.
+    why: {number of a pair: reason why no curve explains its difference}. region, attractors (n,): whether a difference
+    of the pair's regions, and of its attractors, is explained.
 
     Returns
     -------

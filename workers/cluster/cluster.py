@@ -75,8 +75,8 @@ REFUSED_TOPIC = "gear-rattle-refused"  # topic of dask's events about refused wo
 logger = logging.getLogger(__name__)
 
 
-class WarmKernels(WorkerPlugin):
-    """Load the kernels before a worker's first tile, compiling them if necessary, also on a restarted worker."""
+class KernelLoader(WorkerPlugin):
+    """A plugin that loads the kernels on each worker before its first tile, also on a restarted worker."""
 
     name = "gear-rattle-kernels"
 
@@ -148,13 +148,13 @@ def version_check(versions: Mapping[str, str | None], module: str, topic: str) -
                 self.closing = asyncio.create_task(worker.close(reason=sentence))
                 await asyncio.sleep(0)  # lets the task above begin to close the worker
                 raise RuntimeError(sentence)  # dask writes this error to the worker's log
-            await import_module(module).WarmKernels().setup(worker)
+            await import_module(module).KernelLoader().setup(worker)
 
     return VersionCheck()
 
 
 @contextmanager
-def _interrupts_blocked() -> Iterator[None]:
+def _block_interrupts() -> Iterator[None]:
     """Make threads and processes that start in this context ignore Ctrl-C, which a terminal sends to all of them.
 
     A Ctrl-C during the context reaches the caller afterwards.
@@ -167,7 +167,7 @@ def _interrupts_blocked() -> Iterator[None]:
 
 
 class _WorkerProcesses:
-    """Start the process that starts the nannies and workers. If this process is killed, start it again.
+    """Keeps the process alive that starts the nannies and workers: if it is killed, another one is started.
 
     Parameters
     ----------
@@ -202,7 +202,7 @@ class _WorkerProcesses:
         self._over.set()
         self._thread.join()
 
-    def wait(self, client: Client) -> None:
+    def wait_for_workers(self, client: Client) -> None:
         """Wait until all workers have connected.
 
         Raises
@@ -224,7 +224,7 @@ class _WorkerProcesses:
             self._over.wait(WATCH_SECONDS)
 
     def _run(self) -> None:
-        """Start the process, wait until it ends or must end, and end all its descendants."""
+        """Start the process of the nannies, wait until it ends or `_over` is set, then kill it and its descendants."""
         command = [sys.executable, "-m", nannies.__name__]
         # The process has a session of its own, so a terminal's Ctrl-C does not reach it. It ends when its stdin closes.
         with subprocess.Popen(command, stdin=subprocess.PIPE, env=_environment(), start_new_session=True) as process:
@@ -235,7 +235,7 @@ class _WorkerProcesses:
                     process.stdin.flush()
                 while process.poll() is None and not self._over.wait(WATCH_SECONDS):
                     if not self.started.is_set() and self._should_stop():
-                        # dask would log all tasks that fail because the cluster does not start.
+                        # Without this, the log would list every asyncio task that the cancelled start-up leaves behind.
                         logging.getLogger("asyncio").setLevel(logging.CRITICAL)
                         self._over.set()
             finally:
@@ -287,12 +287,12 @@ def embedded_cluster(
         scratch = stack.enter_context(scratch_directory(dask.config.get("temporary-directory", None)))
         stack.enter_context(dask.config.set({**FEW_DIAGNOSTICS, **NO_PAGES, "temporary-directory": scratch}))
         try:
-            with _interrupts_blocked():
+            with _block_interrupts():
                 cluster = stack.enter_context(_cluster_without_workers())
                 processes = stack.enter_context(_WorkerProcesses(n_workers, nice, cluster, should_stop))
                 client = stack.enter_context(Client(cluster, set_as_default=False))
-            processes.wait(client)
-            client.register_plugin(WarmKernels())
+            processes.wait_for_workers(client)
+            client.register_plugin(KernelLoader())
         except Exception as error:
             raise SurveyError(f"the embedded cluster of {n_workers} processes does not start: {error}") from error
         processes.started.set()
@@ -347,7 +347,7 @@ def connect(url: str) -> Iterator[Client]:
             client = stack.enter_context(Client(url, timeout=CONNECT_SECONDS, set_as_default=False))
             client.wait_for_workers(1, timeout=CONNECT_SECONDS)
         except (OSError, ValueError, TypeError, RuntimeError) as error:
-            # TypeError and RuntimeError come from wrong settings of TLS.
+            # Wrong settings of TLS raise TypeError or RuntimeError.
             raise ClusterLostError(
                 f"no dask scheduler with workers answers at {url} ({error}): start both, or correct the address or the "
                 "settings of TLS"
@@ -418,7 +418,7 @@ def _workers_in_words(addresses: list[str]) -> str:
 
 
 def _address_of(url: str) -> str:
-    """Return a scheduler's address, given the address or a scheduler file. Raises ClusterLostError."""
+    """Return a scheduler's address, given this address or the path of its scheduler file. Raises ClusterLostError."""
     if not url.endswith(".json"):
         return url
     try:
@@ -439,7 +439,8 @@ def end_processes(client: Client, addresses: list[str]) -> None:
         ending = partial(client.run, _end_process, workers=addresses, wait=False, on_error="ignore")
         thread = Thread(target=ending, name="end-processes", daemon=True)
         thread.start()
-        deadline = time.monotonic() + END_SECONDS  # wait, because dask may send tasks to dying workers
+        # Wait until the workers are gone, because until then dask may send tasks to them.
+        deadline = time.monotonic() + END_SECONDS
         with suppress(OSError):
             while time.monotonic() < deadline and not client.nthreads().keys().isdisjoint(addresses):
                 time.sleep(LOOK_SECONDS)
@@ -466,7 +467,7 @@ def end_tasks_and_wait(client: Client, futures: list[Future]) -> None:
     quiet, keys = 0, {future.key for future in futures}
     while quiet < IDLE_CHECKS:
         answers: SimpleQueue[dict[str, bool]] = SimpleQueue()
-        Thread(target=_ask_who_computes, args=(client, keys, answers), name="ask-workers", daemon=True).start()
+        Thread(target=_queue_busy_flags, args=(client, keys, answers), name="ask-workers", daemon=True).start()
         at_work = list[str]()
         with suppress(Empty):  # a frozen worker does not answer, but it computes nothing either
             at_work = [address for address, here in answers.get(timeout=END_SECONDS).items() if here]
@@ -475,8 +476,9 @@ def end_tasks_and_wait(client: Client, futures: list[Future]) -> None:
         time.sleep(LOOK_SECONDS)
 
 
-def _ask_who_computes(client: Client, keys: set[str], answers: SimpleQueue[dict[str, bool]]) -> None:
-    with suppress(OSError):  # the scheduler is gone, and its workers end
+def _queue_busy_flags(client: Client, keys: set[str], answers: SimpleQueue[dict[str, bool]]) -> None:
+    """Put {address of a worker: whether it computes one of the tasks `keys`} into `answers`."""
+    with suppress(OSError):  # the scheduler is gone: its workers end, and nothing is put
         answers.put(client.run(_is_computing, keys, on_error="ignore"))
 
 

@@ -13,7 +13,7 @@ from gear_rattle.workers.kinds import AnyTile
 from gear_rattle.workers.survey.tiles import TileRecord
 
 MANY = 64  # in a run of fewer tiles no cells are measured: the first finished tiles predict costs just as well
-MEASURED = 256  # at most this many tiles have measured cells
+MOST_MEASURED_TILES = 256  # at most this many tiles have measured cells
 LEAST_MEASURED, MOST_PER_TILE = 128, 5  # cells to measure: at least in all tiles together, and at most in one tile
 #: The values of a tile's measured cells are kept if the tile has at most this many cells for each measured cell. In a
 #: larger tile they are computed again: a computation of all cells takes less time than one that leaves out a few cells.
@@ -49,14 +49,14 @@ class RunState:
         Returns
         -------
         list[AnyTile]
-            Tiles without measured cells, so few that at most MEASURED tiles are measured in the whole run. Empty in a
-            run of fewer than MANY tiles.
+            Tiles without measured cells, so few that at most MOST_MEASURED_TILES tiles are measured in the whole run.
+            Empty in a run of fewer than MANY tiles.
         """
         if len(tiles) + len(self.seconds_per_cell) < MANY:
             return []
         new = [tile for tile in tiles if tile.index not in self.seconds_per_cell]
         self._cells_per_tile = min(max(LEAST_MEASURED // max(len(tiles), 1), 1), MOST_PER_TILE)
-        return spread_evenly(new, columns)[: MEASURED - len(self.seconds_per_cell)]
+        return spread_evenly(new, columns)[: MOST_MEASURED_TILES - len(self.seconds_per_cell)]
 
     def record_measured(self, tile: AnyTile) -> bool:
         """Record a tile's cost after one of its cells was measured. Return whether to measure another of its cells."""

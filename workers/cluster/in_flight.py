@@ -39,7 +39,7 @@ class SubmittedTasks(ABC, Generic[Work, Result]):
 
     def __init__(self, client: Client, name: str, lost: str) -> None:
         """Store the client. name: prefix of the tasks' keys in dask. lost: message for a lost scheduler."""
-        self._client, self._lost = client, lost
+        self._client, self._lost_message = client, lost
         self._loop = cast("IOLoop", client.loop)
         self._name = f"{name}-{uuid4().hex}"  # unique, so that dask does not confuse the tasks of two runs
         self._submitted = 0
@@ -49,7 +49,7 @@ class SubmittedTasks(ABC, Generic[Work, Result]):
 
     @abstractmethod
     def handle_error(self, task: Task[Work], error: BaseException) -> None:
-        """Respond to a failed task, or raise its error."""
+        """Respond to a failed task, for example submit its work again, or raise an error."""
 
     def count_threads(self, patience: float) -> int:
         """Return the number of the cluster's threads.
@@ -75,7 +75,7 @@ class SubmittedTasks(ABC, Generic[Work, Result]):
             raise ClusterLostError(f"the cluster has had no workers for {patience:.0f} s: start workers")
         return threads
 
-    def put(self, work: Work, function: Callable[..., Result], *arguments: Any, **options: Any) -> None:
+    def submit_task(self, work: Work, function: Callable[..., Result], *arguments: Any, **options: Any) -> None:
         """Submit a task that calls `function(*arguments)`.
 
         work: item that the task computes. options: arguments of dask's `Client.submit`.
@@ -95,7 +95,7 @@ class SubmittedTasks(ABC, Generic[Work, Result]):
         Returns
         -------
         tuple[Task[Work], Result] | None
-            None if no task ends within `seconds`, if the ended task was forgotten before, or if it failed and
+            None if no task ends within `seconds`, if `forget_tasks` has removed the ended task, or if it failed and
             `handle_error` raised no error.
 
         Raises
@@ -133,10 +133,9 @@ class SubmittedTasks(ABC, Generic[Work, Result]):
         self._ended.put((future, result, error))
 
     def forget_tasks(self, condition: Callable[[Work], bool]) -> None:
-        """Forget all tasks whose work meets `condition`. The scheduler then cancels the unfinished tasks.
+        """Remove the tasks whose work meets `condition`. The scheduler cancels them, or drops their results.
 
-        Finished tasks must be forgotten, too: if a worker died, dask would compute the finished tasks of this worker
-        again, unless they are forgotten.
+        Finished tasks must be removed, too: otherwise, if a worker died, dask would compute its finished tasks again.
         """
         for key, task in list(self.in_flight.items()):
             if condition(task.work):
@@ -145,4 +144,4 @@ class SubmittedTasks(ABC, Generic[Work, Result]):
 
     def lost_error(self) -> ClusterLostError:
         """Return the error for a lost scheduler."""
-        return ClusterLostError(self._lost)
+        return ClusterLostError(self._lost_message)

@@ -88,7 +88,9 @@ def _receive_outcomes(stream: IO[bytes]) -> Iterator[CellOutcome]:
     try:
         pickle.load(stream)
     except (EOFError, pickle.UnpicklingError):
-        raise RuntimeError("the process of a tile does not start: see the worker's log") from None
+        raise RuntimeError(
+            "the process that computes the cells of a tile does not start: see the worker's log"
+        ) from None
     while True:
         try:
             received = pickle.load(stream)
@@ -108,18 +110,18 @@ def serve_cells() -> None:
     out = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # text that a library prints goes to stderr, so that stdout has outcomes only
     request, tile, first, memory = pickle.load(sys.stdin.buffer)
-    # When the worker ends, stdin closes and this thread ends the process. It can run because kernels release the GIL.
+    # When the worker ends, stdin closes and this thread ends the process, even in a kernel: kernels release the GIL.
     threading.Thread(target=lambda: (sys.stdin.buffer.read(), os._exit(1)), daemon=True).start()
     if memory:
         resource.setrlimit(resource.RLIMIT_DATA, (memory, memory))
-    _send(out, None)
+    _send_pickled(out, None)
     try:
         _limit_next_cell()
         for outcome in cell_outcomes(request, tile, first, failing=(MemoryError,)):
-            _send(out, outcome)
+            _send_pickled(out, outcome)
             _limit_next_cell()
     except Exception as error:
-        _send(out, error)
+        _send_pickled(out, error)
     os._exit(0)
 
 
@@ -130,6 +132,6 @@ def _limit_next_cell() -> None:
     resource.setrlimit(resource.RLIMIT_CPU, (limit if most == resource.RLIM_INFINITY else min(limit, most), most))
 
 
-def _send(out: IO[bytes], item: object) -> None:
+def _send_pickled(out: IO[bytes], item: object) -> None:
     pickle.dump(item, out)
     out.flush()

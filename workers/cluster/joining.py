@@ -22,7 +22,7 @@ TASKS_PER_THREAD = 8
 
 @dataclass(frozen=True)
 class _TaskAttempt:
-    """An attempt at a task. number: index of the task in the list of tasks. attempt: 1 for the first attempt."""
+    """An attempt at a task. number: index of the task's item in the list of items. attempt: 1 for the first attempt."""
 
     number: int
     attempt: int
@@ -40,7 +40,7 @@ class CompletionTasks(SubmittedTasks[_TaskAttempt, Any]):
     def run_for_each(
         self, task: Callable[..., Any], request: SurveyRequest, path: str, items: Sequence[tuple[Any, ...]]
     ) -> list[Any]:
-        """Run `task(request, path, *item)` for each item with `map`, and return the results in order."""
+        """Run `task(request, path, *item)` for each item, as `map` does, and return the results in their order."""
         return self.map(task, [(request, path, *item) for item in items])
 
     def map(self, task: Callable[..., Any], items: Sequence[tuple[Any, ...]]) -> list[Any]:
@@ -69,7 +69,7 @@ class CompletionTasks(SubmittedTasks[_TaskAttempt, Any]):
                 room = self.count_threads(WORKERLESS_SECONDS) - len(self.in_flight)
                 for _ in range(min(room, len(self._waiting))):
                     item = self._waiting.popleft()
-                    self.put(item, task, *items[item.number])
+                    self.submit_task(item, task, *items[item.number])
                 if ended := self.next_result(POLL_SECONDS):
                     done, result = ended
                     found[done.work.number] = result
@@ -81,7 +81,7 @@ class CompletionTasks(SubmittedTasks[_TaskAttempt, Any]):
         return found
 
     def batch_size(self) -> int:
-        """Return a number of tasks for a batch, so large that threads are idle only shortly before the batch ends."""
+        """Return the number of tasks of a batch: several for each thread, so that the threads are seldom idle."""
         return TASKS_PER_THREAD * max(self.count_threads(WORKERLESS_SECONDS), 1)
 
     def handle_error(self, task: Task[_TaskAttempt], error: BaseException) -> None:

@@ -26,8 +26,8 @@ def refined_frames(
 ) -> Generator[Frame, None, None]:
     """Compute a map of a window on a cluster, and yield frames of increasing resolution.
 
-    survey: the window's request, from `window_survey`. index: number of the map, if the variable has a map for each of
-    several orbits or slots. The generator blocks between frames, so it needs a thread of its own. When it ends or is
+    survey: the window's request, from `window_survey`. index: number of the map, from 0, if the variable has a map for
+    each orbit or slot; else 0. The generator blocks between frames, so it needs a thread of its own. When it ends or is
     closed, parts that already run may remain on the cluster for about half a second.
 
     Parameters
@@ -60,11 +60,11 @@ def refined_frames(
                 unseen = True
                 if level != grid.levels[0] and time.monotonic() - shown > FRAME_SECONDS and not grid.known.all():
                     shown, unseen = time.monotonic(), False
-                    yield grid.frame(level)
+                    yield grid.frame_at_level(level)
             if should_stop():
                 return
             if unseen:
-                yield grid.frame(level)
+                yield grid.frame_at_level(level)
     finally:
         work.forget_tasks(lambda _: True)
 
@@ -97,12 +97,12 @@ class _WindowTasks(SubmittedTasks[WindowPart, PartValues]):
     ) -> Iterator[tuple[WindowPart, PartValues]]:
         """Compute parts on the cluster, and yield each part with its values as soon as its task ends."""
         left = next(parts, None)
-        self._cells, self._seconds = 0, 0.0  # measured anew: cells of this level may take longer
+        self._cells, self._seconds = 0, 0.0  # measured anew on each level, because its cells may take longer
         while (left or self.in_flight) and not should_stop():
             room = PARTS_PER_THREAD * self.count_threads(WORKERLESS_SECONDS) - len(self.in_flight)
             while left and room > 0:
                 axes = self._delta[left.delta], self._epsilon[left.epsilon]
-                self.put(left, compute_part, *self._map, *axes, priority=PRIORITY)
+                self.submit_task(left, compute_part, *self._map, *axes, priority=PRIORITY)
                 left, room = next(parts, None), room - 1
             if ended := self.next_result(POLL_SECONDS):
                 task, values = ended

@@ -35,7 +35,7 @@ from gear_rattle.workers.errors import ClusterLostError, StoppedError, SurveyErr
 from gear_rattle.workers.kinds import AnyRequest, AnyTile, compute_tile, template_of
 from gear_rattle.workers.populations.tiles import GearTile
 from gear_rattle.workers.storage.location import Place, place_of
-from gear_rattle.workers.storage.manifest import recording_tiles
+from gear_rattle.workers.storage.manifest import tile_recorder
 from gear_rattle.workers.storage.store import prepare_for_tiles, require_aligned, write_tile
 from gear_rattle.workers.survey.request import SurveyRequest
 from gear_rattle.workers.survey.template import Template
@@ -80,8 +80,8 @@ def advance_tile(
     """
     if isolated or not is_divisible(request, tile.n_cells):
         return compute_and_write(request, path, tile, isolated)
-    if not (loaded := _load_marks(request)):
-        compute_partly(request, tile, None, 0.0)  # one cell, to load kernels before times are measured
+    if not (loaded := _kernel_load_marks(request)):
+        compute_partly(request, tile, None, 0.0)  # computes one cell, so that no measured time includes loading kernels
         loaded.append(True)
     part = compute_partly(request, tile, before, seconds, expected)
     if not part.is_whole:
@@ -90,13 +90,13 @@ def advance_tile(
 
 
 @lru_cache(maxsize=16)
-def _load_marks(_request: AnyRequest) -> list[bool]:
-    """Return a list that is empty if this process has not loaded the kernels of a request yet.
+def _kernel_load_marks(_request: AnyRequest) -> list[bool]:
+    """Return the list in which this process notes that it has loaded the kernels of a request.
 
     Returns
     -------
     list[bool]
-        The same list for equal requests, from the cache. The caller appends to it after loading the kernels.
+        At first empty; the caller appends True after loading the kernels. For equal requests it is the same list.
     """
     return []
 
@@ -141,7 +141,8 @@ def _compute_template(
     future.add_done_callback(ended.put)
     try:
         while not should_stop():
-            with suppress(Empty):  # a queue, because dask's `result` sometimes misses its timeout on Python 3.12
+            with suppress(Empty):
+                # Wait by a queue, because dask's `future.result(timeout)` sometimes misses its timeout on Python 3.12.
                 ended.get(timeout=POLL_SECONDS)
                 template: Template = future.result()
                 return template
@@ -260,7 +261,7 @@ def run_tiles(
         submission = Submission(advance_tile, request, str(place), client, run_state.partial)
         left = {tile.index: tile for tile in tiles}
 
-        with recording_tiles(place) as note:
+        with tile_recorder(place) as note:
 
             def on_ended(record: TileRecord) -> None:
                 note({record.index: record.files})
@@ -296,7 +297,7 @@ def run_tiles(
                 if not should_stop():
                     _run_submission(submission, waiting, on_ended, *asked, on_part)
                 if submission.superseded and isinstance(request, SurveyRequest) and request.has_bound:
-                    # Later rounds of audits write some tiles again. An old attempt at such a tile would overwrite it.
+                    # Later rounds of audits write some tiles again; an old attempt still running would overwrite them.
                     end_tasks_and_wait(client, submission.superseded)
             finally:
                 submission.cancel()
@@ -311,6 +312,8 @@ def _run_submission(
     should_pause: Callable[[], bool],
     on_part: Callable[[AnyTile], None],
 ) -> None:
+    """Submit the tiles `waiting` in their order and report ended tasks, until no tile is left or the run must stop."""
+
     def report(result: TileRecord | AnyTile | None) -> None:
         if isinstance(result, Tile | GearTile):
             on_part(result)

@@ -25,7 +25,7 @@ def scratch_directory(root: str | None) -> Iterator[str]:
     str
         Path of the directory.
     """
-    _remove_abandoned(root or tempfile.gettempdir())
+    _remove_abandoned_directories(root or tempfile.gettempdir())
     with tempfile.TemporaryDirectory(prefix=PREFIX, dir=root, ignore_cleanup_errors=True) as path:
         new = os.path.join(path, f"{HELD}.new")
         file = os.open(new, os.O_RDWR | os.O_CREAT, 0o600)
@@ -39,15 +39,16 @@ def scratch_directory(root: str | None) -> Iterator[str]:
             os.close(file)
 
 
-def _remove_abandoned(root: str) -> None:
+def _remove_abandoned_directories(root: str) -> None:
     with suppress(OSError), os.scandir(root) as entries:
         for entry in entries:
             if entry.name.startswith(PREFIX) and entry.is_dir(follow_symlinks=False):
                 with suppress(OSError):  # the directory belongs to another account, is in use, or is gone
-                    _remove_unless_held(entry.path)
+                    _remove_unless_locked(entry.path)
 
 
-def _remove_unless_held(path: str) -> None:
+def _remove_unless_locked(path: str) -> None:
+    """Remove the directory at `path` if it is of this account and its owner, who locks the file HELD, has ended."""
     if os.lstat(path).st_uid != os.getuid():
         return
     file = os.open(os.path.join(path, HELD), os.O_RDWR | os.O_NOFOLLOW)

@@ -31,7 +31,7 @@ WORKERLESS_SECONDS = 60.0
 LOST = "the dask scheduler is gone: start one and compute the same request again, which resumes the computation"
 
 
-Found = TileRecord | PartialTile
+TileResult = TileRecord | PartialTile
 
 
 @dataclass(frozen=True)
@@ -45,12 +45,12 @@ class Attempt:
     isolated: bool
 
 
-class Submission(SubmittedTasks[Attempt, Found]):
+class Submission(SubmittedTasks[Attempt, TileResult]):
     """The tiles of one run that are submitted to the cluster and have not ended."""
 
     def __init__(
         self,
-        task: Callable[..., Found],
+        task: Callable[..., TileResult],
         request: AnyRequest,
         path: str,
         client: Client,
@@ -86,9 +86,9 @@ class Submission(SubmittedTasks[Attempt, Found]):
         return max(self.n_threads - len(self.in_flight), 0)
 
     def submit(self, tile: AnyTile, isolated: bool = False, workers: Iterable[str] | None = None) -> None:
-        """Submit a tile. isolated: compute it in a process of its own. workers: the only ones that may compute it."""
+        """Submit a tile. isolated: compute it in a process of its own. workers: addresses of allowed workers."""
         known = self._partial.get(tile.index), self._slowest or math.inf, self.seconds
-        self.put(
+        self.submit_task(
             Attempt(tile, isolated), self._task, self._request, self._path, tile, isolated, *known, workers=workers
         )
 
@@ -141,8 +141,8 @@ class Submission(SubmittedTasks[Attempt, Found]):
         Returns
         -------
         TileRecord | AnyTile | None
-            None if no task ends within `seconds`. None also for a task that was forgotten before, and for a failed task
-            whose tile is submitted again.
+            None if no task ends within `seconds`. None also for a task that `forget_tasks` has removed, and for a
+            failed task whose tile is submitted again.
         """
         if (ended := self.next_result(seconds)) is None:
             return None
@@ -178,7 +178,7 @@ class Submission(SubmittedTasks[Attempt, Found]):
         self.submit(tile, isolated=True)
 
     def _forget_tile(self, tile: AnyTile) -> None:
-        """Forget every attempt at a tile."""
+        """Forget (see `forget_tasks`) every attempt at a tile."""
         self.forget_tasks(lambda attempt: attempt.tile.index == tile.index)
 
     def kill_tasks(self) -> None:

@@ -23,9 +23,9 @@ from gear_rattle.workers.survey.values.quantities import QUANTITIES, shape_of, s
 from gear_rattle.workers.survey.values.schema import SAMPLED, Group, Quantity
 from rattle.errors import require_integer, require_pair
 
-HALVINGS = 5  # the coarsest level has every 2⁵-th row and column of the whole grid
+HALVINGS = 5  # the coarsest level has every 2⁵-th row and column of the grid (of a small grid more of them)
 MOST_PIXELS = 4096  # the most pixels along an axis
-RESOLVED = 4  # neighbouring values of an axis differ by at least this many units in the last place
+LEAST_ULPS = 4  # neighbouring values of an axis differ by at least this many units in the last place (ulp)
 #: Groups of variables that are computed at once at full resolution, if the model has closed forms of them.
 CLOSED_FORM = frozenset({Group.REGION, Group.ORBITS})
 
@@ -38,7 +38,7 @@ class WindowPart(NamedTuple):
 
 
 class PartValues(NamedTuple):
-    """Result of a part: values (n_epsilon, n_delta), number of failed cells, and seconds of the computation."""
+    """A computed part of a window: values (n_epsilon, n_delta), number of failed cells, seconds of the computation."""
 
     values: np.ndarray
     failed: int
@@ -62,7 +62,7 @@ class Frame:
 
 
 def map_quantity(variable: str, index: int, request: SurveyRequest) -> Quantity:
-    """Return the variable that a map shows. Raises SurveyError if a survey of this model has no such map."""
+    """Return the variable of a map. Raises SurveyError if a survey of this model has no such variable or index."""
     per_cell = [quantity for quantity in QUANTITIES if quantity.per_cell and quantity.is_in_model(request.model)]
     maps = {quantity.name: quantity for quantity in per_cell}
     if variable not in maps:
@@ -114,7 +114,7 @@ def _window_axis(name: str, low: float, high: float, number: int) -> Axis:
     if high <= least:
         raise SurveyError(f"the window lies outside the plane ({name} up to {high}): move it to positive {name}")
     low = max(low, least)
-    number = min(number, int((high - low) / (RESOLVED * math.ulp(high))))
+    number = min(number, int((high - low) / (LEAST_ULPS * math.ulp(high))))
     if number < 2:
         raise SurveyError(f"the window is too narrow for double precision along {name} ({low} to {high}): zoom out")
     step = 2 ** min(HALVINGS, (number - 1).bit_length() - 1)
@@ -122,7 +122,7 @@ def _window_axis(name: str, low: float, high: float, number: int) -> Axis:
 
 
 class WindowGrid:
-    """The grid of a window, with the values computed so far."""
+    """The grid of cells of a window, with the values of one variable in the cells that are computed so far."""
 
     def __init__(self, survey: SurveyRequest, quantity: Quantity) -> None:
         self.delta, self.epsilon = survey.delta.values(), survey.epsilon.values()
@@ -152,13 +152,13 @@ class WindowGrid:
                 yield WindowPart(*(_slice_of_range(each) for each in (rows[i : i + band], columns[j : j + piece])))
 
     def put(self, part: WindowPart, computed: PartValues) -> None:
-        """Store the values of a part."""
+        """Take over the computed values of a part of the window."""
         self.values[part] = computed.values
         self.known[part] = True
         self.failed += computed.failed
 
-    def frame(self, level: int) -> Frame:
-        """Return the values on a level. Cells that are not computed yet have values of the next coarser level."""
+    def frame_at_level(self, level: int) -> Frame:
+        """Return the frame of a level; a cell that is not computed yet gets its value from the next coarser level."""
         step = 2**level
         rows, columns = (np.arange(0, number, step) for number in self.values.shape)
         at, known = self.values[np.ix_(rows, columns)], self.known[np.ix_(rows, columns)]
@@ -198,7 +198,7 @@ def compute_part(
         delta=delta,
         epsilon=epsilon,
         model=request.gear_model,
-        sample=request.sample,
+        sample_spec=request.sample_spec,
         is_sampled=bool(SAMPLED.intersection(groups)),
         slots=request.n_slots,
     )
@@ -222,7 +222,7 @@ def compute_part(
 def _compute_map(quantities: tuple[Quantity, ...], index: int, cells: Cells) -> np.ndarray:
     """Compute variables of cells, and return a map of the last variable. An error in any variable is passed on.
 
-    index: the number of the map, if the last variable has a map for each of several orbits or slots.
+    index: the number of the map, from 0, if the last variable has a map for each orbit or slot; else 0.
 
     Returns
     -------

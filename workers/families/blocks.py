@@ -52,7 +52,7 @@ class Block:
         return "/".join([FAMILY, "c", *map(str, (*self.along, 0, self.row, self.column))])
 
     def temporary_key(self, what: str) -> str:
-        """Return the key of the temporary file `what` of the block. The file exists during the join only."""
+        """Return the key of a temporary file, which exists during the join only. what: COMPONENTS or TARGETS."""
         return ".".join([f"{GROUP}/joining", *map(str, (*self.along, self.row, self.column)), what])
 
 
@@ -71,10 +71,10 @@ def blocks_of(request: SurveyRequest, along: Along = ()) -> list[Block]:
     ]
 
 
-def extended_by_rim(cells: Rectangle, shape: tuple[int, int], before: int = 1) -> Rectangle:
+def extend_by_rim(cells: Rectangle, shape: tuple[int, int], before: int = 1) -> Rectangle:
     """Extend a rectangle by one cell on each side, but not beyond a grid of this shape.
 
-    before: 1, or 0 to extend it only after its last row and column.
+    before: 1 to extend it on all sides, 0 to extend it only after its last row and column.
 
     Returns
     -------
@@ -96,13 +96,13 @@ def is_within(cell: np.ndarray, cells: Rectangle, columns: int) -> np.ndarray:
     return found
 
 
-def renumbered_in_rectangle(table: Attractors, cells: Rectangle, columns: int) -> Attractors:
+def renumber_in_rectangle(table: Attractors, cells: Rectangle, columns: int) -> Attractors:
     """Return attractors with the numbers of their cells in a rectangle, instead of the numbers in the grid."""
     row, column = np.divmod(table.cell, columns)
     return table.replace(cell=(row - cells.top) * (cells.right - cells.left) + column - cells.left)
 
 
-def renumbered_in_grid(table: Attractors, cells: Rectangle, columns: int) -> Attractors:
+def renumber_in_grid(table: Attractors, cells: Rectangle, columns: int) -> Attractors:
     """Return attractors with the numbers of their cells in the grid, instead of the numbers in a rectangle."""
     row, column = np.divmod(table.cell, cells.right - cells.left)
     return table.replace(cell=(row + cells.top) * columns + column + cells.left)
@@ -127,18 +127,19 @@ def read_attractors(request: SurveyRequest, place: Place, cells: Rectangle, alon
             name: np.asarray(zarr.open_array(place.zarr(), path=name, mode="r")[at]) for name in ATTRACTOR_VARIABLES
         }
     found = attractors_in_slots(values, request.initial_conditions.count)
-    return found._replace(attractors=renumbered_in_grid(found.attractors, cells, request.shape[1]))
+    return found._replace(attractors=renumber_in_grid(found.attractors, cells, request.shape[1]))
 
 
 def read_components(place: Place, block: Block) -> np.ndarray:
-    """Return for each attractor of a block the number of its component (connected part of a family), sorted by cell.
+    """Return the number of the component (connected part of a family) of each attractor of a block.
 
-    The attractors are those that a slot lists and the orbits that were continued into the block.
+    The attractors, sorted by cell, are those that a slot lists and the orbits that were continued into the block.
 
     Returns
     -------
     np.ndarray
-        Shape (attractors,), int64; −1 for the row that stands for the undecided samples of a cell.
+        Shape (attractors,), int64. −1 in an entry that stands for the undecided samples of a cell, which a slot lists
+        like an attractor.
     """
     with report_damage(f"a temporary file of {place}"):
         return np.frombuffer(place.read(block.temporary_key(COMPONENTS)), np.int32).astype(np.int64)

@@ -12,7 +12,7 @@ import zarr
 
 from gear_rattle.workers.boundaries.edges import FamilyEdges, edges_of
 from gear_rattle.workers.errors import report_damage, storage_error
-from gear_rattle.workers.families.blocks import COMPONENTS, TARGETS, Block, blocks_of, extended_by_rim, is_within
+from gear_rattle.workers.families.blocks import COMPONENTS, TARGETS, Block, blocks_of, extend_by_rim, is_within
 from gear_rattle.workers.families.move import move_tile
 from gear_rattle.workers.families.tasks import (
     BlockComponents,
@@ -23,9 +23,9 @@ from gear_rattle.workers.families.tasks import (
     summarize_block,
     write_families,
 )
-from gear_rattle.workers.storage.added import Each, run_in_process
+from gear_rattle.workers.storage.added import RunForEach, run_in_process
 from gear_rattle.workers.storage.location import Place, place_of
-from gear_rattle.workers.storage.manifest import recording_tiles, require_manifest
+from gear_rattle.workers.storage.manifest import require_manifest, tile_recorder
 from gear_rattle.workers.storage.store import add_to_store, has_added
 from gear_rattle.workers.survey.crossings import Crossings, Polyline, crossings_of
 from gear_rattle.workers.survey.manifest import group_path
@@ -57,7 +57,7 @@ def lacks_families(request: SurveyRequest, where: str | Path | Place) -> bool:
 
 
 def join_survey(
-    request: SurveyRequest, where: str | Path | Place, each: Each = run_in_process, at_once: int = 1
+    request: SurveyRequest, where: str | Path | Place, each: RunForEach = run_in_process, at_once: int = 1
 ) -> None:
     """Join the attractors of a survey whose tiles are all computed, slice by slice, and store their families.
 
@@ -66,7 +66,7 @@ def join_survey(
 
     Parameters
     ----------
-    each : Each
+    each : RunForEach
         Function that runs a task for each block or tile, in this process or on a cluster.
     at_once : int
         Number of tiles in a group; the attractors of a group of tiles are moved to their slots at the same time.
@@ -93,9 +93,9 @@ def join_survey(
 
 
 class _Join:
-    """The join of one slice's attractors to families. A summary and the border of each block are in memory."""
+    """Joins the attractors of one slice to families. Of each block only a summary and the border are in memory."""
 
-    def __init__(self, survey: SurveyRequest, place: Place, each: Each, at_once: int, along: Along) -> None:
+    def __init__(self, survey: SurveyRequest, place: Place, each: RunForEach, at_once: int, along: Along) -> None:
         self.along, self._survey, self._request = along, survey, survey.slice_request(along)
         self._place, self._each, self._at_once = place, each, at_once
         self._columns = survey.shape[1]
@@ -127,7 +127,7 @@ class _Join:
         order = in_order(orbits)
         numbers = np.concatenate([family[of[part.entered]] for of, part in zip(component, parts, strict=True)])
         joined = JoinedFamilies(table, orbits.take(order), numbers[order], self._columns)
-        return joined, edges_of((each.ends for each in told), family, table, list(curves)), chunks
+        return joined, edges_of((each.edges for each in told), family, table, list(curves)), chunks
 
     def _run_on_blocks(self, task: Callable[..., Any], arguments: Iterable[tuple[Any, ...]]) -> list[Any]:
         """Run a task for each block, with the block's entry of `arguments`; return the results in the same order."""
@@ -141,17 +141,17 @@ class _Join:
         return [i for i in found if i is not None]
 
     def _rows_around(self, block: Block, tables: Sequence[Rows], before: int = 1) -> Rows:
-        """Return the attractors in the cells just around a block, from the tables of the blocks around it.
+        """Return the attractors in the cells that touch a block from outside, from the tables of the blocks around it.
 
-        tables: a table of attractors for each block. before: 1 for all cells around the block, 0 for only the cells
-        after its last row and column.
+        tables: a table of attractors for each block. before: 1 for the cells on all sides of the block, 0 for only the
+        cells just after its last row and column.
 
         Returns
         -------
         Rows
             A table of the same type as `tables`.
         """
-        frame = extended_by_rim(block.cells, self._request.shape, before)
+        frame = extend_by_rim(block.cells, self._request.shape, before)
         near = [tables[i] for i in self._nearby_blocks(block)]
         rim = [
             is_within(table.cell, frame, self._columns) & ~is_within(table.cell, block.cells, self._columns)
@@ -231,7 +231,8 @@ class _Join:
         Returns
         -------
         list[BlockSummary]
-            For each block the sums and edges of its components, and the pairs of components that share a cell.
+            For each block its components' sums (see `Sums`) and edges (pairs of neighbouring cells of which exactly one
+            has the component), and the pairs of components that share a cell.
         """
         delta, epsilon = self._request.delta.values(), self._request.epsilon.values()
         crossings = [crossings_of(curve, delta, epsilon) for curve in curves.values()]
@@ -278,7 +279,7 @@ class _Join:
         computed again.
         """
         known, tiles = require_manifest(self._place), iter(tiles_of_slice(self._survey, self.along))
-        with recording_tiles(self._place) as record_tiles:
+        with tile_recorder(self._place) as record_tiles:
             while some := list(islice(tiles, self._at_once)):
                 items = [(tile, self._blocks_of_tile(tile), known.digests_of(tile.index)) for tile in some]
                 moved = self._each(move_tile, self._survey, str(self._place), items)

@@ -130,8 +130,8 @@ def _family_maps(survey: xr.Dataset, number: int, entered: xr.Dataset) -> dict[s
     def values_of_largest(name: str, orbit_values: np.ndarray) -> np.ndarray:
         """Return the values of a variable for the attractor that represents the family in each cell.
 
-        In a cell whose slots list the family, it is the listed attractor with the largest fraction; in another cell, it
-        is the orbit in `entered`. orbit_values: the values for the orbits in `entered`.
+        The family is represented by the attractor with the largest fraction among its slots in the cell; in a cell
+        without such a slot, by the cell's orbit in `entered`. orbit_values: the variable of all orbits in `entered`.
 
         Returns
         -------

@@ -19,13 +19,13 @@ from gear_rattle.workers.families.blocks import (
     COMPONENTS,
     TARGETS,
     Block,
-    extended_by_rim,
+    extend_by_rim,
     is_within,
     position_in_cell,
     read_attractors,
     read_components,
-    renumbered_in_grid,
-    renumbered_in_rectangle,
+    renumber_in_grid,
+    renumber_in_rectangle,
 )
 from gear_rattle.workers.storage.location import Place, place_of
 from gear_rattle.workers.survey.crossings import Crossings
@@ -46,7 +46,7 @@ from rattle.families import (
 )
 from rattle.numerics import StructOfArrays
 
-POSITIONS = 1 << 16  # every cell has fewer attractors than this
+POSITIONS = 1 << 16  # larger than the number of attractors of any cell, so that `BorderAttractors.key` is unique
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,8 +72,8 @@ class BlockComponents(NamedTuple):
     """The components (connected parts of families) of a block.
 
     number: how many components the block has; component 0 is quiet running. first: the attractors in the block's first
-    row and column. beyond: the attractors just after the block's last row and column that are connected with a
-    component of the block. entered: the component of each orbit that was continued into the block.
+    row and first column. beyond: those attractors in the cells just after the block's last row and column that belong
+    to a component of the block. entered: the component of each orbit that was continued into the block.
     """
 
     number: int
@@ -85,12 +85,12 @@ class BlockComponents(NamedTuple):
 class BlockSummary(NamedTuple):
     """Summary of the components (connected parts of families) in a block.
 
-    sums: properties that can be added to those of other blocks. ends: the edges of the components.
-    pairs (k, 2): each row has the numbers of two components that slots of the same cell list.
+    sums: properties that are added to those of other blocks. edges: the edges of the components (see
+    `ComponentEdges`). pairs (k, 2): the numbers of each two components that slots of the same cell list.
     """
 
     sums: Sums
-    ends: ComponentEdges
+    edges: ComponentEdges
     pairs: np.ndarray
 
 
@@ -109,18 +109,18 @@ def continue_into_block(
         The new orbits in the block; their cells are numbered in the grid.
     """
     columns = request.shape[1]
-    cells, frame, tried = block.cells, extended_by_rim(block.cells, request.shape), beside is not None
+    cells, frame, tried = block.cells, extend_by_rim(block.cells, request.shape), beside is not None
     table = read_attractors(request, place_of(path), cells if tried else frame, block.along).attractors
     inside = is_within(table.cell, cells, columns)
     beside = beside or table.take(~inside)
     table = together(table.take(inside), entered)
     order = in_order(table)
     tables = table.take(order), beside
-    here, there = (renumbered_in_rectangle(each, frame, columns) for each in tables)
+    here, there = (renumber_in_rectangle(each, frame, columns) for each in tables)
     top, left = frame.top, frame.left
     piece = Rectangle(cells.top - top, cells.bottom - top, cells.left - left, cells.right - left)
     new = continue_into_piece(here, there, tried, frame.right - left, piece, _kernel_cells(request, frame))
-    return renumbered_in_grid(new, frame, columns)
+    return renumber_in_grid(new, frame, columns)
 
 
 def connect_block(
@@ -137,14 +137,14 @@ def connect_block(
         The components of the block, and their connections to other blocks.
     """
     place, columns = place_of(path), request.shape[1]
-    frame = extended_by_rim(block.cells, request.shape, before=0)
+    frame = extend_by_rim(block.cells, request.shape, before=0)
     found = read_attractors(request, place, frame, block.along).attractors
     n = found.cell.size
     table = together(found, entered, beside)
     order = in_order(table)
     table = table.take(order)
     shape = frame.bottom - frame.top, frame.right - frame.left
-    component = connect_attractors(renumbered_in_rectangle(table, frame, columns), shape, _kernel_cells(request, frame))
+    component = connect_attractors(renumber_in_rectangle(table, frame, columns), shape, _kernel_cells(request, frame))
     inside, where = is_within(table.cell, block.cells, columns), position_in_cell(table.cell)
     mine = np.unique(component[inside & (component > QUIET_FAMILY)])
     numbers = np.full(int(component.max(initial=QUIET_FAMILY)) + 2, NO_FAMILY)  # the last entry is for component −1
@@ -193,9 +193,9 @@ def summarize_block(
     table, of, is_listed = _block_attractors(place, block, found, entered)
     of, columns = component[of], request.shape[1]
     cell, each = np.append(table.cell, beyond.cell), np.append(of, beyond.component)
-    ends = edges_in_part(block.cells, columns, cell, each, crossings)
+    edges = edges_in_part(block.cells, columns, cell, each, crossings)
     pairs = _pairs_in_cells(table.cell[is_listed], of[is_listed])
-    return BlockSummary(sums_of(table, of, columns), ends, pairs)
+    return BlockSummary(sums_of(table, of, columns), edges, pairs)
 
 
 def write_families(
@@ -216,7 +216,7 @@ def write_families(
     found = read_attractors(request, place, cells, block.along)
     _table, component, is_listed = _block_attractors(place, block, found, entered)
     component = component[is_listed]
-    cell, here = renumbered_in_rectangle(found.attractors, cells, request.shape[1]).cell, family[component]
+    cell, here = renumber_in_rectangle(found.attractors, cells, request.shape[1]).cell, family[component]
     target = slots_in_cells(here, cell, slot[component]) if request.slots_follow_families else found.slot
     shape = request.n_slots, cells.bottom - cells.top, cells.right - cells.left
     numbers = np.full((request.n_slots, shape[1] * shape[2]), NO_FAMILY, np.int32)
@@ -226,7 +226,7 @@ def write_families(
     kept: dict[str, Buffer] = {}
     array = create_family_array(zarr.create_group(MemoryStore(kept), zarr_format=3), request, block.side)
     array[:, cells.top : cells.bottom, cells.left : cells.right] = numbers.reshape(shape)
-    # the array in memory has no third axis, so the chunk has another key there than in the store, but the same bytes
+    # The array in memory has no third axis, so there the chunk has another key than in the store, but the same bytes.
     content = kept[replace(block, along=()).chunk].to_bytes()
     place.put(block.chunk, content)
     return digest(content)
@@ -255,7 +255,7 @@ def _block_attractors(
 
 
 def _pairs_in_cells(cell: np.ndarray, component: np.ndarray) -> np.ndarray:
-    """Return the sorted pairs (k, 2) of components that occur in the same cell, the smaller number first."""
+    """Return each pair (k, 2) of different components that occur in the same cell once, the smaller number first."""
     found = [np.zeros((0, 2), np.int64)]
     for apart in range(1, int(np.bincount(np.unique(cell, return_inverse=True)[1]).max(initial=0))):
         same = cell[apart:] == cell[:-apart]

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import xarray as xr
 
-if TYPE_CHECKING:  # matplotlib takes half a second to import
+if TYPE_CHECKING:  # not imported at run time, because matplotlib takes long to import
     from matplotlib.figure import Figure
 
 
@@ -28,7 +28,7 @@ class SurveyAccessor:
         variable : str
             Any variable over (epsilon, delta), by default the regions.
         index : int
-            The number of the orbit or slot, from 0, if the variable has a map for each of several.
+            The number of the map, from 0, if the variable has a map for each orbit or slot; else 0.
         slice_number : int | None
             The number of the slice, from 0, if the survey has a third axis; None if it has no third axis.
 

@@ -27,11 +27,11 @@ from rattle.plot import KIND_COLOURS, Palette, legend_name
 OTHERS = 31  # the last code, for all further families: a pyramid level distinguishes 32 codes, and code 0 is "none"
 FLAG_COLOURS = "flag_colours"  # attribute of a map: the colour of each code
 NONE_COLOUR = "#f4efe3"
-APART = 40.0  # least distance in CIELAB between the colours of two families, if possible
+COLOUR_DISTANCE = 40.0  # least distance in CIELAB between the colours of two families, if possible
 MOST_CELLS = 24_000_000  # families of larger surveys are not drawn
 BAND = 1 << 22  # at most this many numbers, in all slots, are read at a time
 NOT_JOINED = "The families of this survey are not joined yet: wait until all of its tiles are computed."
-CONTACTS = "attractor_contacts"
+CONTACTS = "attractor_contacts"  # a variable of models with contact phases
 LETTERS = {(1, 1, 0): "C", (1, 1, 1): "D"}  # motions of the impacting gear with a letter; A and B are never attractors
 
 
@@ -123,7 +123,7 @@ def family_names(survey: xr.Dataset, table: xr.Dataset, most: int = OTHERS) -> l
     for number, (kind, *label) in enumerate(zip(*of.values(), strict=True)):
         motion = (label[0], label[1], label[2])
         if kind == PERIODIC:
-            name = legend_name(motion, _contacts_of(survey, table, number))
+            name = legend_name(motion, _count_contact_phases(survey, table, number))
         else:
             name = {CHAOTIC: "chaos"}.get(kind, KINDS[kind])
         letter = f" = {letters[motion]}" if kind == PERIODIC and motion in letters else ""
@@ -131,8 +131,8 @@ def family_names(survey: xr.Dataset, table: xr.Dataset, most: int = OTHERS) -> l
     return found
 
 
-def _contacts_of(survey: xr.Dataset, table: xr.Dataset, number: int) -> int:
-    """Return how many contact phases a family has where its share is largest; 0 for models without contact phases."""
+def _count_contact_phases(survey: xr.Dataset, table: xr.Dataset, number: int) -> int:
+    """Return a family's contact phases in m forcing periods, in the cell with its largest share; 0 without CONTACTS."""
     if CONTACTS not in survey:
         return 0
     at = {axis: float(table[f"{axis}_at"][number]) for axis in CELL}
@@ -151,7 +151,7 @@ def family_colours(table: xr.Dataset) -> list[str]:
     list[str]
         Colours as "#rrggbb", by the family's number.
     """
-    palette, found = Palette(APART), []
+    palette, found = Palette(COLOUR_DISTANCE), []
     rows = (np.asarray(table[name][: OTHERS - 1]).tolist() for name in ("kind", "m", "n_plus", "n_minus"))
     for kind, *label in zip(*rows, strict=True):
         found.append(palette.next_colour((label[0], label[1], label[2]) if kind == PERIODIC else KINDS[kind]))
@@ -208,7 +208,7 @@ class _FamilyMaps(BackendArray):
         return found.reshape([size for each in asked for size in np.shape(each)])
 
     def _maps_in_window(self, index: np.ndarray, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
-        """Return the values of the maps with the numbers `index`, in these rows and columns."""
+        """Return the values (maps, rows, columns) of the maps with the numbers `index`, in these rows and columns."""
         spans = dict(zip(CELL, ((each.min(), each.max() + 1) for each in (rows, columns)), strict=True))
         window = {axis: slice(int(low), int(high)) for axis, (low, high) in spans.items()}
         cells = np.ix_(rows - rows.min(), columns - columns.min())

@@ -76,7 +76,7 @@ def level_part_for(levels: Sequence[Level], first: Pair, end: Pair, room: Pair) 
 
 
 def reduce_cells(plane: xr.DataArray, values: np.ndarray, status: np.ndarray, level: Level) -> DisplayedCells:
-    """Reduce a map to the cells of a pyramid level. values (m, n): its `drawn_numbers`. status (m, n): as stored."""
+    """Reduce a map to the cells of a pyramid level. values: the map's `drawn_numbers`. status: the stored variable."""
     steps = [_halving_of(level.cells, number) for number in range(max(level.cells).bit_length() - 1)]
     states = _reduce_codes(status, status > 0, steps, FAILED + 1, level.cells[0])
     known = (status > 0) & (status != FAILED)
@@ -193,9 +193,9 @@ def level_opener(opened: Callable[[str], xr.Dataset], number: int | None, has_le
 
 
 def _halving_of(cells: Pair, number: int) -> Pair:
-    """Return how many cells along each axis become one in halving `number` (from 0) of a map.
+    """Return how many cells along each axis become one when a map is halved for the `number`-th time, from 0.
 
-    cells: how many cells of the map become one along each axis by all halvings together.
+    cells: how many cells along each axis become one by all halvings together, for example (8, 2).
 
     Returns
     -------
@@ -218,7 +218,7 @@ def _reduced_status(states: reduce.LevelCodes) -> np.ndarray:
 
 
 def _covered_cells(size: int, cells: int, at: slice) -> np.ndarray:
-    """Return how many cells of the map each cell of a level covers along an axis: `cells`, or fewer for the last."""
+    """Return how many of the map's `size` cells along an axis each of a level's cells `at` covers: `cells` or fewer."""
     begins = np.arange(0, size, cells)[at]
     found: np.ndarray = np.minimum(size - begins, cells)
     return found
@@ -229,10 +229,10 @@ def _display_codes(
 ) -> DisplayedCells:
     """Choose the displayed code of each cell of a level.
 
-    A cell of the level covers several cells of the survey. If the covered cells have several codes, the rarest code is
-    displayed: the one in the fewest neighbouring cells of the level (NEAR), and of equally rare codes the one in the
-    fewest cells of the whole picture. A code that more than half of the covered cells have is not displayed if they
-    have any other code. rows, columns: how many of the survey's cells each row and each column of the level covers.
+    A cell of the level covers several cells of the survey. If the covered cells have several codes, the rarest of these
+    codes is displayed, except a code that more than half of the covered cells have. The rarest code occurs in the
+    fewest cells of the level around this cell (up to NEAR cells away); equally rare codes are compared in the whole
+    picture. rows, columns: how many of the survey's cells each row and each column of the level covers.
 
     Returns
     -------
@@ -298,9 +298,9 @@ def _code_shares(
 def _display_numbers(plane: xr.DataArray, statistics: np.ndarray, states: reduce.LevelCodes) -> DisplayedCells:
     """Choose the displayed number of each cell of a level, which covers several cells of the survey.
 
-    The cell displays the mean of the covered cells, or an extreme if the extreme is rare (RARE) or the map has
-    integers. If all covered cells lack a finite number, or a minority of them does, the cell displays no number
-    instead, or infinity if the largest covered number is infinite. So a few cells without a number remain visible.
+    The cell displays the mean of the covered cells. It displays an extreme instead if the extreme is rare (RARE) or the
+    map has integers. If some of the covered cells lack a finite number, but fewer than half, or if all lack one, it
+    displays no number (infinity if the largest covered number is infinite). So a few such cells remain visible.
 
     Returns
     -------

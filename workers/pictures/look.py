@@ -12,7 +12,7 @@ from gear_rattle.workers.survey.values.quantities import QUANTITIES
 from gear_rattle.workers.survey.values.schema import OF_PERIODIC, SLOT
 from rattle.curves import NAMES
 
-if TYPE_CHECKING:  # not imported at run time: matplotlib takes a second to import, and only drawing needs it
+if TYPE_CHECKING:  # not imported at run time, because matplotlib takes long to import, and only drawing needs it
     import xarray as xr
     from matplotlib.colors import Normalize
 
@@ -38,7 +38,7 @@ LINES = (*NAMES, CRISIS, LIMIT, POINTS)
 OWN_STYLES: dict[str, tuple[str, Any]] = {CRISIS: ("#00695c", (0, (4, 1.5))), LIMIT: ("#b8860b", "-")}
 USUAL_SHARE = 0.9  # a design limit's default probability of running quietly
 COVERED = 0xC4 / 0xFF  # opacity of the white cover over cells without the chosen family
-OPACITY = 0.3  # opacity of the interval of a design limit
+OPACITY = 0.3  # opacity of the area that shows the 95 % interval of a design limit
 
 
 def is_survey_only(variable: str, request: SurveyRequest) -> bool:

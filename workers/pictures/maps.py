@@ -94,8 +94,8 @@ UNITS = {
 }
 FARTHEST_DRAWN = 1e300  # axes reach at most to this value, so that matplotlib's margins do not overflow
 SIGNS = {"+": "₊", "-": "₋"}  # subscripts that name the walls Σ⁺ and Σ⁻
-CAPTION = 110  # at most this many characters in a line of the caption
-ROOM = (512, 512)  # largest number of drawn cells along (epsilon, delta); a map has more pixels than cells
+CAPTION_WIDTH = 110  # most characters in a line of the caption below a map
+MOST_DRAWN_CELLS = (512, 512)  # along (epsilon, delta): fewer than a map has pixels, so that every cell is visible
 SYMMETRIC = "symmetric"  # attribute of a map whose colours are centred at 0
 CODE_COLOURS = ("#f4efe3", "#9ecae1", "#74c476", "#e6550d", "#756bb1", "#636363")
 KIND, PERIODIC_COLOUR = "attractor_kind", "#2f6fb5"
@@ -154,8 +154,8 @@ def map_figure(
     variable : str
         Any variable over (epsilon, delta).
     index : int
-        The number of the orbit or slot, if the variable has a map for each of several. Of two exponents or multipliers
-        the first is shown.
+        The number of the map, from 0, if the variable has a map for each orbit or slot; else 0. If an attractor has two
+        exponents or multipliers, the map shows the first.
     opened : OpenGroup | None
         Function that opens a pyramid level of the survey, which is faster than reading all cells; None: read all cells.
     look : Look
@@ -176,7 +176,7 @@ def map_figure(
     """
     if look.delta or look.epsilon:
         dataset, opened = look.cut_to_window(dataset), None  # pyramid levels cover all cells, not a window
-    shown = reduce_map(dataset, variable, index, ROOM, opened)
+    shown = reduce_map(dataset, variable, index, MOST_DRAWN_CELLS, opened)
     plane = plane_of(shown, variable, index if shown is dataset else 0)
     with report_damage(f"the map of {variable}"):
         plane = mask_nonperiodic(shown, plane.load(), index) if shown is dataset else plane
@@ -200,7 +200,7 @@ def map_figure(
     if POINTS in lines:
         draw_points_over(axes, dataset, curves)
     if look.caption:
-        figure.supxlabel("\n".join(wrap(look.caption, CAPTION)), x=0.01, ha="left", fontsize=7, parse_math=False)
+        figure.supxlabel("\n".join(wrap(look.caption, CAPTION_WIDTH)), x=0.01, ha="left", fontsize=7, parse_math=False)
     return figure
 
 
@@ -223,12 +223,12 @@ def title_of(plane: xr.DataArray) -> str:
     if np.iscomplexobj(plane):
         name = f"|{name}|"
     along = (dim for dim, value in plane.coords.items() if not value.dims and dim not in FIXED)
-    chosen = ", ".join(_orbit_or_slot(str(dim), plane.coords[dim].item(), plane) for dim in along)
+    chosen = ", ".join(_orbit_or_slot_in_words(str(dim), plane.coords[dim].item(), plane) for dim in along)
     return f"{name} ({chosen})" if chosen else name
 
 
-def _orbit_or_slot(dim: str, value: object, plane: xr.DataArray) -> str:
-    """Return in words which of a variable's maps this is: the map of an orbit, or of a slot of attractors."""
+def _orbit_or_slot_in_words(dim: str, value: object, plane: xr.DataArray) -> str:
+    """Return words for one of a variable's maps: the orbit, or the slot of attractors, that it shows."""
     if dim != SLOT:
         return f"{dim} {value}"
     return SLOTS[plane.attrs.get(SLOT_ORDER, BY_FRACTION)].format(value)
@@ -351,7 +351,7 @@ def valueless_layers(
 
 
 def draw_legend(axes: Axes) -> None:
-    """Draw a legend below the map for lines and for colours that the colour bar does not explain, if there are any."""
+    """Draw a legend below the map, if there are lines, or colours that the colour bar does not explain."""
     if axes.get_legend_handles_labels()[1]:
         axes.legend(
             loc="upper center", bbox_to_anchor=(0.5, -0.13), ncols=5, columnspacing=1.2, fontsize=8, frameon=False
@@ -359,12 +359,12 @@ def draw_legend(axes: Axes) -> None:
 
 
 def _dim_cells_without_family(axes: Axes, dataset: xr.Dataset, family: int) -> None:
-    """Dim the cells without a family. A cell of a reduced map stays bright if any of the cells in it has the family."""
+    """Dim the cells that lack the family `family`; in a reduced map, a cell that covers no cell with this family."""
     share = plane_of(dataset, SHARE, family)
     with report_damage(f"the map of {SHARE}"):
         values = drawn_numbers(share)
     shape = values.shape[0], values.shape[1]
-    level = level_part_for(possible_levels(shape), (0, 0), shape, ROOM).level
+    level = level_part_for(possible_levels(shape), (0, 0), shape, MOST_DRAWN_CELLS).level
     along, across = level.cells if level else (1, 1)
     shown = FinerCells(
         level_centres(dataset["delta"].values, across),
@@ -410,7 +410,8 @@ def _is_listed(plane: xr.DataArray, code: int, values: np.ndarray) -> bool:
 def colours_of_codes(plane: xr.DataArray) -> Sequence[str]:
     """Return the colour of each code of a map of codes."""
     own = str(plane.attrs.get(FLAG_COLOURS, "")).split()
-    if plane.name == LARGEST and plane.coords[AMONG] == WHICH[1]:  # on this map code 0 means only quiet running
+    # On the map of the families other than quiet running, code 0 (no such family) means only quiet running.
+    if plane.name == LARGEST and plane.coords[AMONG] == WHICH[1]:
         own[0] = KIND_COLOURS["quiet"]
     return own or {"region": REGION_COLOURS, KIND: COLOURS_OF_KINDS}.get(str(plane.name), CODE_COLOURS)
 

@@ -21,13 +21,16 @@ DIRECTIONS = (
     (0, 1),
     (0, -1),
 )  # directions from a mark to its name, in the order in which they are tried
-GAPS = (8.0, 20.0, 34.0, 50.0, 70.0, 95.0, 125.0)  # pixels between a mark and its name
-MARK = 6.0  # half a side of the square that a mark fills
-SAMPLES = np.linspace(0.1, 1.0, 24)[:, None]  # positions of the tested points along a leader, from mark (0) to name (1)
+GAPS = (8.0, 20.0, 34.0, 50.0, 70.0, 95.0, 125.0)  # tried distances from a mark to its name, in pixels
+MARK = 6.0  # half a side of the square that a mark fills, in pixels
+LEADER_POSITIONS = np.linspace(0.1, 1.0, 24)[:, None]  # tested points of a leader, from 0 (mark) to 1 (name)
 
 
 class PlacedName(NamedTuple):
-    """The place of a name in pixels. leader: the end of the line that joins mark and name, None without such a line."""
+    """The position of a name on a picture, in pixels.
+
+    centre: the middle of the name. leader: where the line from the mark ends at the name; None without such a line.
+    """
 
     centre: tuple[float, float]
     leader: tuple[float, float] | None
@@ -111,7 +114,7 @@ def _first_free_place(
 
 def _leader_points(mark: Array, end: tuple[float, float] | None) -> Array:
     """Return points (k, 2) along the leader from a mark to `end`; an empty array if `end` is None (no leader)."""
-    return np.empty((0, 2)) if end is None else mark + SAMPLES * (np.array(end) - mark)
+    return np.empty((0, 2)) if end is None else mark + LEADER_POSITIONS * (np.array(end) - mark)
 
 
 def _is_leader_in_box(leader: Array, box: Box) -> bool:

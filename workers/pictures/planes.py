@@ -24,7 +24,7 @@ SLOT_ORDER, UNJOINED = "slot_order", "unjoined"
 def plane_of(dataset: xr.Dataset, variable: str, index: int = 0) -> xr.DataArray:
     """Return a variable as a map (epsilon, delta).
 
-    index: the number of the orbit or slot, if the variable has a map for each of several; else 0.
+    index: the number of the map, from 0, if the variable has a map for each orbit or slot; else 0.
 
     Returns
     -------

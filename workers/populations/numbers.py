@@ -14,7 +14,7 @@ MOST_MEASURED = 10_000  # a measured distribution has at most this many values
 
 
 class NormalNumber(StrictRecord):
-    """A normal distribution, truncated at low and high if these are given."""
+    """A normal distribution, truncated at `low` and `high` if these are given. deviation: its standard deviation."""
 
     distribution: Literal["normal"]
     mean: Real
@@ -30,7 +30,7 @@ class NormalNumber(StrictRecord):
 
 
 class UniformNumber(StrictRecord):
-    """A uniform distribution."""
+    """A uniform distribution from `low` to `high`."""
 
     distribution: Literal["uniform"]
     low: Real
@@ -43,7 +43,7 @@ class UniformNumber(StrictRecord):
 
 
 class TriangularNumber(StrictRecord):
-    """A triangular distribution."""
+    """A triangular distribution from `low` to `high`, with its peak at `mode`."""
 
     distribution: Literal["triangular"]
     low: Real
@@ -70,7 +70,7 @@ class LogNormalNumber(StrictRecord):
 
 
 class MeasuredNumber(StrictRecord):
-    """The distribution of measured values of some gears."""
+    """The distribution of a number whose `values` were measured at some gears."""
 
     distribution: Literal["measured"]
     values: Annotated[tuple[Real, ...], Field(min_length=2, max_length=MOST_MEASURED)]
@@ -87,7 +87,7 @@ AnyDistribution = Annotated[
 ]
 
 
-def _number_or_distribution(value: Any, handler: ValidatorFunctionWrapHandler) -> Any:
+def _validate_number_or_distribution(value: Any, handler: ValidatorFunctionWrapHandler) -> Any:
     """Validate a field for a number or a distribution. Raises one error for a wrong value."""
     try:
         return handler(value)
@@ -101,7 +101,7 @@ def _number_or_distribution(value: Any, handler: ValidatorFunctionWrapHandler) -
 
 #: A field for a number or a distribution. A wrong value is reported once: as a wrong distribution if it is an object
 #: with fields, else as a wrong number.
-Number = Annotated[Real | AnyDistribution | None, WrapValidator(_number_or_distribution)]
+Number = Annotated[Real | AnyDistribution | None, WrapValidator(_validate_number_or_distribution)]
 
 
 if TYPE_CHECKING:

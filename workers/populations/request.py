@@ -61,7 +61,8 @@ class PopulationRequest(StrictRecord):
     @model_validator(mode="after")
     def _check_plan(self) -> Self:
         """Refuse values that the library refuses, and tiles that are too large or too many. Raises ValueError."""
-        # The library refuses a restitution above 1 only when a gear draws it, which may be in the last tile.
+        # Checked here, because the library refuses a restitution above 1 only when a gear draws it, perhaps in the last
+        # tile.
         for name, each in ADDED.items():
             value = self.plan.tolerances.given.get(name)
             if isinstance(value, Distribution) and value.range[1] > each.greatest:
@@ -150,7 +151,7 @@ class PopulationRequest(StrictRecord):
 
     @property
     def samples(self) -> int:
-        """The largest possible number of samples, including additional samples of gears tested for passing."""
+        """The largest possible number of samples of all gears, with the additional ones of gears tested for passing."""
         judging = self.plan.sample_counts[-1] if self.share is not None else 0
         return self.n_cells * self.count + self.plan.n_judged * judging
 

@@ -9,7 +9,7 @@ from zarr.storage import MemoryStore
 
 from gear_rattle.workers.populations.request import PopulationRequest
 from gear_rattle.workers.populations.variables import SAMPLE, PopulationVariable, variables_of
-from gear_rattle.workers.survey.template import CODECS, WRITE_ALL_CHUNKS, Template, completed_template, current_time
+from gear_rattle.workers.survey.template import CODECS, WRITE_ALL_CHUNKS, Template, complete_template, current_time
 from gear_rattle.workers.survey.values.quantities import DOI
 from gear_rattle.workers.survey.version import code_version
 
@@ -24,7 +24,7 @@ def template_of(request: PopulationRequest, created: str | None = None) -> Templ
     variables = variables_of(request)
     for variable in variables:
         _create_array(root, request, variable)
-    return completed_template(kept, request, created, _chunk_key_patterns(variables))
+    return complete_template(kept, request, created, _chunk_key_patterns(variables))
 
 
 def empty_arrays(request: PopulationRequest) -> tuple[dict[str, Buffer], dict[str, zarr.Array], dict[str, str]]:

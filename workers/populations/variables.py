@@ -19,7 +19,7 @@ NAMES = {
     "epsilon": "eccentricity ε",
     **{each.name: each.long_name for each in (BETA, *ADDED.values())},
 }
-UNIT_OF = UNITS | {"rpm": "rpm"}  # {number of a machine: its unit}
+UNIT_OF = UNITS | {"rpm": "rpm"}  # {name of a number that describes a machine: its unit}
 
 Evaluate = Callable[[PopulationRequest, Gears], Any]
 
@@ -38,7 +38,7 @@ class PopulationVariable:
 
     @property
     def fill_value(self) -> float | int:
-        """The value of entries that are not computed."""
+        """The stored value for a gear that is not computed: NaN in a variable of floats, else 0."""
         return float("nan") if np.dtype(self.dtype).kind == "f" else 0
 
     @property
@@ -50,7 +50,7 @@ class PopulationVariable:
         return found
 
     def shape(self, request: PopulationRequest, rows: int) -> tuple[int, ...]:
-        """Return the shape of the variable for a number of rows."""
+        """Return the shape of the variable for `rows` gears: (rows,), or (rows, samples of a gear)."""
         return (rows, request.count) if SAMPLE in self.dims else (rows,)
 
 
@@ -72,12 +72,12 @@ def variables_of(request: PopulationRequest) -> tuple[PopulationVariable, ...]:
         ),
         *(
             PopulationVariable(
-                name, one, "float64", NAMES.get(name, name), _evaluate_dimension(i), UNIT_OF.get(name, "1")
+                name, one, "float64", NAMES.get(name, name), _dimension_evaluator(i), UNIT_OF.get(name, "1")
             )
             for i, name in enumerate(names)
         ),
         *(
-            PopulationVariable(name, one, "float64", NAMES[name], _evaluate_field(name))
+            PopulationVariable(name, one, "float64", NAMES[name], _field_evaluator(name))
             for name in Gears._fields
             if name in NAMES and name not in names
         ),
@@ -117,12 +117,12 @@ def gears_of(request: PopulationRequest, read: Callable[[str], np.ndarray]) -> G
     return Gears(part, values, delta, epsilon, beta, read("energy"), verdict)
 
 
-def _evaluate_dimension(i: int) -> Evaluate:
+def _dimension_evaluator(i: int) -> Evaluate:
     """Return the function that evaluates a variable as the i-th of the numbers that vary from gear to gear."""
     return lambda _, found: found.values[:, i]
 
 
-def _evaluate_field(name: str) -> Evaluate:
+def _field_evaluator(name: str) -> Evaluate:
     """Return the function that evaluates a variable as the field `name` of the computed `Gears`."""
     return lambda _, found: getattr(found, name)
 

@@ -7,7 +7,7 @@ from gear_rattle.workers.survey.request import SurveyRequest
 
 #: The type of functions that run `task(request, path, *item)` for each item, in this process or on a cluster, and
 #: return the results in the order of the items.
-Each = Callable[[Callable[..., Any], SurveyRequest, str, Sequence[tuple[Any, ...]]], list[Any]]
+RunForEach = Callable[[Callable[..., Any], SurveyRequest, str, Sequence[tuple[Any, ...]]], list[Any]]
 
 
 def run_in_process(

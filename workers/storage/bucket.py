@@ -74,7 +74,7 @@ class Bucket:
             return not self.has(CREATING) and any(key not in MARKERS for key in self.keys())
 
     def exists(self) -> bool:
-        """Return whether the prefix has a store. A store has its root, which is written last, so it is whole."""
+        """Return whether the prefix has a whole store: whether it has the root, which is written last."""
         with self.translate_errors():
             return self.has(ROOT)
 
@@ -236,7 +236,7 @@ class Bucket:
                 obstore.put(self.objects, LOCK, identity, mode={"e_tag": found.meta["e_tag"]})
                 return
         except (FileNotFoundError, PreconditionError):
-            holder = {}  # the lock was released or taken over between the two calls
+            holder = {}  # another run released the lock, or took it over, after it was found taken
         except (ValueError, TypeError, KeyError):
             holder = {"process": "unknown"}
         who = (
@@ -257,7 +257,7 @@ def _connect(url: str) -> "S3Store":
     try:
         return S3Store.from_url(
             url,
-            # If client options are given, obstore does not read AWS_ALLOW_HTTP itself.
+            # `allow_http` is set here, because with client options obstore does not read AWS_ALLOW_HTTP itself.
             client_options={
                 "timeout": timedelta(seconds=RETRY_SECONDS),
                 "allow_http": os.environ.get("AWS_ALLOW_HTTP", "").lower() in ("true", "1"),

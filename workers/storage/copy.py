@@ -79,8 +79,8 @@ def copy_store(
     source
         Path, s3:// URL or zip file of a survey's or population's store.
     target
-        Path, s3:// URL, zip file, or directory of a repository that ends in .icechunk. It must not exist, except that
-        it may have an interrupted copy of this store if it is no zip file.
+        Path, s3:// URL, zip file, or directory of a repository that ends in .icechunk. A zip file must not exist. Any
+        other target must not exist, or must have an interrupted copy of this store.
     on_file
         Called with the number of copied files and the number of all files.
 
@@ -142,13 +142,13 @@ def _read_manifest(files: FileSource) -> tuple[Manifest, bytes]:
     manifest = Manifest.from_bytes(content)
     if manifest is None:
         raise SurveyError(
-            f"{files} has no {MANIFEST} that this version can read: give a store; rattle verify finds any damage"
+            f"{files} has no {MANIFEST} that this version can read: give a store, and check it with rattle verify"
         )
     return manifest, content
 
 
 def _earlier_manifest(place: Place) -> Manifest | None:
-    """Return the manifest that an earlier copy has left at the target, or None if there is none."""
+    """Return the manifest that an earlier copy left at the target; None if there is none that can be read."""
     with suppress(FileNotFoundError, NotADirectoryError):
         return Manifest.from_bytes(place.read(MANIFEST))
     return None
@@ -173,7 +173,7 @@ def _is_whole(files: FileSource, key: str, known: Sequence[str]) -> bool:
 
 
 def _read_whole(files: FileSource, key: str, known: Sequence[str]) -> bytes:
-    """Return the content of a file of the source. Raises SurveyError if the file is lost or damaged."""
+    """Return the content of a file. Raises SurveyError if it is lost, or has none of the digests `known`."""
     try:
         content = files.read(key)
     except (FileNotFoundError, NotADirectoryError):
@@ -244,7 +244,7 @@ def _copy_to_icechunk(
 ) -> CopyResult:
     repository = _repository_at(path)
     session = repository.writable_session(BRANCH)
-    # The repository takes a chunk only after its array, and an array only after its group.
+    # This order, because the repository refuses a chunk before its array, and an array before its group.
     keys = sorted(_keys_with_digests(manifest), key=lambda file: (not file[0].endswith(ROOT), file[0].count("/")))
     size, done, total = 0, 0, len(keys)
     with asyncio.Runner() as runner:
@@ -264,13 +264,13 @@ def _repository_at(path: Path) -> icechunk.Repository:
         import icechunk
     except ImportError as error:
         raise MissingExtraError("Icechunk needs icechunk: pip install 'gear-rattle[icechunk]'") from error
-    icechunk.set_logs_filter("error")  # it warns of several writers, and a copy has one
+    icechunk.set_logs_filter("error")  # icechunk would warn of several writers, but a copy has one writer
     storage = icechunk.local_filesystem_storage(str(path))
     try:
         if not path.exists():
             return icechunk.Repository.create(storage)
         repository = icechunk.Repository.open(storage)
-        if len(list(repository.ancestry(branch=BRANCH))) == 1:  # the empty snapshot with which a repository begins
+        if len(list(repository.ancestry(branch=BRANCH))) == 1:  # only the snapshot with which a repository begins
             return repository
     except icechunk.IcechunkError as error:
         raise SurveyError(
@@ -287,7 +287,7 @@ async def _write_files(store: Store, contents: dict[str, bytes]) -> None:
 
 
 class _CommittedFiles:
-    """The files of a commit, read by key in the event loop of `runner`."""
+    """The files that a copy has committed to an Icechunk repository, read by key in the event loop of `runner`."""
 
     def __init__(self, store: Store, runner: asyncio.Runner) -> None:
         self._store, self._runner = store, runner
@@ -298,12 +298,12 @@ class _CommittedFiles:
 
         found = self._runner.run(self._store.get(key, default_buffer_prototype()))
         if found is None:
-            raise FileNotFoundError(f"the commit has no {key}")
+            raise FileNotFoundError(f"the commit on branch {BRANCH} of the Icechunk repository has no {key}")
         return found.to_bytes()
 
 
 def _require_whole(written: FileSource, files: Iterable[tuple[str, tuple[str, ...]]]) -> None:
-    """Raise OSError unless the written files have their digests; a file is given by its key and its allowed digests."""
+    """Raise OSError unless each file reads back with an allowed digest. files: key and allowed digests of each."""
     for key, known in files:
         if not _is_whole(written, key, known):
             raise OSError(f"{key} does not read back as it was written")

@@ -19,8 +19,7 @@ ROWS = 32  # rows of a band, if the dataset does not say how many rows the store
 CELLS = 16_384  # at most this many cells are converted to text at a time
 
 
-#: For two forms of a table: the dimension whose entries have a row each, and the variable that says whether an entry
-#: exists.
+#: {form of a table: (the dimension whose entries have a row each, the variable that says whether an entry exists)}.
 OWN_ROWS = {RowForm.ATTRACTORS: ("attractor", "attractor_kind"), RowForm.ORBITS: ("orbit", "orbit_exists")}
 
 
@@ -48,7 +47,7 @@ def _write_group(dataset: xr.Dataset, path: Path, mode: str, rows: int, group: s
     encoding: dict[Hashable, dict[str, object]] = {}
     for name, values in dataset.data_vars.items():
         encoding[name] = {"zlib": True, "complevel": 1} if values.ndim else {}
-        if values.ndim and values.dtype.kind in "biuf":  # HDF5 has no checksums of texts
+        if values.ndim and values.dtype.kind in "biuf":  # numbers and flags: HDF5 has no checksums of texts
             encoding[name]["fletcher32"] = True
         # Chunks are as high as a band, because HDF5 would compress a higher chunk again for each of its bands.
         if values.dims[-2:] == CELL:
@@ -115,7 +114,7 @@ def _slice_bands(dataset: xr.Dataset, form: RowForm) -> Iterator[dict[str, np.nd
     fixed = {name: float(dataset[name]) for name in FIXED if name in dataset.coords}
     for start in range(0, dataset.sizes["epsilon"], rows):
         band = slice(start, start + rows)
-        some = split_complex(dataset[names].isel(epsilon=band).load())  # stores of older versions hold complex numbers
+        some = split_complex(dataset[names].isel(epsilon=band).load())  # older stores have complex arrays
         height, width = some.sizes["epsilon"], some.sizes["delta"]
         columns = {"delta": np.tile(some["delta"].values, height), "epsilon": np.repeat(some["epsilon"].values, width)}
         columns |= {name: np.full(height * width, value) for name, value in fixed.items()}

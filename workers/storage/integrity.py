@@ -31,15 +31,17 @@ BATCH = 1024  # tasks that are submitted at a time, because each waiting task ta
 
 Item = TypeVar("Item")
 Answer = TypeVar("Answer")
-Found = tuple[set[int], dict[int, tuple[str, ...]]]  # indices of whole tiles; damaged variables by index
+#: The indices of the whole tiles, and {index of a damaged tile: its damaged variables}.
+TileFindings = tuple[set[int], dict[int, tuple[str, ...]]]
 
 
 @dataclass(frozen=True)
 class Integrity:
     """Result of checking every file of a store.
 
-    If this version cannot read the store's manifest, the chunks were checked by decoding them, because each ends in a
-    checksum. Then `tiles` is 0, `done` and `damaged` are empty, and `template` has the keys of all bad files.
+    If this version cannot read the store's manifest, the chunks were decoded instead, which finds damaged chunks by
+    the checksum at their end. Then `tiles` is 0, `done` and `damaged` are empty, and `template` has the keys of all
+    lost or damaged files.
     """
 
     done: frozenset[int]  # indices of the tiles that are computed and whole
@@ -64,7 +66,7 @@ class Integrity:
 def examine(where: str | Path | Place, processes: int = 1) -> Integrity:
     """Check every file of the store of a survey or population.
 
-    A chunk that is missing is lost if the survey is completed; otherwise its tile may only not be computed yet.
+    In a completed survey a missing chunk counts as lost; in another survey its tile may not be computed yet.
 
     Parameters
     ----------
@@ -123,8 +125,8 @@ def _check_by_decoding(place: Place, attributes: Mapping[str, Any]) -> tuple[int
         The metadata of the store cannot be read.
     """
     version = attributes["code_version"]
-    is_ours = version == code_version()  # this version writes every chunk, so a missing chunk is a lost one
-    lost = [MANIFEST] if is_ours else []
+    is_this_version = version == code_version()  # if so, every chunk was written, and a missing chunk is a lost one
+    lost = [MANIFEST] if is_this_version else []
     try:
         with warnings.catch_warnings():
             # zarr warns about the lock file, which is not part of a zarr hierarchy.
@@ -132,7 +134,9 @@ def _check_by_decoding(place: Place, attributes: Mapping[str, Any]) -> tuple[int
             group = zarr.open_group(place.zarr(), mode="r")
             arrays = [(name, each) for name, each in group.members(max_depth=None) if isinstance(each, zarr.Array)]
     except Exception as error:  # a foreign format raises errors of several types
-        advice = "compute the same request again to repair it" if is_ours else "verify the store with that version"
+        advice = (
+            "compute the same request again to repair it" if is_this_version else "verify the store with that version"
+        )
         raise SurveyError(
             f"{place} was computed by version {version} and cannot be read ({error}): {advice}"
         ) from error
@@ -144,7 +148,7 @@ def _check_by_decoding(place: Place, attributes: Mapping[str, Any]) -> tuple[int
             at = tuple(slice(i * size, (i + 1) * size) for i, size in zip(chunk, array.chunks, strict=True))
             try:
                 values = np.asarray(array[at])
-                is_lost = (name == STATUS and not values.all()) or (is_ours and read_file(place, key) is None)
+                is_lost = (name == STATUS and not values.all()) or (is_this_version and read_file(place, key) is None)
             except SurveyError:
                 raise
             except Exception:  # codecs raise errors of several types for a damaged chunk
@@ -155,7 +159,7 @@ def _check_by_decoding(place: Place, attributes: Mapping[str, Any]) -> tuple[int
     return number, tuple(lost)
 
 
-def examine_tiles(place: Place, manifest: Manifest, should_stop: Callable[[], bool] | None = None) -> Found:
+def examine_tiles(place: Place, manifest: Manifest, should_stop: Callable[[], bool] | None = None) -> TileFindings:
     """Return the tiles that are computed and whole, and the damaged variables of the damaged tiles.
 
     Parameters
@@ -165,7 +169,7 @@ def examine_tiles(place: Place, manifest: Manifest, should_stop: Callable[[], bo
 
     Returns
     -------
-    Found
+    TileFindings
         Indices of whole tiles; damaged variables by index of the tile.
 
     Raises
@@ -180,7 +184,7 @@ def examine_tiles(place: Place, manifest: Manifest, should_stop: Callable[[], bo
         found = _map_in_batches(readers, lambda index: _damaged_variables(place, manifest, index), manifest.tiles)
         for index, lost in zip(manifest.tiles, found, strict=True):
             if should_stop and should_stop():
-                readers.shutdown(cancel_futures=True)  # returns without waiting for the other tiles
+                readers.shutdown(cancel_futures=True)  # waits only for tiles that a thread is reading
                 raise StoppedError(f"stopped while {place} was read")
             if lost:
                 damaged[index] = lost
@@ -198,7 +202,7 @@ def _map_in_batches(
         yield from threads.map(function, batch)
 
 
-def _examine_in_processes(place: Place, manifest: Manifest, processes: int) -> Found:
+def _examine_in_processes(place: Place, manifest: Manifest, processes: int) -> TileFindings:
     """Examine tiles like `examine_tiles`, in several processes. Each of n processes reads every n-th tile."""
     tiles = list(manifest.tiles.items())
     parts = [replace(manifest, files={}, tiles=dict(tiles[first::processes])) for first in range(processes)]
@@ -212,7 +216,7 @@ def _examine_in_processes(place: Place, manifest: Manifest, processes: int) -> F
     return done, damaged
 
 
-def _examine_in_own_process(where: str, manifest: Manifest) -> Found:
+def _examine_in_own_process(where: str, manifest: Manifest) -> TileFindings:
     """Run `examine_tiles` in a process of its own. Raises SurveyError if the process is killed."""
     try:
         return call_in_subprocess(_examine_tiles_at, where, manifest)
@@ -222,7 +226,7 @@ def _examine_in_own_process(where: str, manifest: Manifest) -> Found:
         ) from error
 
 
-def _examine_tiles_at(where: str, manifest: Manifest) -> Found:
+def _examine_tiles_at(where: str, manifest: Manifest) -> TileFindings:
     return examine_tiles(place_of(where), manifest)
 
 

@@ -136,7 +136,7 @@ def place_of(where: str | Path | Place) -> Place:
         return Directory(where)
     if not str(where).startswith(SCHEME):
         raise SurveyError(f"{where} is not a location of a store: give a path, or {SCHEME}BUCKET/PREFIX")
-    return _bucket(str(where))
+    return _bucket_at(str(where))
 
 
 def certificates_path(where: str | Path | Place) -> Path:
@@ -151,5 +151,5 @@ def certificates_path(where: str | Path | Place) -> Path:
 
 
 @lru_cache(maxsize=64)
-def _bucket(url: str) -> Bucket:
+def _bucket_at(url: str) -> Bucket:
     return Bucket(url)

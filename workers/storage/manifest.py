@@ -112,7 +112,7 @@ def require_store(place: Place) -> None:
     """Raise StorageError if nothing is at a store's place. Its disk may come back, so it does not count as damaged."""
     if not place.is_occupied():
         raise StorageError(
-            f"{place} is gone: it was moved or deleted, or its disk is away. Bring it back, or compute it again"
+            f"{place} is gone: it was moved or deleted, or its disk is not mounted. Bring it back, or compute it again"
         )
 
 
@@ -150,7 +150,7 @@ def attributes_of(place: Place) -> dict[str, Any]:
 
 
 @contextmanager
-def recording_tiles(place: Place) -> Iterator[RecordTiles]:
+def tile_recorder(place: Place) -> Iterator[RecordTiles]:
     """Yield a function that records written tiles in the manifest.
 
     The caller holds the lock of the store, and changes nothing else in the manifest in this context. If the process is
@@ -212,11 +212,11 @@ def set_attributes(place: Place, attributes: Mapping[str, Any]) -> None:
     known = json.loads(root)["attributes"]
     changed = {name: value for name, value in {**known, **attributes}.items() if value is not None}
     if changed != known:
-        replace_root(place, manifest, with_attributes(root, changed), manifest)
+        replace_root(place, manifest, replace_attributes(root, changed), manifest)
 
 
-def with_attributes(root: bytes, attributes: Mapping[str, Any]) -> bytes:
-    """Return the content of a root with its attributes replaced."""
+def replace_attributes(root: bytes, attributes: Mapping[str, Any]) -> bytes:
+    """Return the content of a store's root with `attributes` in place of its own attributes."""
     kept: dict[str, Buffer] = {ROOT: cpu.Buffer.from_bytes(root)}
     with zarr.config.set(COMPACT):
         zarr.open_group(MemoryStore(kept), mode="r+").attrs.put(dict(attributes))

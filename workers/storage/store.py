@@ -22,6 +22,7 @@ from gear_rattle.workers.storage.manifest import (
     attributes_of,
     manifest_of,
     read_file,
+    replace_attributes,
     replace_root,
     require_manifest,
     require_store,
@@ -29,7 +30,6 @@ from gear_rattle.workers.storage.manifest import (
     unchecked_attributes,
     update_metadata,
     whole_root,
-    with_attributes,
 )
 from gear_rattle.workers.survey.levels.grid import GROUP as LEVELS
 from gear_rattle.workers.survey.manifest import MANIFEST, ROOT, Manifest, chunk_key, file_digests
@@ -54,12 +54,12 @@ if TYPE_CHECKING:
     import xarray as xr
 
 
-Make = Callable[[AnyRequest, str | None], Template]
+TemplateMaker = Callable[[AnyRequest, str | None], Template]
 KEPT = COMPLETED, ROUNDS  # attributes that a repaired root keeps, because the template does not contain them
 _blank = lru_cache(maxsize=16)(empty_arrays)
 
 
-def create_store(request: AnyRequest, where: str | Path | Place, make: Make | None = None) -> None:
+def create_store(request: AnyRequest, where: str | Path | Place, make: TemplateMaker | None = None) -> None:
     """Create the empty store of a survey or population, or accept and repair the store of an earlier, equal request.
 
     The new store appears complete, in one step. In an earlier store, damaged files that belong to no tile (for
@@ -68,7 +68,7 @@ def create_store(request: AnyRequest, where: str | Path | Place, make: Make | No
 
     Parameters
     ----------
-    make : Make | None
+    make : TemplateMaker | None
         Function that computes the template, by default `template_of`. It may use a cluster, because it may take long.
 
     Raises
@@ -84,7 +84,7 @@ def create_store(request: AnyRequest, where: str | Path | Place, make: Make | No
             place.build(make(request, None))
         if _is_damaged(place, _require_same_survey(request, place)):
             with place.lock_for_writing():
-                _repair(request, place, make)
+                _repair_store(request, place, make)
     except OSError as error:
         refusal = storage_error(f"{place} cannot be created", error)
         raise refusal from error
@@ -94,7 +94,7 @@ def _is_damaged(place: Place, manifest: Manifest | None) -> bool:
     return manifest is None or bool(damaged_template_files(place, manifest))
 
 
-def _repair(request: AnyRequest, place: Place, make: Make) -> None:
+def _repair_store(request: AnyRequest, place: Place, make: TemplateMaker) -> None:
     """Write the template over a damaged store, root and manifest last. Families and levels are computed again later."""
     manifest = _require_same_survey(request, place)
     if not _is_damaged(place, manifest):
@@ -114,13 +114,13 @@ def _repair(request: AnyRequest, place: Place, make: Make) -> None:
         after.tiles.update(manifest.tiles)
     attributes = json.loads(template[ROOT])["attributes"]
     kept = {name: trusted[name] for name in KEPT if name in trusted}
-    replace_root(place, manifest or after, with_attributes(template[ROOT], attributes | kept), after)
+    replace_root(place, manifest or after, replace_attributes(template[ROOT], attributes | kept), after)
 
 
 def _decodable_tiles(request: AnyRequest, place: Place) -> Iterator[tuple[int, dict[str, str]]]:
     """Yield index and chunk digests of each tile whose chunks decode and which has no uncomputed cell.
 
-    They replace the lost or damaged manifest of a store.
+    From these entries a lost or damaged manifest of a store is written again.
 
     Yields
     ------
@@ -315,7 +315,7 @@ def finish_store(where: str | Path | Place) -> None:
         try:
             place.remove_leftovers()
             attributes = {COMPLETED: attributes_of(place).get(COMPLETED) or current_time()}
-            # A survey with the variable LEAF must meet a bound, and its rounds of audits count the audited cells.
+            # Without the variable LEAF no rounds of audits have counted the audited cells, so they are counted here.
             if AUDIT in manifest.chunks and LEAF not in manifest.chunks:
                 attributes |= _audit_attributes(place)
             set_attributes(place, attributes)
@@ -325,7 +325,7 @@ def finish_store(where: str | Path | Place) -> None:
 
 
 def has_added(where: str | Path | Place, name: str) -> bool:
-    """Return whether a group or variable was added to a survey's store after its tiles."""
+    """Return whether the group or variable `name` was added to a survey's store after its tiles."""
     manifest = manifest_of(place_of(where))
     return manifest is not None and f"{name}/{ROOT}" in manifest.files
 

@@ -65,7 +65,7 @@ def _require_printable(name: str) -> str:
 Name = Annotated[str, Field(max_length=200), AfterValidator(_require_printable)]
 
 
-def _python_numbers(given: Mapping[str, Any]) -> dict[str, Any]:
+def _convert_numpy_numbers(given: Mapping[str, Any]) -> dict[str, Any]:
     """Return fields with numpy's numbers replaced by Python's, because strict fields refuse numpy's types."""
     return {name: value.item() if isinstance(value, np.generic) else value for name, value in given.items()}
 
@@ -78,7 +78,7 @@ class StrictRecord(BaseModel):
     @model_validator(mode="before")
     @classmethod
     def _convert_numbers(cls, given: Any) -> Any:
-        return _python_numbers(given) if isinstance(given, Mapping) else given
+        return _convert_numpy_numbers(given) if isinstance(given, Mapping) else given
 
 
 class Axis(StrictRecord):
@@ -90,10 +90,10 @@ class Axis(StrictRecord):
 
     @model_validator(mode="before")
     @classmethod
-    def _accept_triple(cls, given: Any) -> Any:
+    def _convert_triple(cls, given: Any) -> Any:
         """Convert a tuple (start, stop, num) to fields. Raises ValueError for a value of another kind."""
         if isinstance(given, tuple) and len(given) == len(cls.model_fields):
-            return _python_numbers(dict(zip(cls.model_fields, given, strict=True)))
+            return _convert_numpy_numbers(dict(zip(cls.model_fields, given, strict=True)))
         if not isinstance(given, Mapping | cls):
             raise ValueError("an axis has start, stop and num: a triple in Python, an object with these names in JSON")
         return given
@@ -225,7 +225,7 @@ def field_and_message(error: ValidationError) -> str:
     return f"{where}: {first_message(error)}" if where else first_message(error)
 
 
-def _number_or_axis(value: Any, handler: ValidatorFunctionWrapHandler) -> Any:
+def _validate_number_or_axis(value: Any, handler: ValidatorFunctionWrapHandler) -> Any:
     is_axis = isinstance(value, Mapping | tuple | Axis)
     try:
         return Axis.model_validate(value) if is_axis else handler(value)
@@ -238,7 +238,7 @@ def _number_or_axis(value: Any, handler: ValidatorFunctionWrapHandler) -> Any:
 
 
 #: Validator that reports a wrong value once: as a wrong axis if it looks like an axis, else as a wrong number.
-NumberOrAxis = WrapValidator(_number_or_axis)
+NumberOrAxis = WrapValidator(_validate_number_or_axis)
 
 
 class Window(NamedTuple):

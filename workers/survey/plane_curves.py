@@ -48,7 +48,15 @@ class CurveVariable:
     values: Callable[[Any], Any]
 
     def stored_values(self, item: Any) -> np.ndarray:
-        """Return the variable's values for an object, in the stored type; an empty array for a `MissingCurve`."""
+        """Return the values of the variable for `item`, in the stored type.
+
+        item: a curve, the codimension-two points or the families, whichever the variable describes.
+
+        Returns
+        -------
+        np.ndarray
+            For a `MissingCurve` an array of length 0 along its points.
+        """
         if isinstance(item, MissingCurve):
             return np.empty([2 if dim == "multiplier" else 0 for dim in self.dims], self.dtype)
         return np.asarray(self.values(item), self.dtype)
@@ -175,6 +183,7 @@ POINT_VARIABLES: tuple[CurveVariable, ...] = (
 
 
 def _pair_column(points: Points, number: int) -> list[Any]:
+    """Return entry `number` (0 to 3) of each tuple that `_pairs_at_points` returns."""
     return [pair[number] for pair in _pairs_at_points(points)]
 
 
@@ -224,10 +233,10 @@ def traced_crossings(model: Model, delta: Axis, epsilon: Axis) -> tuple[Crossing
     """Return for each curve of a model the pairs of neighbouring cells of a grid between which the curve passes."""
     grid = delta.values(), epsilon.values()
     found = (traced_curve(name, model, window_around(*grid)) for name in model.curve_names)
-    return tuple(crossings_of(_polyline(curve), *grid) for curve in found)
+    return tuple(crossings_of(_polyline_of_curve(curve), *grid) for curve in found)
 
 
-def _polyline(curve: Curve | MissingCurve) -> Polyline:
+def _polyline_of_curve(curve: Curve | MissingCurve) -> Polyline:
     if isinstance(curve, MissingCurve):
         return np.zeros(0), np.zeros(0), np.zeros(0, np.int64)
     return curve.delta, curve.epsilon, curve.piece

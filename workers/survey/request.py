@@ -131,7 +131,7 @@ else:
 
 
 class _CommonFields(StrictRecord):
-    """The first fields of a survey request in documents: name, model and half-backlash."""
+    """The fields that the JSON of a survey request begins with: name, model and half-backlash."""
 
     name: Name = ""
     model: ModelName = ModelName(DEFAULT_MODEL)
@@ -266,7 +266,9 @@ class SurveyRequest(_ModelFields):
                 raise ValueError(f'only the {owner} model has {name}: set model to "{owner}", or leave {name} out')
         with_harmonics(MODELS[self.model](), self.harmonics)  # raises an error if the model refuses the harmonics
         if len(self.third_axis) > 1:
-            raise ValueError(f"a survey has one third axis: give one number for {', or for '.join(self.third_axis)}")
+            raise ValueError(
+                f"a survey has at most one third axis: give a number, not an axis, for {' or '.join(self.third_axis)}"
+            )
         if self.slots_by == BY_FAMILY and Group.FAMILIES not in self.quantities:
             raise ValueError("slots_by family needs families: add families to quantities, or leave slots_by out")
         known = groups_of(self.model, bool(self.harmonics))
@@ -324,10 +326,10 @@ class SurveyRequest(_ModelFields):
                 raise ValueError(
                     f"tile.{axis} ({size}) would divide the blocks of a refined survey: use a multiple of {BLOCK}"
                 )
-        if self.tile_shape[0] * self.tile_shape[1] > self._largest_tile:
+        if self.tile_shape[0] * self.tile_shape[1] > self._most_cells_per_tile:
             raise ValueError(
                 f"a tile of {math.prod(self.tile_shape):,} cells exceeds the limit of "
-                f"{self._largest_tile:,}: use a smaller tile"
+                f"{self._most_cells_per_tile:,}: use a smaller tile"
             )
         if self.tile_shape[0] * self.tile_shape[1] * self.samples_per_cell > MAX_TILE_SAMPLES:
             raise ValueError(f"a tile may hold at most {MAX_TILE_SAMPLES:,} initial conditions: use a smaller tile")
@@ -380,7 +382,7 @@ class SurveyRequest(_ModelFields):
         }
 
     @property
-    def sample(self) -> SampleSpec:
+    def sample_spec(self) -> SampleSpec:
         """The specification of the initial conditions of each cell: their number, box, seed and budget."""
         given = self.initial_conditions
         return SampleSpec(given.count, self.v_max, self.seed, given.budget, given.tau_range, given.v_min)
@@ -482,10 +484,10 @@ class SurveyRequest(_ModelFields):
         if Group.BASINS in self.quantities:
             side = min(side, BASIN_SIDE)
         if self.refine is not None:  # few cells of a refined tile are computed, so it may be larger
-            side = min(2 * side, math.isqrt(self._largest_tile))
+            side = min(2 * side, math.isqrt(self._most_cells_per_tile))
             tall = TALL_TILE_FACTOR if self._refines_only_regions else 1
             return max(side * tall // BLOCK, 1) * BLOCK, max(side // tall // BLOCK, 1) * BLOCK
-        side = min(max(side, SMALLEST_DEFAULT), math.isqrt(self._largest_tile))
+        side = min(max(side, SMALLEST_DEFAULT), math.isqrt(self._most_cells_per_tile))
         return side, side
 
     @property
@@ -493,7 +495,7 @@ class SurveyRequest(_ModelFields):
         return self.refine is not None and self.quantities == (Group.REGION,)
 
     @property
-    def _largest_tile(self) -> int:
+    def _most_cells_per_tile(self) -> int:
         """Largest number of cells that a tile of this survey may have."""
         return MAX_TILE_REGIONS if self._refines_only_regions else MAX_TILE_CELLS
 

@@ -58,10 +58,18 @@ FAMILY_VARIABLES: tuple[CurveVariable, ...] = (
         "entered_family", ENTERED, np.int32, "family of an orbit that no slot has", lambda x: x.entered_family
     ),
     CurveVariable(
-        "entered_row", ENTERED, np.int32, "number of its cell along epsilon, from 0", lambda x: _cell_indices(x)[0]
+        "entered_row",
+        ENTERED,
+        np.int32,
+        "number of its cell along epsilon, from 0",
+        lambda x: _cells_of_continued_orbits(x)[0],
     ),
     CurveVariable(
-        "entered_column", ENTERED, np.int32, "number of its cell along delta, from 0", lambda x: _cell_indices(x)[1]
+        "entered_column",
+        ENTERED,
+        np.int32,
+        "number of its cell along delta, from 0",
+        lambda x: _cells_of_continued_orbits(x)[1],
     ),
     CurveVariable("entered_phase", ENTERED, float, "phase τ of its fastest impact", lambda x: x.entered.tau),
     CurveVariable("entered_velocity", ENTERED, float, "speed v of its fastest impact", lambda x: x.entered.v),
@@ -110,7 +118,8 @@ class JoinedFamilies(NamedTuple):
     columns: int
 
 
-def _cell_indices(joined: JoinedFamilies) -> tuple[np.ndarray, np.ndarray]:
+def _cells_of_continued_orbits(joined: JoinedFamilies) -> tuple[np.ndarray, np.ndarray]:
+    """Return the row and the column of the cell of each orbit in `joined.entered`."""
     return np.divmod(joined.entered.cell, joined.columns)
 
 
@@ -170,7 +179,7 @@ def complete_sources(source: np.ndarray) -> np.ndarray:
         The source of each slot; all sources in a cell are different.
     """
     taken = np.zeros((source.shape[0] + 1, *source.shape[1:]), bool)
-    # A −1 (none) marks the last row, which is one row more than there are slots; the next line leaves it out.
+    # `taken` has one row more than there are slots: index −1 (no source) sets the last row, which `taken[:-1]` drops.
     np.put_along_axis(taken, source.astype(np.int64), True, 0)
     to, of = (np.argsort(used, axis=0, kind="stable") for used in (source >= 0, taken[:-1]))
     free = np.arange(source.shape[0])[:, None, None] < (source < 0).sum(axis=0)

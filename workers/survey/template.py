@@ -58,17 +58,17 @@ def template_of(request: SurveyRequest, created: str | None = None) -> Template:
     """
     kept: dict[str, Buffer] = {}
     created = created or current_time()
-    root = zarr.create_group(MemoryStore(kept), zarr_format=3, attributes=_attributes(request, created))
+    root = zarr.create_group(MemoryStore(kept), zarr_format=3, attributes=_survey_attributes(request, created))
     quantities = request.variables
     _write_coordinates(root, request, {dim for quantity in quantities for dim in quantity.dims} | {"delta"})
     for quantity in quantities:
         _create_array(root, request, quantity)
     for along, each in request.slices.items():
         _write_curves(create_slice_group(root, request, along), each)
-    return completed_template(kept, request, created, _chunk_key_patterns(request, quantities))
+    return complete_template(kept, request, created, _chunk_key_patterns(request, quantities))
 
 
-def completed_template(files: dict[str, Buffer], request: Any, created: str, chunks: dict[str, str]) -> Template:
+def complete_template(files: dict[str, Buffer], request: Any, created: str, chunks: dict[str, str]) -> Template:
     """Consolidate the metadata of a store in memory, add a manifest, and return all files as a template.
 
     Parameters
@@ -136,7 +136,7 @@ def consolidate_metadata(store: StoreLike) -> None:
         zarr.consolidate_metadata(store)
 
 
-def _attributes(request: SurveyRequest, created: str) -> dict[str, Any]:
+def _survey_attributes(request: SurveyRequest, created: str) -> dict[str, Any]:
     """Return the attributes of the whole survey. They are texts and numbers, so that NetCDF can hold them too."""
     return {
         "Conventions": "CF-1.11",

@@ -101,7 +101,7 @@ def cells_of_tile(request: SurveyRequest, tile: Tile | None = None) -> Cells:
         delta=delta if tile is None else delta[tile.delta],
         epsilon=epsilon if tile is None else epsilon[tile.epsilon],
         model=request.gear_model,
-        sample=request.sample,
+        sample_spec=request.sample_spec,
         is_sampled=bool(SAMPLED.intersection(request.quantities)),
         slots=request.n_slots,
     )
@@ -156,7 +156,7 @@ def compute_tile(
 def _refined_tile_cells(request: SurveyRequest, tile: Tile) -> RefinedCells:
     """Return the cells of a refined tile, of which only some are computed."""
     whole = cells_of_tile(request.slice_request(tile.along))
-    # The curves of a model without closed form take minutes to trace, so its tiles are refined without curves.
+    # If a model has no closed form, its curves take minutes to trace, so its tiles are refined without curves.
     curves = traced_crossings(whole.model, request.delta, request.epsilon) if whole.model.in_closed_form else ()
     # A bound combines the audits of all slices, so no two slices audit the same positions of the grid. Without a bound,
     # a slice audits the same cells, and so has the same values, as a survey of this plane alone.

@@ -244,7 +244,7 @@ def test_cells_without_the_family_that_is_chosen_are_dimmed(
     monkeypatch.setattr(maps, "_draw_cells", seen)
     assert map_picture(shared, "region", look=Look(family=family)) != map_picture(shared, "region")
     np.testing.assert_array_equal(np.isnan(covered[0]), share[family] > 0)
-    monkeypatch.setattr(maps, "ROOM", (5, 4))  # of cells that become one
+    monkeypatch.setattr(maps, "MOST_DRAWN_CELLS", (5, 4))  # of cells that become one
     map_picture(shared, "region", look=Look(family=family))
     assert covered[1].size < covered[0].size
     assert np.isnan(covered[1]).any()

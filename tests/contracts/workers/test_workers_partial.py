@@ -135,7 +135,7 @@ def test_after_a_pause_a_tile_goes_on_where_it_was(tmp_path: Path, monkeypatch: 
 
     monkeypatch.setattr(runner, "advance_tile", advance)
     monkeypatch.setattr(runner, "prepare_for_tiles", lambda *_: None)
-    monkeypatch.setattr(runner, "recording_tiles", lambda _: nullcontext(lambda _: None))
+    monkeypatch.setattr(runner, "tile_recorder", lambda _: nullcontext(lambda _: None))
     monkeypatch.setattr(runner, "is_divisible", lambda *_: True)
     monkeypatch.setattr(costs, "MANY", 1)
     monkeypatch.setattr(costs, "LEAST_MEASURED", 1)

@@ -27,7 +27,7 @@ from gear_rattle.workers.survey.refined.asked import BLOCK
 from gear_rattle.workers.survey.refined.audit import AUDITED, DISAGREED, random_draws, share_upper_bound
 from gear_rattle.workers.survey.refined.blocks import Blocks
 from gear_rattle.workers.survey.refined.evidence import cells_differ
-from gear_rattle.workers.survey.refined.shares import _divided_fractions
+from gear_rattle.workers.survey.refined.shares import _divide_fractions
 from rattle.attractors.samples import Outcome
 
 pytestmark = pytest.mark.usefixtures("templates_once")
@@ -181,18 +181,18 @@ def test_a_share_is_divided_among_orbits_of_one_label() -> None:
     """Parts are by weight, equal if all weights are 0; unsampled orbits get none unless there are no others."""
     of = np.array([0, 0, 1, 1, 2, 2, 3])
     weight = np.array([3.0, 1.0, 0.0, 0.0, 2.0, -1.0, -1.0])
-    assert _divided_fractions(of, weight).tolist() == [0.75, 0.25, 0.5, 0.5, 1.0, -1.0, 1.0]
+    assert _divide_fractions(of, weight).tolist() == [0.75, 0.25, 0.5, 0.5, 1.0, -1.0, 1.0]
 
 
 def test_blocks_have_the_corners_of_the_plane() -> None:
     blocks = Blocks(slice(32, 96), slice(64, 70), (96, 70))
     assert blocks.frame == (slice(32, 96), slice(64, 70))
     assert [x.tolist() for x in blocks.last_indices] == [[32, 31], [5, 5]]
-    edges = blocks.edge_cells(blocks.whole_blocks())
+    edges = blocks.edge_cells(blocks.undivided_leaves())
     rows, columns = np.divmod(edges, blocks.shape[1])
     assert ((rows % BLOCK == 0) | (rows == 63) | (columns == 0) | (columns == 5)).all()
     assert edges.size == 3 * 6 + 61 * 2
-    quarters = blocks.quarters(blocks.whole_blocks())
+    quarters = blocks.quarters(blocks.undivided_leaves())
     assert set(zip(*(x.tolist() for x in quarters[:3]), strict=True)) == {(0, 0, 0), (0, 16, 0), (1, 0, 0), (1, 16, 0)}
 
 

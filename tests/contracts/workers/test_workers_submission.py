@@ -183,7 +183,7 @@ def test_a_pause_begins_no_tile_and_gives_up_none(tmp_path: Path, monkeypatch: p
 
     monkeypatch.setattr(runner, "advance_tile", compute)
     monkeypatch.setattr(runner, "prepare_for_tiles", lambda *_: None)
-    monkeypatch.setattr(runner, "recording_tiles", lambda _: nullcontext(lambda _: None))
+    monkeypatch.setattr(runner, "tile_recorder", lambda _: nullcontext(lambda _: None))
     client, tiles = ended_tasks.Client(2), tiles_of(REQUEST)
 
     def run(should_pause: Any) -> None:

@@ -99,7 +99,7 @@ def filled(grid: WindowGrid, cells: int) -> list[tuple[int, Frame]]:
                 assert not grid.known[part].any()
                 assert 0 < number[part].size <= cells
                 grid.put(part, PartValues(number[part], 0, 0.0))
-        frames.append((level, grid.frame(level)))
+        frames.append((level, grid.frame_at_level(level)))
     return frames
 
 
@@ -123,7 +123,7 @@ def test_meanwhile_a_cell_shows_its_neighbour_of_the_level_before() -> None:
     grid = WindowGrid(window_survey(REQUEST, WINDOW, (33, 33)), map_quantity("quiet_fraction", 0, REQUEST))
     for part in grid.parts(*grid.blocks(grid.levels[0]), 10**6):
         grid.put(part, PartValues(np.array([[0.0, 0.2], [0.4, 0.6]]), 0, 0.0))
-    frame = grid.frame(grid.levels[1])
+    frame = grid.frame_at_level(grid.levels[1])
     np.testing.assert_allclose(frame.values, [[0, 0, 0.2], [0, 0, 0.2], [0.4, 0.4, 0.6]], rtol=1e-6)
     assert frame.done == 4 / 33**2
     assert grid.levels == (5, 4, 3, 2, 1, 0)

@@ -86,7 +86,7 @@ def reduced_numbers(values: np.ndarray, known: np.ndarray, steps: Sequence[Pair]
         least, largest = (
             pooled_cells(each, step, pool, np.nan) for each, pool in ((least, np.fmin), (largest, np.fmax))
         )
-        # A rounded mean must not be below the least or above the largest value.
+        # Rounding may put a mean below the least or above the largest value, so it is clipped.
         mean = np.clip(_quotients(total, count), least, largest)
         yield _as_float32(mean, least, largest, _quotients(count, of))
 

@@ -9,7 +9,7 @@ from gear_rattle.workers.survey.axes import Real, StrictRecord
 from gear_rattle.workers.survey.values.schema import SAMPLED, Group
 from rattle.models import MODELS, Capability, require_capability
 
-BLOCK = 32  # cells along a side of a block; blocks begin at multiples of this number, whatever the tiles are
+BLOCK = 32  # cells along a side of a block; blocks begin at rows and columns that are multiples of this number
 AUDITED_SHARE = 0.02  # default of `Refine.audit`, the share of filled cells to audit
 
 
@@ -25,12 +25,12 @@ class Refine(StrictRecord):
     bound: Annotated[Real, Field(gt=0, lt=1)] | None = None
 
 
-def _refine_options(value: Any) -> Any:
-    """Return the default options for True and None for False; return any other value unchanged."""
+def _replace_bool_by_options(value: Any) -> Any:
+    """Return the default options if the value is True, None if it is False, and any other value unchanged."""
     return (Refine() if value else None) if isinstance(value, bool) else value
 
 
-RefineOrNot = BeforeValidator(_refine_options)
+RefineOrNot = BeforeValidator(_replace_bool_by_options)
 
 
 def require_refinable(quantities: Iterable[Group], model: str) -> None:

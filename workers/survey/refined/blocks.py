@@ -74,7 +74,7 @@ class Blocks:
 
     @cached_property
     def block_origins(self) -> tuple[np.ndarray, np.ndarray]:
-        """First row and first column of each block (blocks,), counted from those of the frame (see `Blocks`)."""
+        """First row and first column of each block (blocks,), counted from the start of the frame (see `Blocks`)."""
         down, right = (np.arange(0, span.stop - span.start, BLOCK) for span in (self.rows, self.columns))
         return np.repeat(down, right.size), np.tile(right, down.size)
 
@@ -86,16 +86,16 @@ class Blocks:
 
     @property
     def n_cells(self) -> int:
-        """Number of cells of the frame (see `Blocks`)."""
+        """Number of cells of the frame: of the cells rows × columns, and of the next row and column of the grid."""
         return self.shape[0] * self.shape[1]
 
-    def whole_blocks(self) -> Leaves:
+    def undivided_leaves(self) -> Leaves:
         """Return the leaves before any division: one leaf for each block, which covers the whole block."""
         number = np.arange(self.block_origins[0].size)
         return Leaves(number, np.zeros_like(number), np.zeros_like(number), BLOCK)
 
     def quarters(self, leaves: Leaves) -> Leaves:
-        """Return the quarters of each leaf, except quarters whose cells in the block all belong to another quarter."""
+        """Return the quarters of each leaf; at the end of a grid, quarters without cells of their own are left out."""
         half = leaves.size // 2
         block, row, column = (np.repeat(x, 4) for x in leaves[:3])
         row = row + np.tile([0, 0, half, half], leaves.block.size)

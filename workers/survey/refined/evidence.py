@@ -12,7 +12,7 @@ from rattle import Attractors
 from rattle.attractors import CHAOTIC, PERIODIC, QUIET, UNDECIDED
 from rattle.families import GridPiece, in_order, no_attractors, together
 
-#: Kinds of attractors that only samples show, because continuation can follow periodic orbits only.
+#: Kinds of motion (undecided counts as one) that only samples show, because continuation follows periodic orbits only.
 SAMPLED_KINDS = (QUIET, CHAOTIC, UNDECIDED)
 #: Two cells certainly differ if at least this many samples go to a motion in one cell, and none in the other cell.
 CERTAIN_SAMPLES = 12
@@ -24,14 +24,15 @@ CHANCE_LIMIT = 1e-3
 
 
 class Evidence:
-    """The cells of a frame (see `Blocks`), computed on demand.
+    """The computed cells of a frame (see `Blocks`), by which leaves are divided or filled; `compute` adds cells.
 
-    sampled: whether the attractors of cells are compared. regions: whether the regions of cells are compared.
+    compares_attractors: whether cells are sampled, and cells with other attractors differ. compares_regions: whether
+    regions are computed, and cells in other regions differ.
     """
 
-    def __init__(self, blocks: Blocks, cells: Cells, sampled: bool, regions: bool) -> None:
+    def __init__(self, blocks: Blocks, cells: Cells, compares_attractors: bool, compares_regions: bool) -> None:
         self.blocks, self.cells = blocks, cells
-        self.sampled, self.regions = sampled, regions
+        self.compares_attractors, self.compares_regions = compares_attractors, compares_regions
         n = blocks.n_cells
         self.known = np.zeros(n, bool)
         self.region = np.zeros(n, np.int8)
@@ -41,7 +42,7 @@ class Evidence:
         self._code = np.zeros((blocks.block_origins[0].size, BLOCK + 1, BLOCK + 1), np.uint64)
 
     def compute(self, cells: np.ndarray) -> None:
-        """Compute the given cells unless they are known, and continue their periodic orbits through their blocks."""
+        """Compute the cells with these numbers unless they are computed, and continue their orbits in their blocks."""
         cells = cells[~self.known[cells]]
         if not cells.size:
             return
@@ -49,12 +50,12 @@ class Evidence:
         delta, epsilon = self.cells.delta[column], self.cells.epsilon[row]
         model, own = self.cells.model, self.cells
         self.known[cells] = True
-        if self.regions:
+        if self.compares_regions:
             for part in np.array_split(np.argsort(column, kind="stable"), 1 + cells.size // CELLS_AT_ONCE):
                 self.region[cells[part]] = rattle.classify_regions(model.period_one(delta[part], epsilon[part]))
-        if not self.sampled:
+        if not self.compares_attractors:
             return
-        found = model.attractors_of(delta, epsilon, own.sample)
+        found = model.attractors_of(delta, epsilon, own.sample_spec)
         found = found.replace(cell=cells[found.cell])
         for which, kind in enumerate(SAMPLED_KINDS):
             np.add.at(self.samples[which], found.cell[found.kind == kind], found.samples[found.kind == kind])
@@ -96,7 +97,7 @@ class Evidence:
         region = self.region[cell]
         inner = (1, 2)
         same = region.max(inner, where=known, initial=-1) == region.min(inner, where=known, initial=127)
-        if self.sampled:
+        if self.compares_attractors:
             code = self.label_codes(square)
             same &= ((code == code[:, :1, :1]) | ~square.inside).all(inner)
             same &= ~cells_differ(self.samples[:, cell], known, self.cells.count).any(0)
@@ -104,7 +105,7 @@ class Evidence:
 
     def have_chaos(self, leaves: Leaves) -> np.ndarray:
         """Return for each leaf (k,) whether a computed cell has chaotic or undecided samples."""
-        if not self.sampled:
+        if not self.compares_attractors:
             return np.zeros(leaves.block.size, bool)
         square = self.blocks.cells_of(leaves)
         cell = self.blocks.cell_numbers(square)
@@ -134,7 +135,7 @@ class Evidence:
         inner = (1, 2)
         region = self.region[cell]
         odd = region != region.max(inner, where=edge, initial=-1)[:, None, None]
-        if self.sampled:
+        if self.compares_attractors:
             odd |= self.label_codes(square) != before
             seen = self.samples[:, cell]
             share = (seen * edge).sum((2, 3)) / (edge.sum(inner) * self.cells.count)
@@ -148,10 +149,9 @@ def cells_differ(samples: np.ndarray, known: np.ndarray, count: int) -> np.ndarr
     """Return for each leaf (k,) whether some of its cells have a motion and others do not.
 
     samples (…, k, n, n): how many samples of each cell go to the motion. known (k, n, n): flags of the sampled cells.
-    count: the number of samples of a cell. A cell lacks the motion if none of its samples goes to it. Cells of a leaf
-    differ if some lack the motion, although at least CERTAIN_SAMPLES samples of another cell go to it (all samples, if
-    a cell has fewer). They also differ if, with equal basin fractions in all cells, it is unlikely that this number of
-    cells lacks the motion.
+    count: the number of samples of a cell. A cell of which no sample goes to the motion may have missed it by chance.
+    If there are such cells, the flag is set in two cases: in another cell at least CERTAIN_SAMPLES samples go to the
+    motion (all samples, if a cell has fewer); or there are more of them than is likely with equal basin fractions.
 
     Returns
     -------

@@ -17,7 +17,7 @@ from gear_rattle.workers.survey.refined.rounds import AuditRound
 from gear_rattle.workers.survey.refined.shares import fill_leaves
 from gear_rattle.workers.survey.refined.tree import Tree, crossed_edges
 from gear_rattle.workers.survey.values.cells import Cells
-from gear_rattle.workers.survey.values.evaluate import in_slots, kind_fraction
+from gear_rattle.workers.survey.values.evaluate import arrange_in_slots, kind_fraction_evaluator
 from gear_rattle.workers.survey.values.schema import SAMPLED, Group, Quantity
 from rattle import Attractors, wilson_interval
 from rattle.attractors import CHAOTIC, QUIET
@@ -31,9 +31,9 @@ TRAJECTORY_VARIABLES = ("lyapunov_max", "sum_rule_error", "impulse_balance_error
 class RefinedCells(Cells):
     """The cells of a refined tile, computed or filled.
 
-    table: the attractors of all cells. added_width (attractors,): the uncertainty that filling adds to each basin
-    fraction (see `Filling`), 0 in a computed cell. regions, source_level, audit, audit_leaf: the values of the stored
-    variables region, source_level, audit and audit_leaf.
+    table: the attractors of all cells, row by row. added_width (attractors,): the uncertainty that filling adds to each
+    basin fraction (see `Filling`), 0 in a computed cell. regions, source_level, audit, audit_leaf: the values of the
+    stored variables region, source_level, audit and audit_leaf.
     """
 
     table: Attractors = None  # type: ignore[assignment]  # a field after fields with defaults needs a default
@@ -62,8 +62,8 @@ class RefinedCells(Cells):
     def values_of(self, quantity: Quantity) -> np.ndarray:
         """Return the values of a variable in all cells.
 
-        Upper ends and errors of basin fractions include the uncertainty of filling. TRAJECTORY_VARIABLES are NaN in
-        filled cells with a chaotic attractor.
+        The upper ends of basin fractions, and the half-widths of the quiet fraction (`fraction_error`), include the
+        uncertainty that filling adds. TRAJECTORY_VARIABLES are NaN in filled cells with a chaotic attractor.
 
         Returns
         -------
@@ -71,12 +71,14 @@ class RefinedCells(Cells):
             Shape (…, n_epsilon, n_delta).
         """
         if quantity.name == "attractor_fraction_upper":
-            return in_slots(self, np.minimum(self._fraction_upper + self.added_width, 1.0), np.nan, quantity.dtype)
+            return arrange_in_slots(
+                self, np.minimum(self._fraction_upper + self.added_width, 1.0), np.nan, quantity.dtype
+            )
         if quantity.name == "fraction_error":
             return self._fraction_error
         if quantity.name in TRAJECTORY_VARIABLES:
-            values = np.asarray(quantity.evaluate(self._traced_cells))
-            return np.where(self._has_untraced_chaos, np.nan, values)
+            values = np.asarray(quantity.evaluate(self._cells_with_trajectories))
+            return np.where(self._has_chaos_without_trajectory, np.nan, values)
         return np.asarray(quantity.evaluate(self))
 
     @cached_property
@@ -87,7 +89,7 @@ class RefinedCells(Cells):
     @cached_property
     def _fraction_error(self) -> np.ndarray:
         """Half the width of the 95 % interval of each cell's quiet fraction, with the uncertainty that filling adds."""
-        won = kind_fraction("quiet")(self) * self.count
+        won = kind_fraction_evaluator("quiet")(self) * self.count
         low, high = wilson_interval(np.where(self.is_filled, np.minimum(won, self.count), np.rint(won)), self.count)
         quiet = self.table.kind == QUIET
         added = np.bincount(self.table.cell[quiet], self.added_width[quiet], self.source_level.size).reshape(self.shape)
@@ -95,19 +97,19 @@ class RefinedCells(Cells):
 
     @cached_property
     def _lacks_own_trajectory(self) -> np.ndarray:
-        """Flags (attractors,) of attractors without a trajectory: the chaotic attractors in filled cells."""
+        """Flags (attractors,) of the chaotic attractors of filled cells, which have no computed trajectory."""
         found: np.ndarray = self.is_filled.ravel()[self.table.cell] & (self.table.kind == CHAOTIC)
         return found
 
     @cached_property
-    def _has_untraced_chaos(self) -> np.ndarray:
-        """Flags of the cells that have a chaotic attractor without a trajectory."""
+    def _has_chaos_without_trajectory(self) -> np.ndarray:
+        """Flags (n_epsilon, n_delta) of filled cells with a chaotic attractor, for which no trajectory was computed."""
         cells = self.table.cell[self._lacks_own_trajectory]
         return np.bincount(cells, minlength=self.source_level.size).reshape(self.shape) > 0
 
     @cached_property
-    def _traced_cells(self) -> RefinedCells:
-        """A copy of these cells without the attractors that have no trajectory."""
+    def _cells_with_trajectories(self) -> RefinedCells:
+        """A copy of these cells without the chaotic attractors of filled cells, which have no computed trajectory."""
         rows = ~self._lacks_own_trajectory
         return replace(self, table=self.table.take(rows), added_width=self.added_width[rows])
 
@@ -138,8 +140,8 @@ def refined_cells(whole: Cells, rows: slice, columns: slice, plan: FillingPlan) 
     """
     blocks = Blocks(rows, columns, whole.shape)
     frame = replace(whole, epsilon=whole.epsilon[blocks.frame[0]], delta=whole.delta[blocks.frame[1]])
-    sampled = bool(SAMPLED.intersection(plan.quantities))
-    evidence = Evidence(blocks, frame, sampled, Group.REGION in plan.quantities)
+    compares_attractors = bool(SAMPLED.intersection(plan.quantities))
+    evidence = Evidence(blocks, frame, compares_attractors, Group.REGION in plan.quantities)
     tree = Tree(evidence, crossed_edges(blocks, plan.crossings), random_draws(blocks, plan.seed), plan.rounds)
     tree.compute_cells()
     level, added_width, table = np.zeros(blocks.n_cells, np.int8), np.zeros(evidence.table.cell.size), evidence.table
@@ -149,7 +151,7 @@ def refined_cells(whole: Cells, rows: slice, columns: slice, plan: FillingPlan) 
         empty = square.inside & ~evidence.known[cell]
         level[cell[empty]] = leaves.size.bit_length() - 1
         evidence.region[cell[empty]] = np.broadcast_to(evidence.region[cell[:, :1, :1]], cell.shape)[empty]
-        if sampled:
+        if compares_attractors:
             more = fill_leaves(evidence, leaves)
             table, added_width = together(table, more.table), np.append(added_width, more.added_width)
     height, width = rows.stop - rows.start, columns.stop - columns.start
@@ -158,7 +160,8 @@ def refined_cells(whole: Cells, rows: slice, columns: slice, plan: FillingPlan) 
     table = table.replace(cell=row * width + column)
     order = np.flatnonzero(mine)[in_order(table.take(mine))]
 
-    def inner_cells(values: np.ndarray) -> np.ndarray:
+    def without_added_edges(values: np.ndarray) -> np.ndarray:
+        """Return the values (cells of the frame,) as a plane of the cells rows × columns alone."""
         return values.reshape(blocks.shape)[:height, :width]
 
     return RefinedCells(
@@ -169,8 +172,8 @@ def refined_cells(whole: Cells, rows: slice, columns: slice, plan: FillingPlan) 
         },
         table=table.take(order),
         added_width=added_width[order],
-        regions=inner_cells(evidence.region),
-        source_level=inner_cells(level),
-        audit=inner_cells(tree.audit),
-        audit_leaf=inner_cells(tree.leaf),
+        regions=without_added_edges(evidence.region),
+        source_level=without_added_edges(level),
+        audit=without_added_edges(tree.audit),
+        audit_leaf=without_added_edges(tree.leaf),
     )

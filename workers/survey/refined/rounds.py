@@ -32,9 +32,9 @@ FIRST_AUDIT_FACTOR = 3.0
 class AuditRound(NamedTuple):
     """A round of audits.
 
-    drawn: a filled cell is audited if its random number (see `random_draws`) is below this value. regular, chaotic: all
-    cells of leaves of at most this size are computed before the audit; `regular` is the limit for leaves without chaos,
-    `chaotic` the limit for leaves with chaos.
+    drawn: the round audits the filled cells whose random number (see `random_draws`) is below this value, but not below
+    that of the round before. regular, chaotic: sizes of leaves (squares of cells). Before the audit the round computes
+    all cells of the leaves without chaos up to the size `regular`, and of those with chaos up to `chaotic`.
     """
 
     drawn: float
@@ -56,7 +56,7 @@ class AuditCounts(NamedTuple):
 
 
 def confidence_of_round(number: int) -> float:
-    """Return the confidence of the bound of round `number`; all bounds hold together with probability CONFIDENCE."""
+    """Return the confidence of the bound of round `number`; together all bounds hold with at least CONFIDENCE."""
     return 1.0 - (1.0 - CONFIDENCE) / 2.0 ** (number + 1)
 
 

@@ -97,7 +97,7 @@ class _Leaf:
 
     def filling_without_orbits(self) -> list[Filling]:
         """Return the attractors for the empty cells of a leaf whose block has no periodic orbits."""
-        fractions, deviations = self._fitted_fractions(np.zeros((int(self.known.sum()), 0)))
+        fractions, deviations = self._fit_fractions(np.zeros((int(self.known.sum()), 0)))
         return self._fill_sampled_kinds(fractions, deviations)
 
     def filling_with_orbits(self, branches: Branches, top: int, left: int) -> list[Filling]:
@@ -120,7 +120,7 @@ class _Leaf:
         order = np.cumsum(self.known.ravel()).reshape(n, n) - 1
         by_label = np.zeros((int(self.known.sum()), listed.size))
         np.add.at(by_label, (order[at][sampled], thing), won)
-        fractions, deviations = self._fitted_fractions(by_label)
+        fractions, deviations = self._fit_fractions(by_label)
         weight = np.full(int(branches.group.max(initial=0)) + 1, -1.0)
         weight[branches.group[here[sampled]]] = 0.0
         np.add.at(weight, branches.group[here[sampled]], won)
@@ -128,7 +128,7 @@ class _Leaf:
         mine = here[wanted]
         thing = np.searchsorted(listed, branches.label[mine])
         place = (np.cumsum(self.empty.ravel()).reshape(n, n) - 1)[row[mine], column[mine]]
-        part = _divided_fractions(place * max(listed.size, 1) + thing, weight[branches.group[mine]])
+        part = _divide_fractions(place * max(listed.size, 1) + thing, weight[branches.group[mine]])
         there = part >= 0.0
         mine, thing, place, part = mine[there], thing[there], place[there], part[there]
         orbits = branches.existing.orbits
@@ -152,7 +152,7 @@ class _Leaf:
         periodic = Filling(table, HALF_WIDTH_95 * deviations[len(SAMPLED_KINDS) + thing])
         return [*self._fill_sampled_kinds(fractions, deviations), periodic]
 
-    def _fitted_fractions(self, orbit_samples: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _fit_fractions(self, orbit_samples: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Fit linear functions of (δ, ε) to basin fractions of the computed cells; evaluate them in the empty cells.
 
         There is a function for each kind in SAMPLED_KINDS, then one for each label of periodic orbits. orbit_samples
@@ -180,9 +180,9 @@ class _Leaf:
         return np.column_stack([np.ones(len(at)), at])
 
     def _fill_sampled_kinds(self, fractions: np.ndarray, deviations: np.ndarray) -> list[Filling]:
-        """Return the quiet, chaotic and undecided attractors for the empty cells.
+        """Return the quiet and chaotic attractors, and the entries of undecided samples, for the empty cells.
 
-        fractions, deviations: the fitted fractions and their standard deviations, as `_fitted_fractions` returns them.
+        fractions, deviations: the fitted fractions and their standard deviations, as `_fit_fractions` returns them.
 
         Returns
         -------
@@ -244,12 +244,13 @@ def _normalize_fractions(fractions: np.ndarray) -> np.ndarray:
     return np.asarray(found / found.sum(axis=1, keepdims=True))
 
 
-def _divided_fractions(fraction: np.ndarray, weight: np.ndarray) -> np.ndarray:
+def _divide_fractions(fraction: np.ndarray, weight: np.ndarray) -> np.ndarray:
     """Divide each basin fraction among the orbits that have one label in one cell, in proportion to their weights.
 
-    fraction (k,): for each orbit, the number of the fraction from which it gets a part. weight (k,): how many samples
-    of computed cells go to the orbit's branch, negative if no computed cell has the branch. Orbits with a negative
-    weight get no part, unless all weights for this fraction are negative. If no weight is positive, parts are equal.
+    fraction (k,): for each orbit, the number of the fraction of which it gets a part. weight (k,): how many samples of
+    computed cells go to the orbit's branch; negative if no computed cell has the branch. An orbit with a negative
+    weight gets no part if another orbit of the same fraction has a weight of 0 or more. Orbits get equal parts if none
+    of them has a positive weight.
 
     Returns
     -------

@@ -36,14 +36,14 @@ class Tree:
     leaf: np.ndarray = field(init=False)
     filled: list[Leaves] = field(init=False, default_factory=list)
     _number: int = field(init=False, default=0)
-    _now: AuditRound = field(init=False)
+    _current_round: AuditRound = field(init=False)
     _chosen: np.ndarray = field(init=False)  # (cells,): flags of the cells to audit in this round
 
     def __post_init__(self) -> None:
-        """Create `audit` and `leaf`, and choose the cells that the first round audits."""
+        """Fill the arrays `audit` and `leaf` with 0, and choose the cells that the first round audits."""
         self.audit, self.leaf = np.zeros((2, self.blocks.n_cells), np.int8)
-        self._now = self.rounds[0]
-        self._chosen = self.draws < self._now.drawn
+        self._current_round = self.rounds[0]
+        self._chosen = self.draws < self._current_round.drawn
 
     @property
     def blocks(self) -> Blocks:
@@ -55,19 +55,19 @@ class Tree:
 
         The method changes `filled`, `audit` and `leaf`.
         """
-        self._compute_leaves([self.blocks.whole_blocks()])
+        self._compute_leaves([self.blocks.undivided_leaves()])
         for number, (before, now) in enumerate(pairwise(self.rounds), start=1):
-            self._now = now  # `_are_uniform` now rejects all leaves that this round computes as a whole
+            self._current_round = now  # `_are_uniform` is now False for leaves that this round computes as a whole
             self._compute_leaves(self._divide_failing(self._are_uniform))
             self._number = number
             self._chosen = (before.drawn <= self.draws) & (self.draws < now.drawn)
-            self._compute_leaves(self._divide_failing(self._pass_audit))
+            self._compute_leaves(self._divide_failing(self._audit_leaves))
 
     def _compute_leaves(self, waiting: list[Leaves]) -> None:
-        """Compute the edges of the leaves `waiting`, and divide leaves until all leaves in `filled` are uniform.
+        """Compute the edges of new leaves, and divide leaves until all leaves in `filled` are uniform.
 
-        A new orbit is continued to all cells of its block, so a leaf that was found uniform may later have cells that
-        differ. Such a leaf is divided too.
+        waiting: the new leaves, whose edges are not computed yet. A new orbit is continued to all cells of its block.
+        Therefore a leaf that was found uniform may later have cells that differ; such a leaf is divided too.
         """
         while True:
             self._compute_and_divide(waiting)
@@ -86,7 +86,11 @@ class Tree:
         return others
 
     def _compute_and_divide(self, waiting: list[Leaves]) -> None:
-        """Compute the edges of leaves, the largest first. Divide leaves that are not uniform or fail the audit."""
+        """Compute the edges of new leaves, from the largest leaves to the smallest.
+
+        Leaves that are uniform and pass the audit are added to `filled`; the other leaves are divided. waiting: the new
+        leaves, whose edges are not computed yet.
+        """
         size = BLOCK
         while size:
             now = [leaves for leaves in waiting if leaves.size == size and leaves.block.size]
@@ -95,7 +99,7 @@ class Tree:
                 self.evidence.compute(self.blocks.edge_cells(leaves))
                 if size > 1:
                     same = self._are_uniform(leaves)
-                    same[same] = self._pass_audit(leaves.select(same))
+                    same[same] = self._audit_leaves(leaves.select(same))
                     self.filled.append(leaves.select(same))
                     waiting = [*waiting, self.blocks.quarters(leaves.select(~same))]
             size //= 2
@@ -109,8 +113,8 @@ class Tree:
             Flags (k,); False also for a leaf of which this round computes all cells.
         """
         found = self.evidence.are_uniform(leaves) & ~self._are_crossed(self.blocks.cells_of(leaves))
-        if max(self._now.regular, self._now.chaotic) >= leaves.size:
-            limit = np.where(self.evidence.have_chaos(leaves), self._now.chaotic, self._now.regular)
+        if max(self._current_round.regular, self._current_round.chaotic) >= leaves.size:
+            limit = np.where(self.evidence.have_chaos(leaves), self._current_round.chaotic, self._current_round.regular)
             found &= limit < leaves.size
         return found
 
@@ -123,8 +127,8 @@ class Tree:
         found: np.ndarray = along_delta.any((1, 2)) | along_epsilon.any((1, 2))
         return found
 
-    def _pass_audit(self, leaves: Leaves) -> np.ndarray:
-        """Audit leaves: compute their cells that this round chose, and return whether each leaf is still uniform."""
+    def _audit_leaves(self, leaves: Leaves) -> np.ndarray:
+        """Compute the cells of leaves that this round audits. Return for each leaf (k,) whether it is still uniform."""
         square = self.blocks.cells_of(leaves)
         cell = self.blocks.cell_numbers(square)
         empty = square.inside & ~self.evidence.known[cell]
@@ -140,10 +144,10 @@ class Tree:
         return self._are_uniform(leaves)
 
     def _record_kind(self, leaves: Leaves, cell: np.ndarray, empty: np.ndarray) -> None:
-        """Write the number of this round and the kind of the leaf into `self.leaf` for the cells of leaves to fill.
+        """Write the codes of `self.leaf` (round and kind of leaf, see `Tree`) for the cells of leaves to be filled.
 
-        A cell that already has an entry of this round keeps it. cell: the numbers of the leaves' cells. empty: flags of
-        the cells that are not computed.
+        A cell keeps the first code that it gets in a round. cell: the numbers of the leaves' cells. empty: flags of the
+        cells that are not computed, and so are to be filled.
         """
         first = KINDS * self._number
         fresh = empty & (self.leaf[cell] < max(first, 1))

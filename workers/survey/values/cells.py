@@ -26,19 +26,19 @@ class Cells:
     delta: np.ndarray  # dampings, shape (n_delta,)
     epsilon: np.ndarray  # eccentricities, shape (n_epsilon,)
     model: Model
-    sample: SampleSpec
+    sample_spec: SampleSpec
     is_sampled: bool  # whether attractors are computed
     slots: int  # the largest number of attractors that a cell lists
 
     @property
     def count(self) -> int:
         """Initial conditions per cell, 0 if no attractors are computed."""
-        return self.sample.count if self.is_sampled else 0
+        return self.sample_spec.count if self.is_sampled else 0
 
     @property
     def v_max(self) -> SpeedLimit:
         """The largest initial speed: a number, or "natural" for the natural speed of each cell."""
-        return self.sample.v_max
+        return self.sample_spec.v_max
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -84,7 +84,7 @@ class Cells:
     @cached_property
     def attractors(self) -> rattle.Attractors:
         """The attractors of all cells, row by row: the same bits as `rattle.attractors_of` returns for each cell."""
-        return self.model.attractors_of(self.delta, self.epsilon[:, None], self.sample)
+        return self.model.attractors_of(self.delta, self.epsilon[:, None], self.sample_spec)
 
     @cached_property
     def intensities(self) -> Intensities:
@@ -94,7 +94,7 @@ class Cells:
     @cached_property
     def sampled_speed(self) -> np.ndarray:
         """The largest initial speed of the samples of each cell, shape (n_epsilon, n_delta)."""
-        return self.sample.highest_speeds(self.model.parameters_at(self.delta, self.epsilon[:, None]))
+        return self.sample_spec.highest_speeds(self.model.parameters_at(self.delta, self.epsilon[:, None]))
 
     @cached_property
     def boundary_distance(self) -> rattle.BoundaryDistance:
@@ -136,7 +136,7 @@ class Cells:
 
     @cached_property
     def robust_chaos(self) -> np.ndarray:
-        """Flags of the δ in the interval where chaos is robust; False everywhere if this β has no such interval."""
+        """Flags (n_delta,): δ is in the interval where chaos is robust; all False if this β has no such interval."""
         try:
             low, high = rattle.robust_chaos_interval(self.model.beta)
         except rattle.RattleError:

@@ -14,26 +14,26 @@ OK, SOME_UNDECIDED, FAILED = 1, 2, 3
 Evaluate = Callable[[Cells], np.ndarray]
 
 
-def orbit_field(field: str) -> Evaluate:
+def orbit_evaluator(field: str) -> Evaluate:
     """Return the function that evaluates a field of the orbits A to D, shape (4, …, n_epsilon, n_delta)."""
     return lambda cells: getattr(cells.period_one, field)
 
 
-def grazing_field(field: str) -> Evaluate:
+def grazing_evaluator(field: str) -> Evaluate:
     """Return the function that evaluates a field of the grazing curves G1 and G2, shape (2, …, n_delta)."""
     return lambda cells: np.stack([getattr(curve, field) for curve in cells.grazing])
 
 
-def slot_field(field: str, dtype: str, fill: float = 0) -> Evaluate:
+def slot_evaluator(field: str, dtype: str, fill: float = 0) -> Evaluate:
     """Return the function that evaluates a field of the attractors in slots, shape (slots, n_epsilon, n_delta)."""
 
     def evaluate(cells: Cells) -> np.ndarray:
-        return in_slots(cells, getattr(cells.attractors, field), fill, dtype)
+        return arrange_in_slots(cells, getattr(cells.attractors, field), fill, dtype)
 
     return evaluate
 
 
-def in_slots(cells: Cells, values: np.ndarray, fill: float, dtype: str) -> np.ndarray:
+def arrange_in_slots(cells: Cells, values: np.ndarray, fill: float, dtype: str) -> np.ndarray:
     """Arrange values of attractors by slot and cell, shape (slots, n_epsilon, n_delta); empty slots get `fill`."""
     cell, slot = cells.attractors.cell, _slot_numbers(cells)
     filled = np.full((cells.slots, cells.delta.size * cells.epsilon.size), fill, dtype)
@@ -50,12 +50,12 @@ def _slot_numbers(cells: Cells) -> np.ndarray:
 
 def slot_fraction(cells: Cells) -> np.ndarray:
     """Return the basin fraction of each slot, shape (slots, n_epsilon, n_delta)."""
-    return slot_field("samples", "float64")(cells) / cells.count
+    return slot_evaluator("samples", "float64")(cells) / cells.count
 
 
 def slot_fraction_upper(cells: Cells) -> np.ndarray:
     """Return the upper end of the 95 % Wilson interval of `slot_fraction`, shape (slots, n_epsilon, n_delta)."""
-    return in_slots(cells, rattle.wilson_interval(cells.attractors.samples, cells.count)[1], np.nan, "float64")
+    return arrange_in_slots(cells, rattle.wilson_interval(cells.attractors.samples, cells.count)[1], np.nan, "float64")
 
 
 def unlisted_fraction(cells: Cells) -> np.ndarray:
@@ -78,7 +78,7 @@ def observed_periods(cells: Cells) -> np.ndarray:
 
 def lyapunov_exponents(cells: Cells) -> np.ndarray:
     """Return both Lyapunov exponents of the attractor in each slot, shape (slots, 2, n_epsilon, n_delta)."""
-    return np.stack([slot_field(field, "float64", np.nan)(cells) for field in ("first", "second")], axis=1)
+    return np.stack([slot_evaluator(field, "float64", np.nan)(cells) for field in ("first", "second")], axis=1)
 
 
 def _sum_over_attractors(cells: Cells, weights: np.ndarray) -> np.ndarray:
@@ -91,7 +91,7 @@ def attractor_count(cells: Cells) -> np.ndarray:
     return _sum_over_attractors(cells, np.ones(cells.attractors.cell.size))
 
 
-def kind_fraction(kind: str) -> Evaluate:
+def kind_fraction_evaluator(kind: str) -> Evaluate:
     """Return the function that evaluates each cell's basin fraction of all attractors of a kind, listed or not."""
 
     def evaluate(cells: Cells) -> np.ndarray:
@@ -103,7 +103,7 @@ def kind_fraction(kind: str) -> Evaluate:
 
 def fraction_error(cells: Cells) -> np.ndarray:
     """Return half the width of the 95 % Wilson interval of each cell's quiet fraction."""
-    low, high = rattle.wilson_interval(np.rint(kind_fraction("quiet")(cells) * cells.count), cells.count)
+    low, high = rattle.wilson_interval(np.rint(kind_fraction_evaluator("quiet")(cells) * cells.count), cells.count)
     return (high - low) / 2
 
 
@@ -144,4 +144,4 @@ def status(cells: Cells) -> np.ndarray:
     """Return the status of cells that did not fail: SOME_UNDECIDED if a sample of the cell is undecided, else OK."""
     if not cells.count:
         return np.full(cells.shape, OK)
-    return np.where(kind_fraction("undecided")(cells) > 0, SOME_UNDECIDED, OK)
+    return np.where(kind_fraction_evaluator("undecided")(cells) > 0, SOME_UNDECIDED, OK)

@@ -3,7 +3,7 @@
 import numpy as np
 
 from gear_rattle.workers.survey.values.cells import Cells
-from gear_rattle.workers.survey.values.evaluate import Evaluate, in_slots
+from gear_rattle.workers.survey.values.evaluate import Evaluate, arrange_in_slots
 from gear_rattle.workers.survey.values.schema import CELL, Group, Quantity
 from rattle.intensity import natural_energy
 
@@ -39,8 +39,8 @@ def _levels_in_db(energy: np.ndarray, delta: np.ndarray) -> np.ndarray:
         return np.asarray(10.0 * np.log10(energy / natural_energy(delta)))
 
 
-def _slot_evaluator(field: str) -> Evaluate:
-    return lambda cells: in_slots(cells, _attractor_values(cells, field), np.nan, "float64")
+def _slot_intensity_evaluator(field: str) -> Evaluate:
+    return lambda cells: arrange_in_slots(cells, _attractor_values(cells, field), np.nan, "float64")
 
 
 def _sample_mean(cells: Cells, values: np.ndarray) -> np.ndarray:
@@ -57,7 +57,7 @@ def _sample_mean(cells: Cells, values: np.ndarray) -> np.ndarray:
     return np.bincount(cells.attractors.cell, won, cells.delta.size * cells.epsilon.size) / cells.count
 
 
-def _sample_evaluator(field: str) -> Evaluate:
+def _sample_intensity_evaluator(field: str) -> Evaluate:
     def evaluate(cells: Cells) -> np.ndarray:
         return _sample_values(cells, field).reshape(cells.shape)
 
@@ -75,7 +75,7 @@ def _sample_values(cells: Cells, field: str) -> np.ndarray:
     if field == "largest_speed":
         largest = np.zeros(cells.delta.size * cells.epsilon.size)
         won = cells.attractors.samples > 0
-        with np.errstate(invalid="ignore"):  # one unknown speed (NaN) makes the result of its cell NaN
+        with np.errstate(invalid="ignore"):  # no warning of NaN: an unknown speed makes its cell NaN
             np.maximum.at(largest, cells.attractors.cell[won], found.largest_speed[won])
         return largest
     if field == "level":
@@ -86,7 +86,7 @@ def _sample_values(cells: Cells, field: str) -> np.ndarray:
     return _sample_mean(cells, _attractor_values(cells, field))
 
 
-def _worst_evaluator(field: str) -> Evaluate:
+def _worst_attractor_evaluator(field: str) -> Evaluate:
     """Return the function that evaluates a field of each cell's attractor with the largest energy.
 
     Attractors that no sample reached count too. The value is NaN if the energy of an attractor of the cell is unknown.
@@ -112,29 +112,35 @@ def _intensity_quantity(name: str, dims: tuple[str, ...], words: str, evaluate: 
 
 
 QUANTITIES: tuple[Quantity, ...] = (
-    *(_intensity_quantity(f"attractor_{name}", _SLOT, words, _slot_evaluator(name)) for name, words in _FIELDS),
+    *(
+        _intensity_quantity(f"attractor_{name}", _SLOT, words, _slot_intensity_evaluator(name))
+        for name, words in _FIELDS
+    ),
     *(
         _intensity_quantity(
             f"attractor_{name}_error",
             _SLOT,
             f"half-width of the 95 % interval of attractor_{name}; 0 unless chaotic",
-            _slot_evaluator(f"{name}_error"),
+            _slot_intensity_evaluator(f"{name}_error"),
         )
         for name, _words in _ERRORS
     ),
     *(
-        _intensity_quantity(f"sample_{name}", CELL, f"{words}, of the whole sample", _sample_evaluator(name))
+        _intensity_quantity(f"sample_{name}", CELL, f"{words}, of the whole sample", _sample_intensity_evaluator(name))
         for name, words in _FIELDS
     ),
     _intensity_quantity(
         "sample_energy_error",
         CELL,
         "half-width of the 95 % interval of sample_energy at these basin fractions",
-        _sample_evaluator("energy_error"),
+        _sample_intensity_evaluator("energy_error"),
     ),
     *(
         _intensity_quantity(
-            f"worst_{name}", CELL, f"{words}, of the attractor with the largest energy", _worst_evaluator(name)
+            f"worst_{name}",
+            CELL,
+            f"{words}, of the attractor with the largest energy",
+            _worst_attractor_evaluator(name),
         )
         for name, words in _FIELDS
     ),
@@ -142,6 +148,6 @@ QUANTITIES: tuple[Quantity, ...] = (
         "worst_energy_error",
         CELL,
         "half-width of the 95 % interval of worst_energy",
-        _worst_evaluator("energy_error"),
+        _worst_attractor_evaluator("energy_error"),
     ),
 )

@@ -59,7 +59,7 @@ QUANTITIES: tuple[Quantity, ...] = (
         "bool",
         "whether the orbit exists",
         _ORBITS,
-        evaluate.orbit_field("exists"),
+        evaluate.orbit_evaluator("exists"),
     ),
     Quantity(
         "orbit_stable",
@@ -68,7 +68,7 @@ QUANTITIES: tuple[Quantity, ...] = (
         "bool",
         "whether the orbit exists and is stable",
         _ORBITS,
-        evaluate.orbit_field("stable"),
+        evaluate.orbit_evaluator("stable"),
     ),
     Quantity(
         "orbit_phase",
@@ -77,7 +77,7 @@ QUANTITIES: tuple[Quantity, ...] = (
         "float64",
         "phase τ of the departure from Σ+, in forcing periods",
         _ORBITS,
-        evaluate.orbit_field("tau"),
+        evaluate.orbit_evaluator("tau"),
     ),
     Quantity(
         "orbit_velocity",
@@ -86,7 +86,7 @@ QUANTITIES: tuple[Quantity, ...] = (
         "float64",
         "speed v of the departure from Σ+",
         _ORBITS,
-        evaluate.orbit_field("v"),
+        evaluate.orbit_evaluator("v"),
     ),
     Quantity(
         "orbit_multiplier",
@@ -95,7 +95,7 @@ QUANTITIES: tuple[Quantity, ...] = (
         "complex128",
         "Floquet multiplier of the orbit",
         _ORBITS,
-        evaluate.orbit_field("multipliers"),
+        evaluate.orbit_evaluator("multipliers"),
     ),
     Quantity(
         "attractor_kind",
@@ -104,7 +104,7 @@ QUANTITIES: tuple[Quantity, ...] = (
         "int8",
         "kind of attractor",
         _BASINS,
-        evaluate.slot_field("kind", "int8"),
+        evaluate.slot_evaluator("kind", "int8"),
         evaluate.KINDS,
     ),
     Quantity(
@@ -114,7 +114,7 @@ QUANTITIES: tuple[Quantity, ...] = (
         "int32",
         "m of P(m, n+, n-), forcing periods; 0 unless periodic",
         _ORBITS,
-        evaluate.slot_field("m", "int32"),
+        evaluate.slot_evaluator("m", "int32"),
     ),
     Quantity(
         "attractor_n_plus",
@@ -123,7 +123,7 @@ QUANTITIES: tuple[Quantity, ...] = (
         "int32",
         "n+ of P(m, n+, n-), impacts on or contacts with Σ+; 0 unless periodic",
         _ORBITS,
-        evaluate.slot_field("n_plus", "int32"),
+        evaluate.slot_evaluator("n_plus", "int32"),
     ),
     Quantity(
         "attractor_n_minus",
@@ -132,7 +132,7 @@ QUANTITIES: tuple[Quantity, ...] = (
         "int32",
         "n- of P(m, n+, n-), impacts on or contacts with Σ-; 0 unless periodic",
         _ORBITS,
-        evaluate.slot_field("n_minus", "int32"),
+        evaluate.slot_evaluator("n_minus", "int32"),
     ),
     Quantity(
         "attractor_contacts",
@@ -141,7 +141,7 @@ QUANTITIES: tuple[Quantity, ...] = (
         "int32",
         "contact phases on either wall in m forcing periods; their exponents are -infinity; 0 unless periodic",
         _ORBITS,
-        evaluate.slot_field("contacts", "int32"),
+        evaluate.slot_evaluator("contacts", "int32"),
         needs=Capability.CONTACT_PHASES,
     ),
     Quantity(
@@ -169,7 +169,7 @@ QUANTITIES: tuple[Quantity, ...] = (
         "float64",
         "phase τ of a representative point, in forcing periods",
         _MAP,
-        evaluate.slot_field("tau", "float64", _nan),
+        evaluate.slot_evaluator("tau", "float64", _nan),
     ),
     Quantity(
         "attractor_velocity",
@@ -178,7 +178,7 @@ QUANTITIES: tuple[Quantity, ...] = (
         "float64",
         "speed v of a representative point",
         _MAP,
-        evaluate.slot_field("v", "float64", _nan),
+        evaluate.slot_evaluator("v", "float64", _nan),
     ),
     Quantity(
         "n_attractors",
@@ -223,7 +223,7 @@ QUANTITIES: tuple[Quantity, ...] = (
         "float32",
         "share of the sample that ends quiet",
         _QUIET,
-        evaluate.kind_fraction("quiet"),
+        evaluate.kind_fraction_evaluator("quiet"),
     ),
     Quantity(
         "periodic_fraction",
@@ -232,7 +232,7 @@ QUANTITIES: tuple[Quantity, ...] = (
         "float32",
         "share of the sample that ends periodic",
         _BASINS,
-        evaluate.kind_fraction("periodic"),
+        evaluate.kind_fraction_evaluator("periodic"),
     ),
     Quantity(
         "chaotic_fraction",
@@ -241,7 +241,7 @@ QUANTITIES: tuple[Quantity, ...] = (
         "float32",
         "share of the sample that ends chaotic",
         _BASINS,
-        evaluate.kind_fraction("chaotic"),
+        evaluate.kind_fraction_evaluator("chaotic"),
     ),
     Quantity(
         "undecided_fraction",
@@ -250,7 +250,7 @@ QUANTITIES: tuple[Quantity, ...] = (
         "float32",
         "share of the sample left undecided",
         _BASINS,
-        evaluate.kind_fraction("undecided"),
+        evaluate.kind_fraction_evaluator("undecided"),
     ),
     Quantity(
         "fraction_error",
@@ -306,7 +306,7 @@ QUANTITIES: tuple[Quantity, ...] = (
         "float64",
         "ε on the grazing curve",
         _PLANE,
-        evaluate.grazing_field("epsilon"),
+        evaluate.grazing_evaluator("epsilon"),
     ),
     Quantity(
         "grazing_phase",
@@ -315,7 +315,7 @@ QUANTITIES: tuple[Quantity, ...] = (
         "float64",
         "phase τ of the grazing orbit, in forcing periods",
         _PLANE,
-        evaluate.grazing_field("tau"),
+        evaluate.grazing_evaluator("tau"),
     ),
     Quantity(
         "grazing_multiplier",
@@ -324,7 +324,7 @@ QUANTITIES: tuple[Quantity, ...] = (
         "complex128",
         "Floquet multiplier of the grazing orbit, without the square root",
         _PLANE,
-        evaluate.grazing_field("multipliers"),
+        evaluate.grazing_evaluator("multipliers"),
     ),
     Quantity(
         "robust_chaos",

@@ -15,7 +15,8 @@ SLOT = "attractor"  # the dimension of slots
 FIXED = OTHERS  # names of the parameters other than δ and ε, each of which has one value in a whole slice
 #: Variables that are meaningful for periodic attractors only. For other attractors they describe an arbitrary state.
 OF_PERIODIC = frozenset({"attractor_phase"})
-PARTS = {"real": "real part", "imag": "imaginary part"}  # the parts of a complex variable are stored separately
+#: {attribute of a complex number: its description}. A store has a variable for each of these parts.
+PARTS = {"real": "real part", "imag": "imaginary part"}
 
 
 class Group(StrEnum):
@@ -39,7 +40,7 @@ class RowForm(StrEnum):
     ORBITS = "orbits"
 
 
-#: The groups for which every cell is sampled.
+#: If a request has one of these groups, samples are followed in every cell.
 SAMPLED = frozenset({Group.ATTRACTORS, Group.LYAPUNOV, Group.INTENSITY})
 #: The groups that are computed only on request: basins cost several times as much as all others, intensities are two
 #: dozen variables that few users need, and families need further steps after the tiles.
@@ -80,7 +81,7 @@ class Quantity:
 
     @property
     def fill_value(self) -> int | float | complex | bool:
-        """The value of the variable where nothing is computed, or where the described object does not exist."""
+        """The value of the variable where nothing is computed, or nothing is there to describe (an empty slot)."""
         fills = {"f": float("nan"), "c": complex("nan+nanj"), "b": False}
         return fills.get(np.dtype(self.dtype).kind, 0)
 
