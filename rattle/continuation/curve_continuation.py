@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from rattle.continuation.arclength import (
     CLOSED,
+    MOST_POINTS,
     Bound,
     ContinuationProblem,
     Follower,
@@ -397,6 +398,8 @@ def _why_path_ends(path: Path, why_outside: Test) -> str:
     str
         The reason.
     """
+    if path.outside is None and len(path.points) >= MOST_POINTS:
+        return f"a curve is followed for at most {MOST_POINTS} points"
     if path.outside is None:
         return "the equations become singular: the curve cannot be followed further"
     return why_outside(path.outside) or "the edge of its existence"

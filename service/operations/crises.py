@@ -10,6 +10,7 @@ from anyio import BrokenWorkerProcess, CapacityLimiter, to_process
 
 from gear_rattle.service.errors import UnavailableError
 from gear_rattle.service.state import Front
+from rattle import RattleError
 from rattle.models import Capability, Model, require_capability
 
 RESOLUTION = 0.02  # largest step in δ, twice the default of `crisis_curve`: so a curve takes half the time
@@ -43,8 +44,9 @@ class Crises:
         task = self._found[beta]
         try:
             return await asyncio.shield(task)
-        except UnavailableError:
-            self._found.pop(beta, None)
+        except Exception as error:
+            if not isinstance(error, RattleError):  # the next request may succeed
+                self._found.pop(beta, None)
             raise
 
     async def _compute_crisis_curve(self, beta: float) -> np.ndarray:

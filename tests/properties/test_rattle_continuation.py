@@ -11,6 +11,8 @@ import pytest
 from depth import deep, either
 
 import rattle
+from rattle.continuation.arclength import MOST_POINTS, ContinuationProblem
+from rattle.continuation.curve_continuation import PlaneWindow, pieces_in_window
 from rattle.curves import bifurcation_curve, trace
 from rattle.errors import ParameterError, RattleError
 from rattle.impacting.bifurcations.branches import beyond, branch, doubled, fate
@@ -342,3 +344,20 @@ def test_spans_beyond_the_plane_and_tiny_ones():
         same = fate(orbit, orbit.delta, orbit.epsilon)
         assert isinstance(same, PeriodicOrbit)
         assert same.times == pytest.approx(orbit.times, abs=1e-12)
+
+
+def test_a_curve_of_too_many_points_says_so():
+    waves = 500.0  # on each of which the curve turns four times, so that no step can be long
+
+    def equations(x):
+        return np.stack([x[..., 0], x[..., 2] - 0.5 - 0.4 * np.sin(2 * np.pi * waves * x[..., 1])], axis=-1)
+
+    (piece,) = pieces_in_window(
+        ContinuationProblem(equations),
+        [np.array([0.0, 0.5, 0.5])],
+        PlaneWindow((0.0, 1.0), (0.0, 1.0)),
+        lambda _: None,
+    )
+    assert len(piece.points) > MOST_POINTS
+    assert piece.reasons == (f"a curve is followed for at most {MOST_POINTS} points",) * 2
+    assert np.abs(equations(piece.points)).max() < 1e-9

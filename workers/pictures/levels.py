@@ -317,9 +317,10 @@ def _display_numbers(plane: xr.DataArray, statistics: np.ndarray, states: reduce
         values = np.where(below > RARE * above, least, values)
         if is_phase(str(plane.name)):
             values = values % 1.0
-        infinite = np.isinf(largest)
+        extreme = np.where(np.isinf(largest), largest, least)
+        infinite = np.isinf(extreme)
         values = np.where(infinite & (share <= 0.5) & (share > 0), mean, values)
-        lacking = np.where(infinite, largest, np.nan)
+        lacking = np.where(infinite, extreme, np.nan)
         values = np.where(((share < 1) & (share > 0.5)) | (share == 0), lacking, values)
     known = np.isfinite(share)
     without = None if infinite.any() or not known.any() else float(1 - share[known].mean())

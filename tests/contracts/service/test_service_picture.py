@@ -12,6 +12,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 import xarray as xr
+from anyio import to_process
 from depth import deep
 from fastapi import Request
 from fastapi.testclient import TestClient
@@ -250,6 +251,35 @@ def test_cells_without_the_family_that_is_chosen_are_dimmed(
     assert np.isnan(covered[1]).any()
     with pytest.raises(SurveyError, match="from 0 to 1"):
         map_picture(shared, "region", look=Look(family=2))
+
+
+def test_a_crisis_curve_is_computed_again_after_an_unexpected_error_only(
+    client: TestClient, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    crises, computed = client.app.state.overlaid.crises, []
+    expected = {0.6: [MemoryError("no memory"), np.array([[0.5, 0.1]])], 0.7: [rattle.RattleError("there is none")]}
+
+    async def outcome(work: Any, **_: Any) -> np.ndarray:
+        (beta,) = work.args
+        computed.append(beta)
+        found = expected[beta].pop(0)
+        if isinstance(found, Exception):
+            raise found
+        return found
+
+    async def outcomes() -> list[str]:
+        found = []
+        for beta in (0.6, 0.6, 0.6, 0.7, 0.7):
+            try:
+                found.append(str((await crises.crisis_of(rattle.models.Impacting(beta))).tolist()))
+            except (MemoryError, rattle.RattleError) as error:
+                found.append(str(error))
+        return found
+
+    monkeypatch.setattr(to_process, "run_sync", outcome)
+    found = asyncio.run(outcomes())
+    assert found == ["no memory", "[[0.5, 0.1]]", "[[0.5, 0.1]]", "there is none", "there is none"]
+    assert computed == [0.6, 0.6, 0.7]
 
 
 def test_lines_that_take_long_are_found_once_and_given_up_with_whoever_asked(

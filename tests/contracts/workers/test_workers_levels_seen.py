@@ -34,6 +34,8 @@ ISLANDS = [
     ("boundary_distance", {}, np.float64, 0.0, 1.5),
     ("boundary_distance", {}, np.float64, 1.5, INF),
     ("boundary_distance", {}, np.float64, INF, 1.5),
+    ("worst_level", {}, np.float64, -20.0, -INF),
+    ("worst_level", {}, np.float64, -INF, -20.0),
     ("attractor_phase", {}, np.float64, 0.0, 0.5),
     ("attractor_phase", {}, np.float64, 0.75, 0.25),
     ("attractor_phase", {}, np.float64, NAN, 0.25),
@@ -41,7 +43,7 @@ ISLANDS = [
 
 
 def plane_of(name: str, attributes: dict[str, str], kind: type, values: np.ndarray) -> xr.DataArray:
-    return xr.DataArray(np.nan_to_num(values, posinf=0).astype(kind), dims=CELL, name=name, attrs=attributes)
+    return xr.DataArray(np.nan_to_num(values, posinf=0, neginf=0).astype(kind), dims=CELL, name=name, attrs=attributes)
 
 
 @pytest.mark.parametrize(("name", "attributes", "kind", "sea", "island"), ISLANDS)
