@@ -183,7 +183,7 @@ def test_what_cannot_be_ended_is_killed_in_time(tmp_path: Path) -> None:
                 note("started")
                 while True:
                     time.sleep(1)
-            after(cluster._WorkerProcesses, "wait", act)
+            after(cluster._WorkerProcesses, "wait_for_workers", act)
             cluster.WATCH_SECONDS = 1e6
     """)
     with (

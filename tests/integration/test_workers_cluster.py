@@ -254,7 +254,7 @@ def test_a_connection_that_ends_with_its_cluster_says_nothing(
         logging.getLogger("distributed.batched").error("Batched Comm Closed")
 
     client = SimpleNamespace(register_plugin=lambda _: None)
-    processes = SimpleNamespace(wait=lambda _: None, started=threading.Event())
+    processes = SimpleNamespace(wait_for_workers=lambda _: None, started=threading.Event())
     monkeypatch.setattr(gear_rattle.workers.cluster.cluster, "_cluster_without_workers", left)
     monkeypatch.setattr(gear_rattle.workers.cluster.cluster, "_WorkerProcesses", lambda *_: nullcontext(processes))
     monkeypatch.setattr(gear_rattle.workers.cluster.cluster, "Client", lambda *_, **__: nullcontext(client))
