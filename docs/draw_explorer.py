@@ -28,7 +28,7 @@ from server import server
 
 PAGE, IMAGES = Path(__file__).parent / "explorer.md", Path(__file__).parent / "images"
 HEADING = "## On every screen\n"
-LEAD = "1920, 1280 and 390 pixels wide, newer pictures also 768, light and dark. `make screenshots` takes them.\n"
+LEAD = "1920, 1280, 768 and 390 pixels wide, light and dark. `make screenshots` takes them.\n"
 THEMES = ("light", "dark")
 WIDE, LAPTOP, TABLET, PHONE = SCREENS = ((1920, 1080), (1280, 800), (768, 1024), (390, 844))
 #: Screens of a sheet: in each row the sizes, and how many screens of a page at most.
@@ -161,7 +161,7 @@ VIEWS: dict[str, View] = {
         tolerances,
         ("of the gears pass",),
     ),
-    "keys": View("The map by the keyboard", {"survey": FIGURE_7}, by_keyboard, ("Survey's grid cell at δ",)),
+    "keys": View("The map by the keyboard", {"survey": FIGURE_7}, by_keyboard, ("region here",)),
     "families": View(
         "The largest families, and one of them",
         {"survey": FIGURE_7, "variable": "largest_family", "family": "2"},
