@@ -327,7 +327,7 @@ class _ChangeFinder:
         if self.rows.kind[row] == Outcome.CHAOTIC and model_at(gear_there).rests_late(
             gear_there.delta, gear_there.epsilon
         ):
-            # at `step`, motions that become quiet would first make so many impacts that they would count as chaotic
+            # at `step`, a motion can make so many impacts before it is quiet that it would be labelled chaotic
             return -1
         many = CHAOTIC_STATES if self.rows.kind[row] == Outcome.CHAOTIC else 1
         on = gear.iterate(tau, v, 7 * np.arange(many))

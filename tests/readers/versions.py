@@ -37,15 +37,15 @@ class Reader(NamedTuple):
         The function of read.py.
     packages
         What is installed; the first has the version that the table names.
-    arrays
-        The arrays that it reads, where these are not all.
+    note
+        What the table adds to the number of arrays.
     python
         The version of Python that the packages need, if this one is too old for them.
     """
 
     by: str
     packages: tuple[str, ...]
-    arrays: str = ""
+    note: str = ""
     python: str = ""
 
 
@@ -55,9 +55,9 @@ READERS = (
     Reader("zarr", ("zarr>=3",)),
     Reader("zarr", ("zarr==3.0.0", "numpy<2.3")),
     Reader("zarr", ("zarr==2.18.7", "numcodecs<0.16", "numpy<2.3")),
-    Reader("tensorstore", ("tensorstore",)),
+    Reader("tensorstore", ("tensorstore",), "these from the attribute `texts`, because it does not know zarr's text"),
     Reader("gdal", ("rasterio>=1.5",), python="3.12"),
-    Reader("gdal_netcdf", ("rasterio>=1.5",), "of the survey as NetCDF, its maps", python="3.12"),
+    Reader("gdal_netcdf", ("rasterio>=1.5",), "the maps of the survey as NetCDF", python="3.12"),
     Reader("icechunk", ("icechunk", "xarray", "zarr>=3"), "those of the survey's root"),
     Reader("virtualizarr", ("virtualizarr[hdf]", "obstore", "xarray"), "those of the survey's root that are no texts"),
 )
@@ -122,12 +122,8 @@ def checked(reader: Reader, store: Path, ours: dict[str, np.ndarray], directory:
             total = numbers[np.isfinite(numbers)].sum()
             assert abs(each["sum"] - total) <= OTHER_BITS * max(1.0, abs(total)), name
     missing = set(ours) - set(read)
-    said = "every array" if not missing else f"{len(read)} arrays, {reader.arrays}"
-    if not missing:
-        said += f", {len(texts)} of texts among them"
-    if not missing and reader.by == "tensorstore":
-        said += ": these from the attribute `texts`, because it does not know zarr's text"
-    return f"| {shown} | {said} |"
+    said = f"{len(read)} arrays" if missing else f"every array, {len(texts)} of texts among them"
+    return f"| {shown} | {said}{reader.note and ': '}{reader.note} |"
 
 
 def table(directory: Path) -> str:

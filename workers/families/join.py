@@ -116,18 +116,19 @@ class _Join:
             connect_block, zip(entered, self._rows_after_blocks(entered), strict=True)
         )
         component = self._connect_components(parts)
-        told = self._summarize_blocks(entered, parts, component, curves)
-        sums = add_sums(each.sums for each in told)
+        summaries = self._summarize_blocks(entered, parts, component, curves)
+        sums = add_sums(each.sums for each in summaries)
         family = numbers_of(sums)
         delta, epsilon = self._request.delta.values(), self._request.epsilon.values()
         table = tabulate_families(delta, epsilon, self._request.initial_conditions.count, sums)
-        slots = self._slots_of_families(told, family, table.cells.size)
+        slots = self._slots_of_families(summaries, family, table.cells.size)
         chunks = self._write_families(entered, [family[each] for each in component], slots)
         orbits = together(*entered)
         order = in_order(orbits)
         numbers = np.concatenate([family[of[part.entered]] for of, part in zip(component, parts, strict=True)])
         joined = JoinedFamilies(table, orbits.take(order), numbers[order], self._columns)
-        return joined, edges_of((each.edges for each in told), family, table, list(curves)), chunks
+        edges = edges_of((each.edges for each in summaries), family, table, list(curves))
+        return joined, edges, chunks
 
     def _run_on_blocks(self, task: Callable[..., Any], arguments: Iterable[tuple[Any, ...]]) -> list[Any]:
         """Run a task for each block, with the block's entry of `arguments`; return the results in the same order."""

@@ -300,7 +300,7 @@ def _display_numbers(plane: xr.DataArray, statistics: np.ndarray, states: reduce
 
     The cell displays the mean of the covered cells. It displays an extreme instead if the extreme is rare (RARE) or the
     map has integers. If some of the covered cells lack a finite number, but fewer than half, or if all lack one, it
-    displays no number (infinity if the largest covered number is infinite). So a few such cells remain visible.
+    displays no number, or ±∞ if a covered number is infinite. So a few such cells remain visible.
 
     Returns
     -------

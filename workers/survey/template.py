@@ -38,8 +38,6 @@ CODECS = (ZstdCodec(level=0), Crc32cCodec())
 WRITE_ALL_CHUNKS: Any = {"write_empty_chunks": True}
 #: Setting of zarr that writes JSON without white space. It makes the root, which each reader loads, a third smaller.
 COMPACT = {"json_indent": None}
-#: Attribute of a stored array of text: its values as JSON.
-TEXTS = "texts"
 
 
 Template = dict[str, bytes]  # {key: content} of every file of a store without tiles
@@ -312,7 +310,7 @@ def write_array(
     An array of text has its values in the attribute `texts` too, as JSON, because some readers of zarr know no text.
     """
     if isinstance(values.dtype, np.dtypes.StringDType):
-        attributes = {**attributes, TEXTS: json.dumps(values.tolist(), ensure_ascii=False)}
+        attributes = {**attributes, "texts": json.dumps(values.tolist(), ensure_ascii=False)}
     chunks = tuple(max(size, 1) for size in values.shape)  # zarr requires chunks of at least 1, even for an empty array
     group.create_array(
         name,

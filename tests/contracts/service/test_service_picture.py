@@ -25,6 +25,7 @@ import rattle
 from gear_rattle.service.errors import UnavailableError
 from gear_rattle.service.explorer.common.address import DrawnSettings, View
 from gear_rattle.service.explorer.map.picture import picture_query
+from gear_rattle.service.operations.crises import Crises
 from gear_rattle.service.operations.overlaid import Overlays, PictureOptions
 from gear_rattle.service.routes import picture
 from gear_rattle.workers import ClusterLostError, SurveyError, SurveyRequest, open_survey
@@ -256,7 +257,7 @@ def test_cells_without_the_family_that_is_chosen_are_dimmed(
 def test_a_crisis_curve_is_computed_again_after_an_unexpected_error_only(
     client: TestClient, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    crises, computed = client.app.state.overlaid.crises, []
+    crises, computed = Crises(front_of(client)), []
     expected = {0.6: [MemoryError("no memory"), np.array([[0.5, 0.1]])], 0.7: [rattle.RattleError("there is none")]}
 
     async def outcome(work: Any, **_: Any) -> np.ndarray:
