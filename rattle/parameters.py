@@ -182,7 +182,7 @@ class Parameters:
         return self._map_arrays(lambda x: np.repeat(x, count))
 
     def interpolate(self, other: Parameters, share: float) -> Parameters:
-        """Return points at a share of the way from each point (share 0) to the corresponding one of `other` (1)."""
+        """Return the points at a share of the way from these points (share 0) to the points of `other` (share 1)."""
         if share == 1.0:
             return other
         mixed = {name: x + share * (other.values_by_name[name] - x) for name, x in self.values_by_name.items()}

@@ -31,10 +31,10 @@ def precompile(*, preload: bool = False, optional: bool = False, **added: float 
 
     Parameters
     ----------
-    optional : bool
-        Whether to compile also the kernels of families and intensities, which only some surveys need.
     preload : bool
         Whether to load also the kernels that follow samples, so that the first tile need not load them.
+    optional : bool
+        Whether to compile also the kernels of families and intensities, which only some surveys need.
     **added : float, optional
         Further parameters of a model, such as the stiffness of the stiff gear. Their names select the model whose
         kernels are compiled; without them it is the impacting gear.
@@ -53,7 +53,7 @@ def precompile(*, preload: bool = False, optional: bool = False, **added: float 
 
 
 def example_of(name: str) -> Model:
-    """Return the model of this name, with the parameters with which its kernels are compiled."""
+    """Return the model of this name, with the example parameters at which its kernels are run to compile them."""
     return MODELS[name](BETA.example, **{each.name: each.example for each in MODELS[name].added})
 
 

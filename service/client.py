@@ -61,7 +61,7 @@ class Client:
         self.headers = key_headers(key)
 
     def __enter__(self) -> Self:
-        """Enter the context."""
+        """Return this client, which the end of the `with` block closes."""
         return self
 
     def __exit__(

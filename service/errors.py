@@ -49,7 +49,7 @@ class ForbiddenError(ServiceError):
 
 
 class QuotaError(ForbiddenError):
-    """With the request, the surveys and populations of an API key would have more cells than its quota."""
+    """The surveys and populations of an API key would, with this request, have more cells than the key's quota."""
 
     code = "quota_exceeded"
 

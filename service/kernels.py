@@ -32,7 +32,7 @@ def compile_kernels(model: str) -> None:
 
 
 class Kernels:
-    """Compiles the kernels of each model once, and lets requests wait for them. It belongs to one event loop."""
+    """A compiler of the kernels, once for each model; requests can wait for it. It belongs to one event loop."""
 
     def __init__(self, settings: Settings) -> None:
         self._settings = settings

@@ -12,7 +12,7 @@ Result = TypeVar("Result")
 
 
 class PriorityLimiter:
-    """Limits the number of concurrent computations. Foreground computations pre-empt background ones."""
+    """A limiter of concurrent computations. Foreground computations pre-empt background ones."""
 
     def __init__(self, number: int) -> None:
         self._limiter = CapacityLimiter(number)

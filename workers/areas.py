@@ -26,7 +26,7 @@ def certify_areas(
 ) -> list[ProvedBlock]:
     """Divide a plane into `number` columns of δ, prove the blocks of each, and write them to the file `out`.
 
-    The file has a block in each line. After each column, `on_done` is called with the number of finished columns, and
+    Each line of the file is one block. After each column, `on_done` is called with the number of finished columns, and
     then `should_stop`.
 
     Returns

@@ -1,7 +1,8 @@
 """Prove a survey's periodic attractors, and keep their certificates in a store beside the survey's.
 
-The store has the certificates as documents in a file, and variables that follow from this file. Each result is appended
-to the file at once, so that a stopped run can be continued. The next run attempts the unproved attractors again.
+The store has the certificates as documents in a file, and variables that follow from this file. Certificates are
+appended to the file after each batch of proofs, so that a stopped run can be continued. The next run attempts the
+unproved attractors again.
 Checksums of all files are written at the end.
 """
 
@@ -279,7 +280,11 @@ def prove_survey(
     on_done: Callable[[int, int], None],
     should_stop: Callable[[], bool],
 ) -> None:
-    """Prove the periodic attractors of a survey with `certify_survey`, and store the certificates beside the survey."""
+    """Prove the periodic attractors of a survey with `certify_survey`, and store the certificates beside the survey.
+
+    each: a function that runs a task for each of several items, such as `run_in_process`.
+    at_once, on_done, should_stop: as in `certify_survey`.
+    """
 
     def prove(parts: Sequence[list[AttractorClaim]]) -> list[ProofResults]:
         return each(_certify_task, request, str(where), [(part,) for part in parts])
@@ -359,7 +364,7 @@ def examine_certificates(out: Path, ended: bool = False) -> CertificatesIntegrit
 
 
 def examine_certificates_beside(where: str | Path | Location) -> list[CertificatesIntegrity]:
-    """Examine the stores of certificates beside a survey and its slices. Beside a survey in a bucket there are none."""
+    """Check the stores of certificates beside a survey and its slices. Return [] for a survey in a bucket."""
     place = place_of(where)
     if not isinstance(place, Directory):
         return []

@@ -54,7 +54,7 @@ def missing_map_message(variable: str, maps: Iterable[str]) -> str:
 
 @contextmanager
 def report_damage(what: str) -> Iterator[None]:
-    """Turn errors of file systems, object stores and codecs into DamageError. what: name of the data that are read."""
+    """Turn errors of file systems, object stores and codecs in this context into DamageError. what: the data read."""
     try:
         yield
     except (RattleError, MemoryError):

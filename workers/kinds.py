@@ -84,7 +84,7 @@ def cell_outcomes(
 
 
 def template_of(request: AnyRequest, created: str | None = None) -> Template:
-    """Return the files of a store before its first tile. created: the date of creation; None: now."""
+    """Return the files that a store has before its first tile. created: the date of creation; None: now."""
     found: Template = _template_module(request).template_of(request, created)
     return found
 

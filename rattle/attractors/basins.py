@@ -179,8 +179,9 @@ def classified(plane: StatePlane, tau: Array, v: Array) -> tuple[AttractorTable,
 
 
 def _mark_unconverged(steps: NDArray[np.int64], table: AttractorTable, rows: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return the impacts `steps` of the states, with −1 for chaotic and undecided states.
+    """Return `steps` with −1 for chaotic and undecided states.
 
+    steps: for each state the number of impacts until its attractor was certain.
     rows: for each state the row of its attractor in the table.
 
     Returns
@@ -237,7 +238,7 @@ def _cell_images(plane: StatePlane, tau: Array, v: Array, n: int, box: Box, impa
 
 
 class GrowingClassification:
-    """States of one parameter point, classified in several calls, with one common table of their attractors."""
+    """The attractors of states of one parameter point, found in several calls and kept in one common table."""
 
     def __init__(self, plane: StatePlane) -> None:
         self.plane = plane

@@ -86,7 +86,7 @@ class ProbeRecord(NamedTuple):
 
 
 class Classifier(ABC):
-    """Classify the samples of a block of cells.
+    """Classifier of the samples of a block of cells.
 
     The class holds the samples, the known orbits and the chaotic attractors of the cells. Subclasses implement how the
     states of a gear are followed.
@@ -228,7 +228,7 @@ class Classifier(ABC):
     def outcomes_of(
         self, cell: NDArray[np.int64], tau: NDArray[np.float64], v: NDArray[np.float64], most: NDArray[np.int64]
     ) -> NDArray[np.int64]:
-        """Return the outcomes (k,) of states that are no samples, after at most `most` impacts.
+        """Return the outcomes (k,) of states that are not samples, after at most `most` impacts.
 
         cell: the number of each state's cell. All arrays are (k,). A state that reaches no attractor within `most`
         impacts remains UNRESOLVED. Orbits that the states find are added to the tables of the cells.
@@ -321,8 +321,10 @@ class Classifier(ABC):
     def judge_by_probes(self, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
         """Measure probes in these cells, and return flags (k,) of the cells that are decided.
 
-        A cell is decided if all its probes are chaotic. In a cell whose chaotic set may lose samples slowly to an
-        attractor (`may_leak`), all unresolved samples must also stay unresolved for as long as the probes.
+        A cell is decided if all its probes are chaotic. If the probes seem to lie on several attractors, the samples
+        that `declare_chaos` then follows for longer must all be chaotic too. In a cell whose chaotic set may lose
+        samples slowly to an attractor (`may_leak`), all unresolved samples must also stay unresolved for as long as the
+        probes.
 
         Returns
         -------
@@ -584,7 +586,10 @@ class Classifier(ABC):
         return declared
 
     def have_several_attractors(self, sets: SampleSets, prints: NDArray[np.uint64]) -> NDArray[np.bool_]:
-        """Return flags of cells: True if the visited-cell bitmaps (k, GRID) of a cell show several attractors."""
+        """Return flags of cells: True if the visited-cell bitmaps of a cell's samples show several attractors.
+
+        sets: the samples (k,) of each cell. prints (k, GRID): the bitmap of each sample.
+        """
         number = np.zeros(sets.which.size, np.int64)
         write_group_numbers(prints.copy(), sets.size, number)
         return ~sets.cells_where_all(number == 0)
@@ -600,7 +605,7 @@ class Classifier(ABC):
 
 
 def stage_impact_limit(stage: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Return the impacts that a sample may make in all until the end of each stage (k,); weak damping allows more."""
+    """Return the most impacts of a sample from its start to the end of each stage (k,); weak damping allows more."""
     return np.where(stage == 0, float(FIRST), SECOND * float(GROWTH) ** (stage - 1))
 
 

@@ -96,7 +96,8 @@ def disagreement(a: Basins, b: Basins) -> float:
 def basin_entropy(basins: Basins, box: int = 5) -> BasinEntropy:
     """Return the basin entropy of boxes of box × box cells: −Σ p ln p over the labels in a box, averaged over boxes.
 
-    Cells beyond the last whole box, at the upper ends of τ and v, are left out.
+    Cells beyond the last whole box, at the upper ends of τ and v, are left out. The entropies are NaN if some cell is
+    undecided.
 
     Returns
     -------
@@ -129,7 +130,8 @@ def _random_pairs(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return phases and speeds (k, 2, pairs) of pairs of states at k distances `sizes`.
 
-    The first state of a pair is uniformly distributed in the plane, the second lies in a uniformly random direction.
+    The first state of a pair is uniformly distributed in the plane, the second lies in a uniformly random direction. If
+    the second state would leave the plane, the change of speed is reversed.
 
     Returns
     -------

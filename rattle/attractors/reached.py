@@ -145,16 +145,17 @@ class SampledGear:
         Parameters
         ----------
         resolution : int, optional
-            Cells along each axis; by default 1000, for the stiff gear 400.
+            Cells along each axis; by default 1000, for the stiff and the inelastic gear 400.
         v_max : float, "natural" or None
             Largest speed of the grid. "natural" is 1.5 √(16πδβ) + 2πε. None is 7 in the paper's plane and natural
             elsewhere.
         method : {"direct", "cells", "refined"}
             "direct" follows each cell's centre as `attractors` follows its sample. "cells" is simple cell mapping (Hsu
-            1987) of Π^impacts, where a state that is certain to become quiet goes to a sink, and one above v_max is
+            1987) of Π^impacts, where a state that is certain to become quiet goes to a sink, and a state above v_max is
             followed until it returns or settles. "refined" adds to "cells" exact trajectories of every eighth cell
-            along τ and v and of cells at basin boundaries, until no label changes. Only "direct" is sure to see a basin
-            thinner than a cell; "refined" is sure to see a basin eight cells across (docs/decisions/0009-basins.md).
+            along τ and v and of cells at basin boundaries, until no label changes. "direct" misses only parts of
+            basins that hold no cell's centre; "refined" may also miss parts thinner than eight cells
+            (docs/decisions/0009-basins.md).
         impacts : int
             Impacts on Σ⁺ in one step of the cell map; weak damping needs more and takes proportionally more.
         tau, v : tuple of float, optional
@@ -198,13 +199,13 @@ class SampledGear:
     def uncertainty(self, pairs: int | None = None, v_max: SpeedLimit = None, seed: int = 0) -> Uncertainty:
         """Return the uncertainty exponent of the basin boundary in [0, 1) × (0, v_max).
 
-        The dimension of the boundary is 2 minus the exponent. It follows from exact trajectories of random pairs of
+        The dimension of the boundary is 2 minus the exponent, which follows from exact trajectories of random pairs of
         states at each of eight distances, from 2⁻⁶ of the plane down to 2⁻¹³. The same arguments give the same result.
 
         Parameters
         ----------
         pairs : int, optional
-            Pairs at each distance; by default 8192, for the stiff gear 2048.
+            Pairs at each distance; by default 8192, for the stiff and the inelastic gear 2048.
         v_max : float, "natural" or None
             Largest speed, as in `basins`.
         seed : int
@@ -233,7 +234,7 @@ class SampledGear:
 
     @property
     def parameters(self) -> Parameters:
-        """Return the parameters of this gear as arrays (1,)."""
+        """The parameters of this gear, as arrays (1,)."""
         return Parameters.from_values(
             self._classifier.model, **{name: [value] for name, value in self._numbers.items()}
         )

@@ -151,7 +151,7 @@ def append_orbit(m, n_plus, n_minus, tau, v, first, second, cell, orbits):
 
 @kernel
 def fill_footprints(which, impacts, cells, samples, footprints):
-    """Do the work of `mark_footprints` in a compiled loop over the samples."""
+    """Mark the states of the next `impacts` impacts of samples in their bitmaps (kernel of `mark_footprints`)."""
     for j in range(which.size):
         k = which[j]
         point = point_of(samples.cell[k], cells)
@@ -191,7 +191,7 @@ def append_period_one(n, n_plus, n_minus, tau, v, trace, cells, orbits):
 
 @kernel
 def resolve_all(which, cells, samples, orbits, balls, grown, waiting):
-    """Do the work of `resolve` in a compiled loop.
+    """Find the orbits of the samples `which`, as `resolve` describes, in a compiled loop.
 
     Write the numbers of the samples whose orbits could not be searched yet to `waiting`.
 

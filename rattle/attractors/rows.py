@@ -42,7 +42,10 @@ class Rows(NamedTuple):
 
 @inline
 def index_in_cell(kind, which, orbits):
-    """Return an attractor's index in its cell: 0 for quiet motion, then `orbits` orbits, then chaotic attractors."""
+    """Return an attractor's index in its cell: 0 for quiet motion, then `orbits` orbits, then chaotic attractors.
+
+    which: the attractor's number among the attractors of the same kind in its cell.
+    """
     if kind == Outcome.QUIET:
         return 0
     return 1 + which if kind == Outcome.PERIODIC else 1 + orbits + which
@@ -52,9 +55,9 @@ def index_in_cell(kind, which, orbits):
 def fill_rows(kind, which, impacts, time, known, orbits, scratch, integers, watched, row):
     """Fill the columns of `Rows`, and write the row of each sample to `row`.
 
-    kind to known: as in `rows_of`. orbits: the largest number of orbits of a cell. scratch (2, most attractors of a
-    cell): memory for the attractors of one cell. integers (6, n): receives the columns `cell` to `impacts` in order,
-    and must be zero before. watched (n,): receives the column `watched`.
+    kind, which, impacts, time, known: as in `rows_of`. orbits: the largest number of orbits of a cell. scratch (2, most
+    attractors of a cell): memory for the attractors of one cell. integers (6, n): receives the columns `cell` to
+    `impacts` in order, and must be zero before. watched (n,): receives the column `watched`.
 
     Returns
     -------

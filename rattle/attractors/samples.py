@@ -55,7 +55,7 @@ class Outcome(IntEnum):
 
 @dataclass(frozen=True, eq=False)
 class Trajectories(StructOfArrays):
-    """Samples (n,): cell, state, impacts so far, limit of impacts, outcome, and the orbit that captured each.
+    """Trajectories of n samples: cell, state, impacts so far, limit of impacts, outcome, and the capturing orbit.
 
     `time` holds the forcing periods so far. When a sample returns close to an earlier state, `gap` is set to the number
     of impacts between the two states. If no orbit is found there, `pause` is set to the number of impacts that the
@@ -198,7 +198,8 @@ def top_speed(epsilon, unit):
 def mark(tau, v, top, footprint):
     """Set the bit of the state (τ, v) in a visited-cell bitmap.
 
-    Rows are intervals of phase, bits of a row are intervals of speed; the last bit stands for all higher speeds.
+    Rows are intervals of phase, bits of a row are intervals of speed from 0 to `top`. The last bit also stands for
+    all higher speeds.
     """
     row = min(int(tau * GRID), GRID - 1)
     column = min(int(v / top * GRID), GRID - 1)

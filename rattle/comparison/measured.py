@@ -71,7 +71,7 @@ def measured(time: ArrayLike, speed: ArrayLike | None = None, wall: ArrayLike | 
     Returns
     -------
     MeasuredImpacts
-        The checked columns, for `rattle.compare`.
+        The checked columns, for `rattle.comparison.compare`.
 
     Raises
     ------

@@ -401,7 +401,10 @@ class Follower:
         return Path(np.array(points), np.array(tangents), None)
 
     def follow_both_ways(self, start: Array, index: int, most: int = MOST_POINTS) -> FollowedCurve:
-        """Follow the curve in both directions from a solution that is inside; forward, x[index] rises at first."""
+        """Follow the curve in both directions from a solution `start` that `is_inside` accepts.
+
+        The forward direction is the one in which the unknown x[index] rises at first.
+        """
         rising = np.zeros(start.size)
         rising[index] = 1.0
         tangent = tangent_at(self.problem, start, rising)

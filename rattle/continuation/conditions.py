@@ -12,7 +12,7 @@ from rattle.orbits.periodic_motions import Equations
 
 
 class Kind(StrEnum):
-    """Kind of event of a periodic motion; the values are the usual abbreviations of continuation codes."""
+    """The kinds of events of a periodic motion; the values are the usual abbreviations of continuation codes."""
 
     SADDLE_NODE = "SN"
     FLIP = "PD"

@@ -218,7 +218,7 @@ def build_curve(
 
 
 def _arclength(plane: Array) -> Array:
-    """Return for each of the points (k, 2) of a line the length of the line from the first point to this point."""
+    """Return the length (k,) of a line of points (k, 2) from its first point to each of its points."""
     return np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(plane, axis=0).T))])
 
 
@@ -332,7 +332,7 @@ def _lie_on_piece(
 ) -> NDArray[np.bool_]:
     """Return for each of the solutions `solved` (k, N) whether it is on a piece of a curve.
 
-    It may differ from a solution on the piece by a shift of its times by whole forcing periods. times: the number of
+    Solutions count as the same if their times differ by the same number of whole forcing periods. times: the number of
     unknowns that are times; None for all but δ and ε.
 
     Returns
@@ -419,8 +419,8 @@ def trace_problem(
     """Return the curve of a problem in a window. Arguments without explanation are those of `pieces_in_window`.
 
     describe: a function of a solution that returns its motion. better_reason: a function of the unknowns at an end and
-    of the reason why the curve ends there. It returns the reason for the result: the same, or one that says more, such
-    as the name of a codimension-two point.
+    of the reason why the curve ends there. It returns the reason that the result gives: the same, or a more specific
+    reason, such as the name of a codimension-two point.
 
     Returns
     -------

@@ -39,7 +39,7 @@ class Segment:
         return self.end - self.start
 
     def parameters_at(self, position: NDArray[np.float64]) -> Array:
-        """Return the parameters (…, d) at positions (…); at 0 and 1 they are exactly the ends."""
+        """Return the parameters (…, d) at positions (…): 0 is the start, 1 the end. A negative ε becomes 0."""
         found = self.start + np.asarray(position)[..., None] * self.direction
         found[..., 1] = np.maximum(found[..., 1], 0.0)
         return np.asarray(found, np.float64)

@@ -43,7 +43,7 @@ def is_same_motion(one: Motion, other: Motion) -> bool:
 
 
 def _equivalent_unknowns(motion: Motion, like: Equations, phase: float) -> Iterator[Array]:
-    """Yield the unknowns of a motion, counted from each impact from which it meets the walls in the order of `like`.
+    """Yield the unknowns of a motion from each of its impacts after which the walls have the order of `like`.
 
     Yields
     ------
@@ -59,7 +59,7 @@ def _equivalent_unknowns(motion: Motion, like: Equations, phase: float) -> Itera
 
 
 class Search:
-    """A search for branches: those found so far, their events, and a queue of events that are not yet examined.
+    """A search for branches: the branches found so far, their events, and a queue of events to examine.
 
     paths: for each branch an array with a row for each of its points: the motion's unknowns, then the position on the
     segment. From row to row the times change continuously: they do not jump by 1 where a phase passes 0.

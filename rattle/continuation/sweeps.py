@@ -203,8 +203,8 @@ class Sweeps:
         If this is the first step of the ended run, the second run starts at the next step instead. This happens on
         chaotic sets that samples leave after some time.
 
-        rows: the rows of `table` with the attractors that states go to, first the state of the run, then the states of
-        the known attractors of the step. end: the state of the run after it was followed.
+        rows: the row of `table` with the attractor that the run went to, then the rows with the attractors that the
+        states of the step's known attractors went to. end: the state of the run after it was followed.
         """
         row, here = rows[0], self.known[run.step]
         kind = int(table.kind[row])

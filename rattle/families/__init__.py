@@ -1,4 +1,4 @@
-"""Families: the attractors of a grid, joined between neighbouring cells, so that one motion has one number."""
+"""Families: the attractors of a grid, connected between neighbouring cells, so that one motion has one number."""
 
 from rattle.families.family_table import tabulate_families
 from rattle.families.join import in_order, joined, together

@@ -1,4 +1,4 @@
-"""Join the attractors of neighbouring cells: periodic orbits by continuation, chaotic attractors by footprints."""
+"""Join the attractors of neighbouring cells: periodic orbits by continuation, chaotic attractors by visited cells."""
 
 from __future__ import annotations
 
@@ -99,7 +99,7 @@ def joined(
 def join_rows(
     table: AttractorTable, shape: tuple[int, int], cells: Any
 ) -> tuple[AttractorTable, NDArray[np.bool_], NDArray[np.int64]]:
-    """Return the attractors of a grid together with the orbits that were continued into its cells.
+    """Return the attractors of a grid and the orbits that were continued into its cells.
 
     Returns
     -------

@@ -1,7 +1,7 @@
 """Sums over cells that describe families. The sums of the pieces of a grid can be added.
 
 A component is a set of connected attractors: one motion in several cells. Its number is arbitrary; `numbers_of` gives
-the number that it has as a family.
+the number of the family that the component forms.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The forcing e(t), and the contact force g(t) that it produces. No other module knows the shape of the forcing.
+"""The forcing e(t), and the contact force g(t) that it produces.
 
     Φ'' + δΦ' = g(t),    g(t) = δq + e''(t) + δe'(t),    e(t) = ε cos 2πt,    q = 4π
 
@@ -8,7 +8,7 @@ compiles these functions again, and all kernels that call them, so that one cosi
 take both sine and cosine of a phase, because a sum of harmonics needs both. `add_slope` and `add_acceleration` add to
 a number, because the order of operations decides the stored bits. Code outside kernels uses `Forcing`.
 
-These modules hold for one cosine only, and say so: A to D in closed form and their limits
+These modules are valid for a forcing of one cosine only: A to D in closed form and their limits
 (`rattle.impacting.orbits.closed_form`, `limits`), the single arc of negative contact force (`negative_arc`, and the
 proofs of a first impact in `proof` that use it), contacts with stiff walls, which respond to one frequency
 (`rattle.stiff.map.contact`), and `rattle.proof`.
@@ -103,7 +103,7 @@ def _build_functions(dtype, versine, sine_defect):
 
     @inline
     def tangent_drop(step, sin0, cos0, epsilon):
-        """Return e(t₀) + s e'(t₀) − e(t₁), e the forcing and s = t₁ − t₀; `step` is versines(s)."""
+        """Return e(t₀) + s e'(t₀) − e(t₁), where e is the forcing and s = t₁ − t₀; `step` is versines(s)."""
         omc, _siny, defect = step
         return epsilon * (cos0 * omc - sin0 * defect)
 
@@ -114,7 +114,7 @@ def _build_functions(dtype, versine, sine_defect):
 
     @inline
     def add_slope(x, sine, cosine, epsilon):
-        """Return x + e', e' the derivative of the forcing at the phase with this sine and cosine."""
+        """Return x + e', where e' is the derivative of the forcing at the phase with this sine and cosine."""
         return x - two_pi * epsilon * sine
 
     @inline
@@ -270,7 +270,10 @@ def phase_of_least_force(delta):
 
 @inline
 def force_ahead(wall, sin0, cos0, delta, epsilon):
-    """Return mean, a and b: the force mean + a cos 2πs + b sin 2πs presses on the wall a time s after this phase."""
+    """Return mean, a and b of the contact force mean + a cos 2πs + b sin 2πs at a time s after a phase.
+
+    sin0, cos0: sine and cosine of 2πτ at the phase τ. The force is positive where it presses on the wall.
+    """
     size = wall * TWO_PI * epsilon
     a = -size * (TWO_PI * cos0 + delta * sin0)
     return wall * abs(delta) * DRIFT, a, size * (TWO_PI * sin0 - delta * cos0)
@@ -320,7 +323,7 @@ def mean_cosine32(angle, sin0, cos0):
 
 @inline
 def add_mean_acceleration32(x, mean_cosine, epsilon):
-    """Return x + the mean of e'', e the forcing, over the time for which `mean_cosine32` returned `mean_cosine`."""
+    """Return x + the mean of e'', where e is the forcing, over the time whose mean of cos 2πt is `mean_cosine`."""
     return x - W2 * epsilon * mean_cosine
 
 
@@ -344,7 +347,7 @@ def minus_fifth_derivative32(sine, cosine, epsilon):
 
 @inline
 def change_scale32(s):
-    """Return an upper bound of |e(t + s) − e(t) − s e'(t)|/ε, e the forcing. The bound limits rounding errors of F."""
+    """Return an upper bound of |e(t + s) − e(t) − s e'(t)|/ε for the forcing e. It limits rounding errors of F."""
     y = W1 * s
     return min(y * y * (f32(0.5) + y * f32(1 / 6)), y + f32(3.0))
 
@@ -438,7 +441,7 @@ def add_analytic_acceleration(x, sine, cosine, epsilon):
 
 @inline
 def analytic_force_ahead(sign, sin0, cos0, delta, epsilon):
-    """Return mean, a and b for which mean + a cos 2πs + b sin 2πs presses on the wall a time s after a phase.
+    """Return mean, a and b: a time s after a phase the force on the wall is mean + a cos 2πs + b sin 2πs.
 
     `force_ahead` returns the same numbers for a real phase. sign: the wall, ±1. sin0, cos0: complex sine and cosine of
     the phase. δ must be above 0.
@@ -467,9 +470,9 @@ def slope_by_epsilon(sine, cosine):
 
 @dataclass(frozen=True)
 class Forcing:
-    """The forcing outside kernels: one cosine whose amplitude epsilon is a number or an array.
+    """The forcing for code outside kernels: one cosine whose amplitude epsilon is a number or an array.
 
-    A gear whose forcing is not ONE_COSINE has no closed forms of A to D.
+    ONE_COSINE is True for this forcing. A gear whose forcing has ONE_COSINE = False has no closed forms of A to D.
     """
 
     epsilon: Any
@@ -516,7 +519,7 @@ def quiet_eccentricity(delta: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def least_damping(epsilon: float) -> float:
-    """Return the δ at which the minimum of the contact force is 0; inf if ε ≥ 2. It inverts `quiet_eccentricity`."""
+    """Return the δ at which the contact force has the minimum 0; inf if ε ≥ 2. The inverse of `quiet_eccentricity`."""
     return TWO_PI * epsilon / math.sqrt(4.0 - epsilon * epsilon) if epsilon < 2.0 else math.inf
 
 

@@ -67,14 +67,14 @@ class Scan(NamedTuple):
 
 @inline
 def flight_in_single(flight):
-    """Return a flight in single precision, with A computed from the rounded numbers."""
+    """Return a flight in single precision; its field `a` is computed from the rounded numbers."""
     w, sin0, cos0, epsilon = f32(flight.w), f32(flight.sin0), f32(flight.cos0), f32(flight.epsilon)
     return Flight(w, add_slope32(Q, sin0, cos0, epsilon) - w, sin0, cos0, f32(flight.delta), epsilon)
 
 
 @inline
 def first_guess(wall, gap, inverse_delta, flight):
-    """Return a guess, from the mean force, of the time until a flight from Σ⁺ turns, or one from Σ⁻ arrives at Σ⁺."""
+    """Return a guess, from the mean force, of the time until a flight from Σ⁺ turns or a flight from Σ⁻ meets Σ⁺."""
     w, _a, sin0, cos0, delta, epsilon = flight
     speed = abs(w)
     u = speed * PER_DRIFT

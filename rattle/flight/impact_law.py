@@ -54,7 +54,7 @@ def impulse_of(speed):
 
 @inline
 def determinant_of_impact(determinant):
-    """Return |det| of a flight and its impact in (t, w²/2), from |det| of the flight."""
+    """Return |det| of a flight and its elastic impact in (t, w²/2): |det| of the flight, unchanged by the impact."""
     return determinant
 
 
@@ -72,7 +72,7 @@ def determinant(delta, time, impacts):
 
 @dataclass(frozen=True)
 class ImpactLaw:
-    """The impact law outside kernels: `ELASTIC`, or a `Restitution`."""
+    """The impact law for code outside kernels: the record `ELASTIC` of elastic impacts, or a `Restitution`."""
 
     #: True if bounces under a pressing contact force end in lasting contact after a finite time. Elastic bounces never
     #: end but become lower and lower; their limit is quiet motion.
@@ -117,5 +117,5 @@ class Restitution(ImpactLaw):
         return self.restitution**2 * (change * w)
 
     def energy_loss(self, speed: Any) -> Any:
-        """Return the energy w²/2 that an impact dissipates, w the velocity relative to the wall."""
+        """Return the loss of w²/2 in an impact, (1 − r²) w²/2, with w the arrival speed relative to the wall."""
         return 0.5 * (1.0 - self.restitution**2) * speed * speed

@@ -99,7 +99,10 @@ def _build_evaluate(dtype, decay, functions):
 
     @inline
     def evaluate(s, flight):
-        """Return F, F', F'' and 1 − e^(−δs) of a flight at s, and the forcing's sine and cosine; −0.05 ≤ δs ≤ 2."""
+        """Return F, F', F'' and 1 − e^(−δs) of a flight at s, and the forcing's sine and cosine there.
+
+        δs must be in [−0.05, 2] in double precision, and in [0, 2] in single precision.
+        """
         w, a, sin0, cos0, delta, epsilon = flight
         step = versines(s)
         x = delta * s

@@ -69,15 +69,15 @@ def times_to_arc(tau, arc):
 
 @inline
 def is_off_arc_ends(to_exit, arc_length, delta):
-    """Return whether, despite rounding, a flight certainly departs inside or certainly outside the arc.
+    """Return whether rounding cannot move the departure of a flight into or out of the arc of negative contact force.
 
-    The arc is that of negative contact force. The answer is certain if the departure is far from both ends of the arc,
-    and the damping so small that a rounding of 1e-7 of the times to the ends changes F' by less than ERROR allows.
+    Rounding cannot do so if the departure is far from both ends of the arc. The damping must also be so small that a
+    rounding of 1e-7 of the times to the ends changes F' by less than ERROR allows.
 
     Returns
     -------
     bool
-        False means that the departure may be inside or outside.
+        False if the departure may be inside or outside.
     """
     return (
         (delta < FASTEST)
@@ -164,7 +164,7 @@ def clears_the_gap(wall, rising, s, minimum, gap, flight):
 
 @inline
 def clears_with_two_minima(wall, rising, tau, s, minimum, gap, flight, arc):
-    """Return whether a flight from Σ⁺ to Σ⁺ has certainly two minima of its height F, and no impact before its end.
+    """Return whether a flight from Σ⁺ to Σ⁺ certainly has two minima of its height F, and no impact before its end.
 
     The minima are before and after the arc of negative contact force, and between them F has a maximum on the arc.
 

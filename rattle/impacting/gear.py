@@ -101,7 +101,7 @@ class Gear(SampledGear, Rattling):
     _resolution, _pairs = 1000, 8192
 
     def __new__(cls, *point: Any, restitution: Any = 1.0, load: Any = 0.0, harmonics: Any = (), **named: Any) -> Any:
-        """Return an `InelasticGear` if restitution, load or harmonics make the gear inelastic."""
+        """Return an `InelasticGear` if restitution, load or harmonics differ from their defaults, else a `Gear`."""
         if is_elastic(restitution, load, harmonics):
             return super().__new__(cls)
         # imported here, because `rattle.inelastic` imports this module
@@ -299,7 +299,7 @@ class Gear(SampledGear, Rattling):
         return periodic_orbit(self.delta, self.epsilon, tau, v, n_plus, self.beta)
 
     def saddle(self, orbit: Orbit) -> Periodic:
-        """Return one of the orbits A to D, from `orbits`, as the periodic motion that `rattle.manifold` takes.
+        """Return an orbit A to D of `orbits` as the periodic motion that `rattle.orbits.manifolds.manifold` takes.
 
         Returns
         -------
@@ -372,7 +372,7 @@ class Gear(SampledGear, Rattling):
 
 
 def _folded_phase(phase: float) -> float:
-    """Return a phase folded into [0, 1). Raises ParameterError if the phase is not finite."""
+    """Return a phase shifted by whole periods into [0, 1). Raises ParameterError if the phase is not finite."""
     return float(law.folded(require_finite("phase", phase)))
 
 

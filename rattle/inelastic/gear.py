@@ -106,7 +106,7 @@ class InelasticGear(SampledGear, Rattling):
 
     @property
     def force_zeros(self) -> NDArray[np.float64]:
-        """Phases at which the contact force changes sign, so that contact ends; empty below the quiet limit."""
+        """Phases at which the contact force changes sign, and contact with a wall ends; empty below the quiet limit."""
         return self._point.zeros.copy()
 
     @property

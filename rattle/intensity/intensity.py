@@ -1,4 +1,4 @@
-"""How hard a motion rattles, per forcing period: exact for a periodic motion, with error bars for chaos."""
+"""The intensity of rattling per forcing period: exact for a periodic motion, with error bars for chaos."""
 
 import math
 from dataclasses import dataclass

@@ -104,7 +104,7 @@ def contacts_of(motion: Motion) -> int:
 
 
 def watched_periods(delta: float, periods: float | None) -> float:
-    """Return the forcing periods for which a chaotic motion is followed.
+    """Return the number of forcing periods for which a chaotic motion is followed.
 
     Returns
     -------

@@ -24,11 +24,11 @@ class Rattling(ABC):
     @property
     @abstractmethod
     def _point(self) -> Any:
-        """Return the gear's parameter point for kernels."""
+        """The gear's parameter point for kernels."""
 
     @property
     def _stiffness(self) -> float:
-        """Return the stiffness of the walls; inf for rigid walls."""
+        """The stiffness of the walls; inf for rigid walls."""
         return math.inf
 
     def intensity(self, motion: Motion, periods: float | None = None) -> Intensity:

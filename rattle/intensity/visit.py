@@ -63,7 +63,7 @@ def bounce(wall, tau, w, point):
 
 
 def mean_force_at(point):
-    """Return the mean over time of the contact force, which the impulses of a bounded motion balance on average."""
+    """Return the mean over time of the contact force. The impulses of a bounded motion balance it on average."""
     raise NotImplementedError("mean_force_at exists inside kernels only: from Python use Gear.intensity")
 
 

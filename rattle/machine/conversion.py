@@ -53,8 +53,8 @@ class Reduced(NamedTuple):
     Parameters
     ----------
     inertia, drag : float
-        Reduced inertia in kg m² and reduced drag in N m s/rad, referred to the first gear and the speed of the forcing;
-        drag over inertia is the damping rate of x.
+        The pair's inertia in kg m² and drag in N m s/rad after the reduction, referred to the first gear and the speed
+        of the forcing; drag over inertia is the damping rate of x.
     radius : float
         Base radius of the first gear, m.
     speed : float
@@ -143,7 +143,7 @@ def rate_error(pair: Reduced, backlash: Any, forcing: Any, load: Any) -> Any:
     """Return a bound of the force that the reduction of `reduce_pair` neglects, as a share of the driving force.
 
     The bound holds after transients; m, γ and V are those of `reduce_pair`, and u₁, u₂ the speeds of the base circles.
-    The common motion has the speed u with m₁u₁ + m₂u₂ = (m₁ + m₂)u, which impacts do not change, so y = u − V obeys
+    The common motion has the speed u with m₁u₁ + m₂u₂ = (m₁ + m₂)u. Impacts do not change u. So y = u − V obeys
     y' = −Γy − kx' with a rate Γ > 0 and k = (γ₁ − γ₂)m₁m₂/(m₁ + m₂)². Then |y + kx| stays below |k| max|x|,
     so |y| ≤ 2|k| max|x|, and |x| ≤ j/2 + max|e|.
 

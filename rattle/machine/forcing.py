@@ -51,8 +51,9 @@ class PairForcing(NamedTuple):
     def harmonics(self, number: Any = ()) -> tuple[Harmonic, ...]:
         """Return the argument `harmonics` of `rattle.Gear` for this forcing: all harmonics but the first.
 
-        The first harmonic has amplitude 1 there, and is not listed. If the forcing has no first harmonic, the result
-        contains order 1 with amplitude 0. number: the index of the pair of gears, if there are many.
+        `rattle.Gear` adds a first harmonic of amplitude 1, so the result does not list it. If the forcing has no first
+        harmonic, the result contains order 1 with amplitude 0. number: the index of the pair of gears, if there are
+        many.
 
         Returns
         -------
@@ -68,7 +69,7 @@ class PairForcing(NamedTuple):
 
 
 def checked_components(name: str, given: Iterable[Any]) -> tuple[tuple[int, float, float], ...]:
-    """Return a checked list of (order, amplitude in m, phase in turns). Raises ParameterError."""
+    """Check components; return them as a tuple of (order, amplitude in m, phase in turns). Raises ParameterError."""
     shape = f"{name} must be a list of (order, amplitude in metres, phase in turns), such as [(20, 1e-7, 0.0)]"
     try:
         rows = [tuple(each) for each in given]

@@ -51,7 +51,7 @@ class TransmissionError:
     revolutions: int
 
     def __str__(self) -> str:
-        """Return the points, height and orders of the curve in one line."""
+        """Return one line with the number of points, the peak-to-peak height and the orders of the curve."""
         largest = max(self.harmonics, key=lambda each: each[1])
         return (
             f"{self.points} points of {self.revolutions} revolution{'s' if self.revolutions > 1 else ''}, "

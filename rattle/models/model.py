@@ -40,7 +40,7 @@ Rows = tuple[Attractors, NDArray[np.bool_], NDArray[np.int64]]
 
 
 class Capability(StrEnum):
-    """Features that not every model has. A member's value begins the error message of `lacking` for this feature."""
+    """A feature that not every model has. Its value begins the error message of `rattle.models.lacking`."""
 
     CLOSED_FORM = "closed forms of A to D are"
     PERIOD_ONE = "the motions A to D and the regions that they make are"
@@ -103,7 +103,10 @@ class AnyGear(Protocol):
 
     @property
     def sn1(self) -> float | None:
-        """Eccentricity of SN1; None if this gear does not compute it. If SN1 does not exist: None, or RattleError."""
+        """Eccentricity of SN1; None if the gear does not compute it.
+
+        If SN1 does not exist, some gears give None and others raise RattleError.
+        """
 
     def region(self) -> int:
         """Return the number of the region, an index of `REGIONS`."""
@@ -173,7 +176,7 @@ class AnyGear(Protocol):
 
 
 class Functions(Protocol):
-    """The functions that the package of a gear has, for arrays of parameters.
+    """The functions that the package of a gear model provides, for arrays of parameters.
 
     Each function takes δ and ε, the name of a curve, or the ends of a segment of the (δ, ε) plane, and by keyword β and
     the gear's other parameters. `rattle.impacting` and `rattle.stiff` are such packages.
@@ -393,5 +396,5 @@ class Model(ABC):
 
     @classmethod
     def joined_rows(cls, parameters: Parameters, table: Attractors) -> Rows:
-        """Return what `join_rows` returns for the attractors of n cells in a row, in the order of `parameters` (n,)."""
+        """Join the attractors of n cells as `join_rows` does. The grid has one row: the cells of `parameters` (n,)."""
         return join_rows(table, (1, parameters.size), cls.classifier.cells_of(parameters))

@@ -168,7 +168,7 @@ class Inline:
 
     @cached_property
     def kernel_dispatcher(self) -> Any:
-        """Return numba's dispatcher for calls from kernels; it compiles the function for each set of argument types."""
+        """Numba's dispatcher for calls from kernels. It compiles the function for each set of argument types."""
         Inline.compiled.append(self)
         return numba.njit(**self.options)(self._run)
 
@@ -219,7 +219,7 @@ class Kernel(Inline):
 
 
 def compile_one_kernel(about: str) -> dict[str, Callable[[], Any]]:
-    """Return the only step of a job of `compile_apart`: the compilation of one kernel for given argument types.
+    """Return the step of a `compile_apart` job that compiles one kernel for given argument types.
 
     about: a hash, a space, and in base64 the pickled tuple of the kernel's module, its name and the types.
 
@@ -343,7 +343,8 @@ def _compile_in_new_process(*arguments: str) -> None:
 def compile_in_this_process(about: str, *jobs: str) -> None:
     """Compile the kernels of these jobs in this process, and mark each job as done.
 
-    This process ends when standard input closes, so when its parent process ends. about, jobs: as in `compile_apart`.
+    This process ends when its standard input closes, as it does when the parent process ends. about, jobs: as in
+    `compile_apart`.
     """
     threading.Thread(target=lambda: sys.stdin.read() or os._exit(1), daemon=True).start()
     gc.set_threshold(100_000, 20, 20)  # the default thresholds spend an eighth of a compilation's time on garbage

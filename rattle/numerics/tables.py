@@ -25,8 +25,8 @@ def read_columns(path: str | Path, names: Iterable[str], needed: str | None = No
     Raises
     ------
     ParameterError
-        If the file lacks the column `needed`; or, where `needed` is None, lacks all of the columns `names`. If one of
-        these columns appears twice, or has an entry that is not a number.
+        If the file lacks the column `needed` or, without `needed`, all of the columns `names`; or if one of the
+        columns `names` appears twice or has an entry that is not a number.
     RattleError
         If the file cannot be read.
     """

@@ -93,15 +93,15 @@ def unknowns_from_impact(itinerary: Equations, x: Array, first: int) -> Array:
 
 
 def twins(itinerary: Equations, start: Array, x: Array) -> Array:
-    """Return all arrays of unknowns (twins) that describe the motion with the unknowns `start`, near the unknowns x.
+    """Return all arrays of unknowns that describe the motion with the unknowns `start`, near the unknowns x.
 
-    The twins begin at different impacts, from each of which the motion meets the walls in the order of the itinerary.
-    The times of each twin are shifted by whole forcing periods so that its first time is nearest to that of x.
+    The arrays begin at different impacts, from each of which the motion meets the walls in the order of the itinerary.
+    The times of each array are shifted by whole forcing periods so that its first time is nearest to that of x.
 
     Returns
     -------
     Array
-        The twins (k, N), with δ and ε at the end; one of them is `start` (N,), shifted by whole periods.
+        The arrays (k, N), with δ and ε at the end; one of them is `start` (N,), shifted by whole periods.
     """
     n, walls = len(itinerary.walls), itinerary.walls
     found = np.array([unknowns_from_impact(itinerary, start, k) for k in range(n) if walls[k:] + walls[:k] == walls])
@@ -194,12 +194,12 @@ class Periodic(ABC):
     @property
     @abstractmethod
     def departures(self) -> Array:
-        """Return the times (n,) at which the motion leaves the walls, in the order of `speeds`."""
+        """Times (n,) at which the motion leaves the walls, in the order of `speeds`."""
 
     @property
     @abstractmethod
     def point(self) -> Any:
-        """Return the motion's parameter point for kernels."""
+        """The motion's parameter point for kernels."""
 
     @property
     def added(self) -> tuple[str, ...]:

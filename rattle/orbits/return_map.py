@@ -5,7 +5,7 @@ table (`rattle.numerics.compile.for_type`). Each gear provides all these functio
 that the inelastic gear has no inverse map:
 
 =============  =================  ===========================  ======================  ========================
-function       declared in        impacting (Point, Cells)     stiff (StiffPoint, …)   inelastic (InelasticPoint, …)
+function       declared in        impacting (Point, …)         stiff (StiffPoint, …)   inelastic (InelasticPoint, …)
 =============  =================  ===========================  ======================  ========================
 step           orbits.return_map  impacting.map.impact_map     stiff.map.return_map    inelastic.map.impact_map
 step_tangent   orbits.return_map  impacting.map.impact_map     stiff.map.return_map    inelastic.map.impact_map

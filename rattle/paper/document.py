@@ -20,14 +20,14 @@ paper writes ≈. An interval agrees only as a whole. Computed values that are c
 
 
 def value(number: Number) -> str:
-    """Return the computed value as text, such as "0.1234567890, proved"; an interval has seven decimals."""
+    """Return the computed number as text, such as "0.1234567890, proved". An interval has seven decimals."""
     if isinstance(number.computed, tuple):
         return "{:.7f} to {:.7f}".format(*number.computed)
     return f"{number.computed:.10f}" + (", proved" if number.what in PROVED else "")
 
 
 def difference(number: Number) -> str:
-    """Return the computed minus the stated value as text, with two decimals more than the paper gives."""
+    """Return the computed number minus the printed one as text, with two decimals more than the paper gives."""
     return f"{number.difference:+.{2 - int(number.stated.as_tuple().exponent)}f}"
 
 

@@ -15,7 +15,10 @@ INSTANTS = 201
 
 
 def smallest_acceleration(delta: float, epsilon: float, phase: float, velocity: float, time: float) -> float:
-    """Return the smallest Φ'' during a flight of duration `time` that leaves a wall at this phase and velocity."""
+    """Return the smallest Φ'' of a flight of duration `time` that leaves a wall at this phase and velocity.
+
+    Φ'' is computed at INSTANTS equally spaced times.
+    """
     s = np.linspace(0.0, time, INSTANTS)
     decaying = delta * (DRIFT - TWO_PI * epsilon * np.sin(TWO_PI * phase) - velocity)
     values = decaying * np.exp(-delta * s) - TWO_PI**2 * epsilon * np.cos(TWO_PI * (phase + s))
@@ -67,7 +70,7 @@ class WorstFlight(NamedTuple):
 
 
 def worst_flights(delta: Array, epsilon: Array, orbits: PeriodOne) -> tuple[WorstFlight, ...]:
-    """Return for each of A, B, C and D the smallest Φ'' on the orbit over cells (n,)."""
+    """Return a record of the smallest Φ'' over cells (n,), for each of the orbits A, B, C and D."""
     found = []
     for k, name in enumerate(NAMES):
         here = np.flatnonzero(orbits.exists[k])

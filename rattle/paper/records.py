@@ -42,13 +42,13 @@ class Number:
 
     @property
     def tolerance(self) -> float:
-        """The largest difference at which a number agrees: half a unit of the last digit, a whole one after ≈."""
+        """Largest difference at which numbers agree: half a unit of the paper's last digit, a whole unit after ≈."""
         unit = 10.0 ** int(self.stated.as_tuple().exponent)
         return unit if self.paper.startswith("≈") else unit / 2
 
     @property
     def difference(self) -> float:
-        """The computed value, or the middle of the interval, minus the stated number."""
+        """The computed value, or the middle of the interval, minus the number that the paper prints."""
         return sum(self.interval) / 2 - float(self.stated)
 
     @property

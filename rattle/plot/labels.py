@@ -328,7 +328,7 @@ def _dense_points(line: Array) -> Array:
 
 
 def _is_crossing(first: Array, second: Array) -> bool:
-    """Return whether two line segments, each the points (2, 2) of its ends, cross."""
+    """Return whether two line segments cross, each given by its two end points (2, 2)."""
     (a, b), (c, d) = first, second
     return (
         _turn_direction(a, b, c) * _turn_direction(a, b, d) < 0

@@ -19,7 +19,7 @@ Given = float | Sequence[float]
 
 
 class Range(NamedTuple):
-    """A range that the user wrote as LOW:HIGH, which differs from two separate numbers."""
+    """A range that the user wrote as LOW:HIGH. Two separate numbers are a plain sequence instead."""
 
     low: float
     high: float

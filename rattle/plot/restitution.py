@@ -86,7 +86,7 @@ class RestitutionPlane:
 
     @property
     def dominant_types(self) -> NDArray[np.int64]:
-        """For each cell the type of the motion with the most samples, with quiet running left out.
+        """Type of the motion with the most samples in each cell, quiet running left out.
 
         The shape is (m, n) = (epsilon.size, delta.size). A type is an index of SHOWN, or CHAOTIC. Undecided samples
         count as one motion. Cells in which all samples become quiet have the type QUIET_ALONE.

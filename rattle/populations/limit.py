@@ -209,7 +209,7 @@ class _Solver:
         self.known: dict[tuple[float, int | None], Excess] = {}
 
     def _default_range(self) -> tuple[float, float]:
-        """Return the default range of the scan, from a safe end, at which the scan starts, to an unsafe end.
+        """Return the default range of the scan, which goes from a safe end of the range to an unsafe end.
 
         For most numbers the unsafe end is the value beyond which the teeth cannot stay in contact, or the largest
         allowed value if the scan comes to it first. The safe end is 0 if the scan can start at 0 (`starts_at_zero`). An
@@ -387,7 +387,7 @@ class _Solver:
         """
 
         def is_nonnegative(i: int) -> bool:
-            """Return whether the field `which` is at least 0 at value number i of the scan; i = −1 is the value 0."""
+            """Return whether field `which` of the excess is at least 0 at value i of the scan; −1 is the value 0."""
             # 0 is not in the scan. At eccentricity 0 a gear that is not inelastic has no forcing: all motions become
             # quiet. For any other number, or an inelastic gear, nothing is known about the value 0.
             if i < 0:

@@ -20,7 +20,8 @@ LEAST_GEARS = 3
 def read_gears(path: str | Path) -> tuple[dict[str, Measured], NDArray[np.float64]]:
     """Read a table of measured gears.
 
-    The first line names the columns (eccentricity, …, in SI units); each further line is one gear.
+    The first line names the columns: numbers of a machine (eccentricity, …, in SI units) or dimensionless numbers
+    (delta, …). Each further line is one gear.
 
     Returns
     -------

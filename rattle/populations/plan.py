@@ -122,7 +122,7 @@ class Plan:
     def rows_per_sobol_part(self) -> int:
         """The number of rows in each part except the first; only Sobol indices need these parts.
 
-        It is the smaller of `pairs` and `gears`; 0 if only one number varies.
+        The number is the smaller of `pairs` and `gears`; 0 if only one quantity varies.
         """
         return min(self.pairs, self.gears) if len(self.tolerances.names) > 1 else 0
 
@@ -137,7 +137,7 @@ class Plan:
         return self.gears + self.rows_per_sobol_part * (1 + 2 * len(self.tolerances.names))
 
     def is_judged(self, rows: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """Return for each row whether its gear is tested: `n_judged` rows, evenly spread over the population, are."""
+        """Return flags of the rows whose gears are tested: `n_judged` rows, evenly spread over the population."""
         number = rows * self.n_judged // self.gears
         return np.asarray((rows < self.gears) & (number != (rows - 1) * self.n_judged // self.gears))
 

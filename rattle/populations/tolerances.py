@@ -166,7 +166,9 @@ class Tolerances:
 
 
 def points_of(given: Mapping[str, Any]) -> Points:
-    """Return the gears with these numbers: dimensionless numbers or numbers of a machine, as arrays that broadcast.
+    """Return the parameter points of gears with these numbers.
+
+    given: dimensionless numbers, or numbers of a machine, by name, as arrays that broadcast.
 
     Returns
     -------

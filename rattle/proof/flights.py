@@ -70,7 +70,7 @@ class ModelPoint:
 
 @dataclass(frozen=True)
 class FlightEnclosure:
-    """A flight, all of whose numbers are balls.
+    """Enclosure of a flight: each of its numbers is a ball.
 
     t0, t1: times at which it starts and ends.
     constant: the constant C of equations (1.4) to (1.7) of docs/proofs.md.

@@ -70,7 +70,7 @@ class ImpactEnclosures:
 
 @dataclass(frozen=True)
 class ImpactingSystem:
-    """The equations of motions that meet `walls` (n,) in m forcing periods, for the times (n,) of their impacts."""
+    """The equations of a motion that meets `walls` (n,) in m forcing periods. Its unknowns (n,) are impact times."""
 
     point: ModelPoint
     walls: tuple[int, ...]

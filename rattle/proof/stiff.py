@@ -42,7 +42,7 @@ class StiffParameters:
 
     @cached_property
     def steady_mean(self) -> arb:
-        """4πδ/(2κ), the mean penetration y in the steady motion (permanent contact)."""
+        """Mean penetration y in the steady motion (permanent contact): 4πδ/(2κ)."""
         return self.point.delta * self.point.drift / (2 * self.kappa)
 
     @cached_property
@@ -174,7 +174,10 @@ class StiffEnclosures:
 
 @dataclass(frozen=True)
 class StiffSystem:
-    """The equations of motions that touch these walls (c,) in m forcing periods, for the times (2c,) of contacts."""
+    """The equations of a motion with given contacts: c contacts with the walls `itinerary` in m forcing periods.
+
+    The unknowns (2c,) are the times at which the contacts begin and end, in turn.
+    """
 
     parameters: StiffParameters
     itinerary: tuple[int, ...]

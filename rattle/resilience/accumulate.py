@@ -44,7 +44,7 @@ Make = Callable[[], Accumulator]
 def accumulated(
     gear: AnyGear, tau: Array, v: Array, accumulator: Accumulator, periods: float, impacts: int = 100_000
 ) -> Array:
-    """Return an accumulated quantity of samples (τ, v) of a gear.
+    """Return a quantity that is accumulated over the impacts of samples (τ, v) of a gear.
 
     Each sample is followed for `periods` forcing periods, but at most for `impacts` impacts on Σ⁺. A sample that comes
     to rest on a wall has no further impacts.

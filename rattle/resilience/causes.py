@@ -48,8 +48,8 @@ class OrbitEnd:
     """The end of an orbit between two points of a path.
 
     cause: why the orbit ends. low, high: the orbit ends between these shares of the way from the first point to the
-    second. orbit: None if the orbit ends. If it exists at the second point after all, `orbit` is the orbit there, low
-    and high are 1, and cause is "sampling", because only the samples there missed it.
+    second. orbit: None if the orbit ends. If the orbit exists at the second point after all, and only the samples
+    there missed it, cause is "sampling", low and high are 1, and `orbit` is the orbit at the second point.
     """
 
     cause: str
@@ -135,8 +135,8 @@ def distance_to_shorter_motion(gear: AnyGear, tracked: TrackedOrbit, motion: Any
     """Return the least distance between the start of a motion and its states after 1/2, 1/3, … of its period.
 
     The fractions are 1/k for all k ≥ 2 that divide m, n₊ and n₋ of the motion. A motion that closes after 1/k of its
-    period is a shorter motion, run through k times. motion: the gear's periodic motion. tracked: a record with its
-    label.
+    period is a shorter motion, run through k times. motion: the gear's periodic motion. tracked: a record with
+    the label (m, n₊, n₋) of this motion.
 
     Returns
     -------

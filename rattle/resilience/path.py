@@ -104,7 +104,7 @@ class GlobalContinuation:
         return np.where(won >= 0, won / self.count, np.nan)
 
     def intervals(self, number: int) -> tuple[Array, Array]:
-        """Return the ends (n,) of the 95 % Wilson intervals of a family's basin fractions."""
+        """Return the ends (n,) of 95 % Wilson intervals of a family's basin fractions; NaN where it does not exist."""
         won = self._sample_counts(number)
         low, high = wilson_interval(np.maximum(won, 0), self.count)
         return np.where(won >= 0, low, np.nan), np.where(won >= 0, high, np.nan)

@@ -34,7 +34,7 @@ input, button {{ font: inherit; box-sizing: border-box; width: 100%; padding: .5
 
 
 def login_url(path: str, query: str) -> str:
-    """Return the URL of the login page. After the login, the browser is sent back to `path` with `query`."""
+    """Return the URL of the login page. A login leads to `path` with `query`, or without a query to the explorer."""
     return public_path(LOGIN) + (f"?next={quote(f'{path}?{query}', safe='')}" if query else "")
 
 

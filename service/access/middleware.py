@@ -100,7 +100,7 @@ def requires_keys(settings: Settings) -> bool:
 
 
 class AccessMiddleware:
-    """Refuses requests that are too large, come from another site's page, or lack a required key.
+    """Middleware that refuses requests that are too large, come from another site's page, or lack a required key.
 
     Parameters
     ----------

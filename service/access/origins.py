@@ -51,8 +51,8 @@ def require_own_name(headers: Headers, host: str, allowed: Collection[str]) -> N
     Raises
     ------
     ForbiddenError
-        The Host header names neither loopback, nor ``host``, nor one of ``allowed``; nor does it
-        name an IP address of a service that listens on all addresses.
+        The Host header names neither loopback, nor ``host``, nor one of ``allowed``. If the service listens on all
+        addresses, any IP address is allowed too.
     """
     name = _host_name(headers.get("host", ""))
     if name == "localhost" or name.endswith(".localhost") or name in {each.lower() for each in (host, *allowed)}:

@@ -24,7 +24,10 @@ log = logging.getLogger(__name__)
 
 
 class Revocations:
-    """Ends open streams and websockets whose callers are no longer authorised. It belongs to one event loop."""
+    """A watcher that ends open streams and websockets when their callers lose authorisation.
+
+    The watcher belongs to one event loop.
+    """
 
     def __init__(self, database: Database) -> None:
         self._database = database

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 
 class GivenPoint(NamedTuple):
-    """The gear that options describe.
+    """The gear that the options of a command describe.
 
     machine: the machine whose numbers the options give; None for dimensionless numbers. rpm: the speed in
     revolutions per minute; None if no option gives it.

@@ -90,7 +90,7 @@ class _SpeedColumn(ProgressColumn):
 
 
 class _TimeLeftColumn(TimeRemainingColumn):
-    """A column of a progress bar with the time left, as the run estimates it, or else by the speed so far."""
+    """A progress bar's column with the time left: the run's own estimate, or else an estimate from the speed so far."""
 
     def render(self, task: Task) -> Text:
         if task.finished or (ends := task.fields.get("ends")) is None:

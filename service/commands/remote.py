@@ -114,7 +114,7 @@ def _survey_or_population(client: Client, job_id: str) -> Job:
 
 
 def follow_job(job: Job) -> None:
-    """Show the progress of a job until it ends, and then its results."""
+    """Show the progress of a job until it ends, then its state, its address and, for a population, its results."""
     from gear_rattle.service.commands.progress import create_reporter
 
     of_gears = job.kind == "population"

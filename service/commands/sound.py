@@ -58,7 +58,7 @@ def sound(
 def _chosen_attractor(point: GivenPoint, found: tuple[Attractor, ...], number: int | None) -> Attractor:
     """Return the attractor `number`, counted from 1; for None the attractor with the most energy.
 
-    The entry of undecided samples is chosen only if there is no other entry.
+    None chooses the entry of undecided samples only if there is no other entry.
     """
     if number is not None:
         if not 1 <= number <= len(found):

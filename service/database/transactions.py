@@ -20,7 +20,7 @@ DATABASE_TAKEN = (
 
 
 class Transactions:
-    """Base class of `Surveys` and `Keys`: the transactions of one job database that read, and those that write.
+    """Base class of `Surveys` and `Keys`, with the read and write transactions of one job database.
 
     Parameters
     ----------

@@ -23,7 +23,7 @@ def open_data(
         The settings of the service.
     on_change : Callable[[str], None]
         Called with the id of a survey or population after each commit that added an event to it, or changed its name
-    or notes.
+        or notes.
 
     Yields
     ------

@@ -26,7 +26,10 @@ class ThreadCounter(Protocol):
 
 
 class Metrics:
-    """Counters of one process. Prometheus computes rates: ``rate(rattle_cells_total[1m])`` is cells per second."""
+    """The metrics of one process: counters of tiles, cells and impacts, and a histogram of response times.
+
+    Prometheus computes rates: ``rate(rattle_cells_total[1m])`` is cells per second.
+    """
 
     def __init__(self) -> None:
         self.registry = CollectorRegistry()

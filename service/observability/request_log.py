@@ -26,7 +26,10 @@ UNANSWERED_STATUS = 499
 
 
 class RequestLogMiddleware:
-    """Logs and counts each request, and gives it an id, which the client may choose. The answer has the id, too."""
+    """ASGI middleware that logs and counts each request, and gives it an id.
+
+    The client may choose the id. The answer has the id, too.
+    """
 
     def __init__(self, app: ASGIApp, metrics: Metrics) -> None:
         self.app = app

@@ -40,7 +40,7 @@ class PictureOptions:
 
 
 class Overlays:
-    """The overlays of all maps of an application."""
+    """The overlays of all maps of an application: crisis curves, design limits, and finer windows."""
 
     def __init__(self, front: Front) -> None:
         self.crises, self.limits, self.windows = Crises(front), DesignLimits(front), Windows(front)

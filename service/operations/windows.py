@@ -51,7 +51,7 @@ def is_coarse(delta: np.ndarray, epsilon: np.ndarray, window: tuple[Pair, Pair],
 
 
 class Windows:
-    """Computes windows of maps with smaller cells than the survey has, and keeps the latest windows in memory.
+    """Computation of windows of maps with smaller cells than the survey has. The latest windows are kept in memory.
 
     One object serves all pages and pictures of a service.
     """

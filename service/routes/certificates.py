@@ -10,8 +10,8 @@ from pydantic import BaseModel, Field
 from starlette.concurrency import run_in_threadpool
 from starlette.exceptions import HTTPException
 
-from gear_rattle.service.database.tables import JobRow, State
-from gear_rattle.service.errors import MissingError
+from gear_rattle.service.database.tables import UNREADABLE, JobRow, State
+from gear_rattle.service.errors import ConflictError, MissingError
 from gear_rattle.service.routes.documents import SurveyId, path_of
 from gear_rattle.service.routes.store import FILES, KEY, file_at
 from gear_rattle.service.state import Front, FrontState
@@ -46,7 +46,7 @@ class Certificates(BaseModel):
     "/{survey_id}/certificates",
     summary="Proved periodic attractors of a survey",
     response_model=Certificates,
-    responses={**NOT_MODIFIED, **declare_problems(404, 422)},
+    responses={**NOT_MODIFIED, **declare_problems(404, 409, 422)},
 )
 def show_certificates(request: Request, front: FrontState, survey_id: SurveyId) -> Response:
     """Return how many attractors of a survey with `certify` have been proved, and how many could not be proved.
@@ -70,7 +70,7 @@ def show_certificates(request: Request, front: FrontState, survey_id: SurveyId) 
     "/{survey_id}/certificates/store/{key:path}",
     summary="Read the zarr store of certificates, and the certificates themselves",
     response_class=Response,
-    responses=FILES,
+    responses={**FILES, **declare_problems(409)},
 )
 async def read_certificates(
     front: FrontState,
@@ -97,7 +97,9 @@ async def read_certificates(
 
 def _certificate_store(front: Front, survey_id: str) -> tuple[JobRow, pathlib.Path]:
     job, store = front.job_and_store(survey_id)
-    if not job.is_readable or not job.request.get("certify"):
+    if not job.is_readable:
+        raise ConflictError(UNREADABLE)
+    if not job.request.get("certify"):
         raise MissingError(
             f"Survey {survey_id} was submitted without certify. Submit it again with certify, or prove it with the "
             "command rattle certify."

@@ -53,7 +53,7 @@ class PopulationList(BaseModel):
 
 
 class EstimateDocument(BaseModel):
-    """The estimated seconds from the moment when a population runs until it ends, with this number of workers."""
+    """An estimate of the seconds that a population takes from its start to its end, with this number of workers."""
 
     seconds: float
     workers: int
@@ -135,7 +135,7 @@ def answers_document(found: Population) -> Answers:
 
 
 def _sobol_indices_of(found: Population, of: str) -> dict[str, IndexDocument] | None:
-    """Return the Sobol indices of each number that varies, for the result `of` ("quiet" or "energy"), if possible."""
+    """Return each varying number's Sobol indices for `of` ("quiet" or "energy"); None if they cannot be computed."""
     try:
         indices = found.indices(of)
     except RattleError:  # no indices can be computed, for example because the gears differ too little

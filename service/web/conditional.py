@@ -36,7 +36,7 @@ KEPT_BY_304 = frozenset({"etag", "cache-control", "last-modified", "expires", "v
 
 
 class AnyTagMiddleware:
-    """Answers `If-None-Match: *` with 304 if the full answer would have an ETag, because then the resource exists."""
+    """Middleware that answers `If-None-Match: *` with 304 if the resource exists: its full answer has an ETag."""
 
     def __init__(self, app: ASGIApp) -> None:
         self.app = app

@@ -6,7 +6,10 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 
 class HeadMiddleware:
-    """Lets the routes for GET answer HEAD requests. Event streams and other endless answers end after the header."""
+    """ASGI middleware that answers HEAD requests with the routes for GET.
+
+    Event streams and other endless answers end after the header.
+    """
 
     def __init__(self, app: ASGIApp) -> None:
         self.app = app

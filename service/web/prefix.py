@@ -28,7 +28,9 @@ def route_path(scope: Scope) -> str:
 
 
 class PrefixMiddleware:
-    """Sets ``root_path`` and ``scheme`` of each request. The proxy may leave the prefix in the path or remove it.
+    """ASGI middleware that sets ``root_path`` and ``scheme`` of each request.
+
+    A proxy in front may leave the prefix in the path or remove it.
 
     Parameters
     ----------

@@ -228,7 +228,7 @@ def _on_unknown_error(request: Request, error: Exception) -> Response:  # noqa: 
 
 
 class ProblemMiddleware:
-    """Replaces plain-text errors of libraries (413, 416) by problem documents; unexpected exceptions get status 500.
+    """Middleware that answers plain-text errors of libraries (413, 416) and exceptions (500) with problem documents.
 
     A request with an unexpected exception is logged and counted like any other, and the exception is also logged.
     """

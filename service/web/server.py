@@ -166,7 +166,10 @@ def _end_with_signals(app: FastAPI) -> None:
 
 
 def _kill_all() -> None:
-    """Kill this process and its children. Nothing is lost: tiles are written whole, and the database has committed."""
+    """Kill this process and its children, except the resource tracker.
+
+    Nothing is lost: tiles are written whole, and the database has committed.
+    """
     log.warning("the service is still busy %g s after the signal: it is killed now", STOP_SECONDS)
     for child in psutil.Process().children(recursive=True):
         with suppress(psutil.Error):

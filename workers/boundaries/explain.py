@@ -157,7 +157,7 @@ class _CurveSearch:
         return (float(delta[0]), float(delta[-1])), (float(epsilon[0]), float(epsilon[-1]))
 
     def run(self) -> Iterator[tuple[int, str]]:
-        """Compute curves for all pairs. Yield, for each difference that none explains, its pair's number and why."""
+        """Compute curves for all pairs. Yield (pair number, reason) for each difference that no curve explains."""
         for n in range(len(self.pairs)):
             if self.pairs.region[n] and not self.is_region_explained()[n]:
                 for orbit, target in self._period_one_changes(n):
@@ -203,12 +203,13 @@ class _CurveSearch:
         return left + chaos if left or len(chaos) == len(changed) else []
 
     def _explain_label(self, n: int, label: Label) -> str | None:
-        """Find a curve that explains why the cells of the n-th pair differ in a label.
+        """Look for a curve that explains why the cells of the n-th pair differ in a label.
 
         Returns
         -------
         str | None
-            None if a curve explains it; otherwise the reason why none does.
+            None if such a curve is found. Otherwise the cause of the difference in words, such as "quiet limit", or
+            the reason why no curve is found.
         """
         if label == QUIET_LABEL:
             return (
@@ -236,8 +237,8 @@ class _CurveSearch:
         Returns
         -------
         tuple[np.ndarray, np.ndarray, CellAttractor]
-            The cell with more attractors of this label; the other cell; and that attractor of the label in the first
-            cell which has the least basin fraction.
+            The cell with more attractors of this label; the other cell; and the attractor of this label in the first
+            cell with the least basin fraction.
         """
         ends = self.pairs.first[n], self.pairs.second[n]
         having = [[found for found in self.grid.attractors(cell) if found.label == label] for cell in ends]

@@ -167,7 +167,7 @@ def _block_interrupts() -> Iterator[None]:
 
 
 class _WorkerProcesses:
-    """Keeps the process alive that starts the nannies and workers: if it is killed, another one is started.
+    """The process that starts the nannies and workers. If it ends after start-up, another process replaces it.
 
     Parameters
     ----------

@@ -1,6 +1,6 @@
-"""Compute a tile that killed its workers, or did not end, cell by cell in a process of its own.
+"""Compute a tile that killed its workers, or did not end, cell by cell in a separate process.
 
-So a cell that kills this process, or takes too long, fails alone; all other cells of the tile are computed.
+A cell that kills this process, or takes too long, fails alone; all other cells of the tile are computed.
 """
 
 import os
@@ -28,7 +28,8 @@ _START = f"from {__name__} import serve_cells; serve_cells()"
 def compute_tile_isolated(request: AnyRequest, tile: AnyTile, memory: int | None) -> tuple[TileArrays, TileRecord]:
     """Compute a tile in a process that may be killed; values are equal to the bit to those of `compute_tile`.
 
-    A cell that kills the process ATTEMPTS times, or needs more than CELL_SECONDS, fails: it has status 3 and a message.
+    A cell that kills the process ATTEMPTS times, or needs more than CELL_SECONDS of processor time, fails: it gets
+    status 3 and a message.
 
     Parameters
     ----------

@@ -29,7 +29,7 @@ class _TaskAttempt:
 
 
 class CompletionTasks(SubmittedTasks[_TaskAttempt, Any]):
-    """Runs the tasks that complete a survey on a cluster. `complete` calls the method `run_for_each`."""
+    """The tasks that complete a survey, run on a cluster. `complete` calls the method `run_for_each`."""
 
     def __init__(self, client: Client, should_stop: Callable[[], bool]) -> None:
         """Store the client. should_stop: returns whether to stop; it is called several times a second."""

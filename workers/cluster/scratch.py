@@ -48,7 +48,10 @@ def _remove_abandoned_directories(root: str) -> None:
 
 
 def _remove_unless_locked(path: str) -> None:
-    """Remove the directory at `path` if it is of this account and its owner, who locks the file HELD, has ended."""
+    """Remove the directory at `path` if it belongs to this account. Raises OSError if a running process uses it.
+
+    A process locks the file HELD of a directory while it uses the directory.
+    """
     if os.lstat(path).st_uid != os.getuid():
         return
     file = os.open(os.path.join(path, HELD), os.O_RDWR | os.O_NOFOLLOW)

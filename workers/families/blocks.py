@@ -33,7 +33,7 @@ SLOTS_OF_BLOCK = 1 << 19
 
 @dataclass(frozen=True)
 class Block:
-    """A rectangle of cells that one task joins, and that is a chunk of the array of family numbers.
+    """A rectangle of cells whose attractors one task joins to families; a chunk of the array of family numbers.
 
     row, column: the position of the block among all blocks. cells: the ranges of its rows and columns of cells. side:
     the number of cells along a side of a block; blocks at the ends of the axes may be smaller. along: the index of
@@ -72,9 +72,9 @@ def blocks_of(request: SurveyRequest, along: Along = ()) -> list[Block]:
 
 
 def extend_by_rim(cells: Rectangle, shape: tuple[int, int], before: int = 1) -> Rectangle:
-    """Extend a rectangle by one cell on each side, but not beyond a grid of this shape.
+    """Extend a rectangle by a rim one cell wide, but not beyond a grid of this shape.
 
-    before: 1 to extend it on all sides, 0 to extend it only after its last row and column.
+    before: 1 for a rim on all sides, 0 for a rim only after the last row and column.
 
     Returns
     -------

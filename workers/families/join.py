@@ -93,7 +93,10 @@ def join_survey(
 
 
 class _Join:
-    """Joins the attractors of one slice to families. Of each block only a summary and the border are in memory."""
+    """Computation that joins the attractors of one slice to families.
+
+    It keeps only a summary and the border of each block in memory.
+    """
 
     def __init__(self, survey: SurveyRequest, place: Place, each: RunForEach, at_once: int, along: Along) -> None:
         self.along, self._survey, self._request = along, survey, survey.slice_request(along)

@@ -86,7 +86,7 @@ class BlockSummary(NamedTuple):
     """Summary of the components (connected parts of families) in a block.
 
     sums: properties that are added to those of other blocks. edges: the edges of the components (see
-    `ComponentEdges`). pairs (k, 2): the numbers of each two components that slots of the same cell list.
+    `ComponentEdges`). pairs (k, 2): in each row the numbers of two components that are in slots of the same cell.
     """
 
     sums: Sums

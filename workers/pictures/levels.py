@@ -180,7 +180,7 @@ def reduce_map(dataset: xr.Dataset, variable: str, index: int, room: Pair, opene
 
 
 def level_opener(opened: Callable[[str], xr.Dataset], number: int | None, has_levels: bool) -> OpenGroup:
-    """Return a function that opens a pyramid level by its path, and returns None if there is no such level.
+    """Return a function of a path, which opens the pyramid level there or returns None if there is none.
 
     number: the number of the slice, None without a third axis. has_levels: whether the store has pyramid levels.
 
@@ -218,7 +218,10 @@ def _reduced_status(states: reduce.LevelCodes) -> np.ndarray:
 
 
 def _covered_cells(size: int, cells: int, at: slice) -> np.ndarray:
-    """Return how many of the map's `size` cells along an axis each of a level's cells `at` covers: `cells` or fewer."""
+    """Return the number of map cells along an axis that each of the cells `at` of a level covers.
+
+    size: the number of map cells along the axis. A level cell covers `cells` of them, the last one perhaps fewer.
+    """
     begins = np.arange(0, size, cells)[at]
     found: np.ndarray = np.minimum(size - begins, cells)
     return found

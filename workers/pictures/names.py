@@ -1,4 +1,4 @@
-"""Places of names beside marks on a screen, where no name covers a mark or another name."""
+"""Placement of names beside marks on a screen, such that no name covers a mark or another name."""
 
 from __future__ import annotations
 
@@ -118,5 +118,5 @@ def _leader_points(mark: Array, end: tuple[float, float] | None) -> Array:
 
 
 def _is_leader_in_box(leader: Array, box: Box) -> bool:
-    """Return whether a point of a leader (k, 2) lies inside a box."""
+    """Return whether a point of a leader line (k, 2) lies inside a box."""
     return bool(np.any(np.all((leader > box[:2]) & (leader < box[2:]), axis=1)))

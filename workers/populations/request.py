@@ -115,7 +115,7 @@ class PopulationRequest(StrictRecord):
 
     @property
     def shape(self) -> tuple[int]:
-        """Number of rows (gears) of the population's store, including the additional gears for Sobol indices."""
+        """Shape of the population's store: its number of rows (gears), with the additional gears for Sobol indices."""
         return (self.plan.rows,)
 
     @cached_property
@@ -131,7 +131,7 @@ class PopulationRequest(StrictRecord):
 
     @property
     def n_cells(self) -> int:
-        """Number of rows (gears). It has the name that a survey's number of cells has."""
+        """Number of rows (gears). A survey request has a property of the same name for its cells."""
         return self.plan.rows
 
     @property
@@ -151,7 +151,7 @@ class PopulationRequest(StrictRecord):
 
     @property
     def samples(self) -> int:
-        """The largest possible number of samples of all gears, with the additional ones of gears tested for passing."""
+        """The largest possible number of samples, including the additional samples of gears tested for passing."""
         judging = self.plan.sample_counts[-1] if self.share is not None else 0
         return self.n_cells * self.count + self.plan.n_judged * judging
 

@@ -23,7 +23,7 @@ from rattle.populations import Gears, compute_gears
 
 @dataclass(frozen=True)
 class GearTile:
-    """A range of rows of a population (each row is a gear), which is one chunk of every variable.
+    """A tile of a population: a range of rows (each row is a gear). It is one chunk of every variable.
 
     index: the number of the tile. gear: the range of its rows.
     """

@@ -101,7 +101,7 @@ class Bucket:
             return bytes(found.bytes()), found.meta["e_tag"] or '""'
 
     def keys(self, prefix: str = "") -> Iterator[str]:
-        """Yield every key that begins with a prefix."""
+        """Yield every key below a prefix of whole path segments, such as "a/b"; by default all keys."""
         import obstore
 
         for batch in obstore.list(self.objects, prefix or None):
@@ -196,6 +196,8 @@ class Bucket:
     @contextmanager
     def lock_for_writing(self) -> Iterator[None]:
         """Lock the store for one run, by an object that names the run.
+
+        A store that was opened with `owned` is not locked, because no other process writes to it.
 
         Raises
         ------

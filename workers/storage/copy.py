@@ -70,7 +70,7 @@ def copy_store(
 ) -> CopyResult:
     """Copy a survey or population, finished or not, to a directory, a bucket, a zip file or an Icechunk repository.
 
-    The same call continues an interrupted copy, and keeps whole files that the target already has. The root is written
+    The same call continues an interrupted copy, and keeps undamaged files of the target. The root is written
     last; until then the copy is not a store. A zip file appears only when it is complete. A repository has the whole
     copy as one commit on its branch main, without the manifest, so that it can be read but not copied back.
 

@@ -1,4 +1,4 @@
-"""Export a survey to a file for other programs, some rows of cells at a time, so that it takes little memory."""
+"""Export a survey to a file for other programs, some rows of cells at a time, to save memory."""
 
 import tempfile
 from collections.abc import Hashable, Iterator, Mapping, Sequence
@@ -78,7 +78,7 @@ def _read_bands(values: xr.DataArray, rows: int) -> None:
 
 
 def table_names(dataset: xr.Dataset, form: RowForm = RowForm.CELLS) -> list[str]:
-    """Return the variables that become columns of a table. Raises SurveyError if the survey has none for this form."""
+    """Return the names of the variables that become columns. Raises SurveyError if there are none for this form."""
     own = OWN_ROWS.get(form, (None,))[0]
 
     def is_column(dims: tuple[Hashable, ...]) -> bool:

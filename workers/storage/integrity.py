@@ -39,9 +39,9 @@ TileFindings = tuple[set[int], dict[int, tuple[str, ...]]]
 class Integrity:
     """Result of checking every file of a store.
 
-    If this version cannot read the store's manifest, the chunks were decoded instead, which finds damaged chunks by
-    the checksum at their end. Then `tiles` is 0, `done` and `damaged` are empty, and `template` has the keys of all
-    lost or damaged files.
+    If this version cannot read the store's manifest, the chunks were decoded instead. Decoding finds damaged chunks
+    by the checksum at their end. In this case `tiles` is 0, `done` and `damaged` are empty, and `template` has the keys
+    of all lost or damaged files.
     """
 
     done: frozenset[int]  # indices of the tiles that are computed and whole

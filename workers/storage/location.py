@@ -59,7 +59,7 @@ class Directory:
         return nullcontext()
 
     def build(self, template: Mapping[str, bytes]) -> None:
-        """Create the store under a temporary name beside its path, and rename it."""
+        """Create the store under a temporary name, and rename it. A store that another run creates there is kept."""
         self.path.parent.mkdir(parents=True, exist_ok=True)
         sibling = self.path.with_name(f".{self.path.name}.{uuid4().hex}")
         try:
@@ -95,6 +95,8 @@ class Directory:
     @contextmanager
     def lock_for_writing(self) -> Iterator[None]:
         """Lock the store for one run; the system releases the lock even if the process is killed.
+
+        On a file system without locks, this method does not keep a second run out.
 
         Raises
         ------

@@ -109,7 +109,7 @@ def require_manifest(place: Place) -> Manifest:
 
 
 def require_store(place: Place) -> None:
-    """Raise StorageError if nothing is at a store's place. Its disk may come back, so it does not count as damaged."""
+    """Raise StorageError if a store is gone. Its disk may come back, so the store does not count as damaged."""
     if not place.is_occupied():
         raise StorageError(
             f"{place} is gone: it was moved or deleted, or its disk is not mounted. Bring it back, or compute it again"
@@ -126,7 +126,7 @@ def unchecked_attributes(place: Place) -> dict[str, Any]:
 
 
 def whole_root(place: Place, manifest: Manifest) -> bytes | None:
-    """Return the content of a store's root, or None if the root is lost or damaged."""
+    """Return the content of a store's root file zarr.json, or None if this file is lost or damaged."""
     content = read_file(place, ROOT)
     return content if content is not None and digest(content) in manifest.root else None
 
@@ -216,7 +216,7 @@ def set_attributes(place: Place, attributes: Mapping[str, Any]) -> None:
 
 
 def replace_attributes(root: bytes, attributes: Mapping[str, Any]) -> bytes:
-    """Return the content of a store's root with `attributes` in place of its own attributes."""
+    """Return the content of a store's root file zarr.json with `attributes` in place of its own attributes."""
     kept: dict[str, Buffer] = {ROOT: cpu.Buffer.from_bytes(root)}
     with zarr.config.set(COMPACT):
         zarr.open_group(MemoryStore(kept), mode="r+").attrs.put(dict(attributes))

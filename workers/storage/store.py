@@ -295,7 +295,7 @@ def _chunk_keys(request: AnyRequest, tile: AnyTile) -> dict[str, str]:
 def finish_store(where: str | Path | Place) -> None:
     """Finish a survey or population whose tiles are all computed: remove partial files, write the date of completion.
 
-    In a refined survey that need not meet a bound on its wrong share, this also counts the audited cells. The call may
+    In a refined survey without a bound on its share of wrong cells, the audited cells are also counted. The call may
     be repeated.
 
     Raises

@@ -46,7 +46,7 @@ def require_visible(what: str, text: str, besides: str = "") -> str:
     Raises
     ------
     ValueError
-        The text has invisible characters, such as controls of its direction.
+        The text has invisible characters, such as marks that change the direction of writing.
     """
     for each in text:
         if not (each.isprintable() or each in besides or unicodedata.category(each) == "Zs"):

@@ -84,7 +84,7 @@ class Manifest:
         return self.grid[0] * self.grid[1]
 
     def chunk_keys(self, index: int) -> dict[str, str]:
-        """Return {variable: key of its chunk} for the tile with an index."""
+        """Return {variable: key of its chunk} for the tile with this index."""
         row, column = divmod(index, self.grid[1])
         return {name: chunk_key(key, row, column, self.rows) for name, key in self.chunks.items()}
 

@@ -37,8 +37,9 @@ class MissingCurve(NamedTuple):
 class CurveVariable:
     """A stored variable of a curve, of the codimension-two points or of the families of a survey.
 
-    These objects have a group each in the store. values: the function that returns the variable's values for such an
-    object. For a `MissingCurve` the stored variable is empty.
+    In the store each curve has a group of its own, and so have the codimension-two points and the families. values: a
+    function of the curve, the points or the families that returns the variable's values. The variables of a
+    `MissingCurve` are empty.
     """
 
     name: str

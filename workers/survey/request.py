@@ -512,7 +512,7 @@ class SurveyRequest(_ModelFields):
 
     @property
     def tile_grid(self) -> tuple[int, int]:
-        """Numbers of tiles along (epsilon, delta). The rows of all slices are counted, one slice after the other."""
+        """Numbers of tiles along (epsilon, delta); the rows of tiles of all slices are counted together."""
         rows, columns = (-(-num // size) for num, size in zip(self.shape, self.tile_shape, strict=True))
         return rows * self.n_slices, columns
 

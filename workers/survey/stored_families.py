@@ -170,8 +170,8 @@ def complete_sources(source: np.ndarray) -> np.ndarray:
     """Complete a rearrangement of the slots of each cell, so that every slot is the source of exactly one slot.
 
     source (slots, m, n): for each slot of a cell its source, which is the slot whose content moves into it, or −1 for
-    none. The slots that are the source of no slot are empty. They become, in ascending order, the sources of the slots
-    with −1, which so become empty.
+    none. A slot that is the source of no slot is empty. In ascending order, the empty slots become the sources of the
+    slots with −1.
 
     Returns
     -------

@@ -218,8 +218,8 @@ def recompute_phases(b, groups):
 def prepare_flights(b, groups, is_queue_empty):
     """Recompute the sines and cosines of the phases, and return the number of groups in use.
 
-    is_queue_empty: whether no further trajectory is to be put on a lane. If so, the trajectories are first moved to the
-    first lanes.
+    is_queue_empty: whether no further trajectory waits for a lane. If so, the trajectories on lanes are first moved to
+    the first lanes.
 
     Returns
     -------
@@ -234,7 +234,7 @@ def prepare_flights(b, groups, is_queue_empty):
 
 @inline
 def force_kind(b, groups):
-    """Return how much the contact force varies on the lanes in use: it decides the stages that the lanes need.
+    """Return the kind of the contact force on the lanes in use; the kind decides which stages the lanes need.
 
     Returns
     -------

@@ -256,7 +256,7 @@ def stop_completing_chatters(b, groups):
 
 @kernel
 def search_lane(b, i, paths):
-    """Compute the flight and the tangent of lane i by `safe_impact`.
+    """Move lane i, with its tangent vector, to its next impact, as `safe_impact` finds it.
 
     A lane that is in lasting contact, or whose flight has no impact, is stopped instead.
     """

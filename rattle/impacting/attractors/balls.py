@@ -132,7 +132,7 @@ def stop_lost_lanes(b, group, most):
 
 @inline
 def meets_capture_conditions(b, work, lane, i, centres):
-    """Return whether the motion of a lane meets the conditions under which a capture region may have this size.
+    """Return whether the motion of a lane permits the tried size of capture region i; the motion starts on its edge.
 
     Returns
     -------

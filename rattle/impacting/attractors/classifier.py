@@ -81,7 +81,7 @@ def quiet_invariant(parameters: Parameters) -> float:
 
 
 class ImpactingClassifier(Classifier):
-    """Classify the samples of a block of cells of the impacting gear."""
+    """Classifier of the samples of a block of cells of the impacting gear."""
 
     def __init__(self, cells: Any, tau: NDArray[np.float64], v: NDArray[np.float64], budget: int = BUDGET) -> None:
         """Prepare to classify the samples (tau, v), each (n_cells, count), of these cells.

@@ -59,12 +59,12 @@ class Branch(FollowedBranch):
 
     @property
     def times(self) -> Array:
-        """Return the times at which the motions meet the walls (k, n), in forcing periods, the first in [0, 1)."""
+        """The times (k, n) at which the motions meet the walls, in forcing periods, the first in [0, 1)."""
         return self.unknowns[:, : self.itinerary.n]
 
     @property
     def departures(self) -> Array:
-        """Return the times at which the motions leave the walls (k, n), which are the times of the impacts."""
+        """The times (k, n) at which the motions leave the walls; these are also the times of the impacts."""
         return self.times
 
     @property

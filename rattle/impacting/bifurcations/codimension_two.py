@@ -179,6 +179,7 @@ def _tangency(curves: dict[str, int], delta: float, epsilon: float, beta: float)
 
     curves: for each name the side of the point on which the curve exists, −1 for smaller and +1 for larger δ. A pair is
     compared on the side of its second curve; if the first curve does not exist there, its virtual continuation is used.
+    The pair of G1 and G2, and pairs that cannot be computed, are left out.
     The distances in δ are at most 1 % of the point's damping: farther away, curves that touch look like curves that
     cross.
 

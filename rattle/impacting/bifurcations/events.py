@@ -104,7 +104,7 @@ class Event:
 
     @property
     def multipliers(self) -> NDArray[np.complex128]:
-        """Return both Floquet multipliers (2,); at a graze, those of the motion that misses the wall."""
+        """Both Floquet multipliers (2,); at a graze, those of the motion that misses the wall."""
         return smooth_multipliers(self.itinerary, self.unknowns, self.impact)
 
 

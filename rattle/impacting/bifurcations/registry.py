@@ -145,7 +145,7 @@ NAMES = (*CURVES, QUIET_LIMIT)
 
 
 def describe(name: str) -> str:
-    """Describe a curve: its event, its orbits, and the source. Raises ParameterError on an unknown name."""
+    """Return a description of a curve: its event, its orbits, and the source. Raises ParameterError."""
     require_one_of("name", name, NAMES)
     if name == QUIET_LIMIT:
         return f"{QUIET_MEANING} ({PAPER}, section 3.1, has no formula)"

@@ -43,7 +43,7 @@ class StartFamily(NamedTuple):
 
 
 def family_members(sigma: Array, delta: float, beta: float) -> StartFamily:
-    """Return the P(1,1,1) motions at one damping with these rising values of σ (`StartFamily`)."""
+    """Return the P(1,1,1) motions at one damping. sigma (k,): their rising values of σ, see `StartFamily`."""
     closed = np.array([closed_form.closure_numerators(each, delta, beta) for each in sigma]).reshape(-1, 5)
     x, y = closed[:, 0] / closed[:, 4], closed[:, 1] / closed[:, 4]
     tau = np.arctan2(y, x) / (2 * np.pi)
@@ -63,7 +63,7 @@ def two_impact_family(delta: float, beta: float) -> StartFamily:
 def zeros(
     values: Callable[[StartFamily], Array], coarse: StartFamily, members_at: Callable[[Array], StartFamily]
 ) -> list[Array]:
-    """Find the zeros of a function along a family of motions, close enough to start Newton's method.
+    """Find the roots of a function along a family of motions, close enough to start Newton's method.
 
     Parameters
     ----------
@@ -77,7 +77,7 @@ def zeros(
     Returns
     -------
     list of ndarray
-        Unknowns at the zeros, in the order of σ.
+        Unknowns at the roots, in the order of σ.
     """
     at, found = values(coarse), []
     for i in np.flatnonzero(at[:-1] * at[1:] < 0):
@@ -96,7 +96,7 @@ def zeros(
 
 
 def _zeros_of(values: Callable[[StartFamily], Array], delta: float, beta: float) -> list[Array]:
-    """Return the unknowns at the zeros of a function along the P(1,1,1) motions at one damping."""
+    """Return the unknowns at the roots of a function along the P(1,1,1) motions at one damping."""
     return zeros(values, two_impact_family(delta, beta), lambda sigma: family_members(sigma, delta, beta))
 
 

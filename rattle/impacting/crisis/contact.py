@@ -64,7 +64,7 @@ class Crisis:
 
     @property
     def gap(self) -> float:
-        """ε − SN1, where SN1 is the ε of the saddle-node SN1 at this damping by its formula."""
+        """The crisis's ε minus the ε of the saddle-node SN1 at this damping, by the formula of SN1."""
         return self.epsilon - float(sn1_formula(self.delta))
 
 

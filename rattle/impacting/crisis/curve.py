@@ -188,7 +188,7 @@ def _follow_up(start: Crisis, top: float, end: float) -> tuple[list[Crisis], str
     Returns
     -------
     tuple[list[Crisis], str]
-        The points by rising δ, and the reason why they end before `top`; if they reach `top`, the reason is of no use.
+        The points by rising δ, and the reason why they end before `top`; ignore the reason if they reach `top`.
     """
     known, last = [start], CLOSEST * start.epsilon
     while known[-1].gap > last and known[-1].delta <= top:

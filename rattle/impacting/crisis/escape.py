@@ -187,7 +187,10 @@ def saddle_at(delta: float, epsilon: float, beta: float) -> Saddles:
 
 
 def chaotic_share(delta: float, epsilon: float, beta: float, transient: int = TRANSIENT_IMPACTS) -> float:
-    """Follow CHAOS_SAMPLES samples of W^u(A); return the share of them that are chaotic after `transient` impacts."""
+    """Return the share of CHAOS_SAMPLES samples of W^u(A) that are chaotic after a transient.
+
+    transient: the number of impacts after those in which samples become quiet at their first return.
+    """
     a = saddle_at(delta, epsilon, beta)
     found = FollowedManifold(a, CHAOS_SAMPLES, a.impacts_until_quiet_at_first_return + transient)
     left = found.samples.status == Outcome.UNRESOLVED

@@ -56,7 +56,7 @@ def end_of_curve(beta: float) -> float:
 def _gaps_to_try(delta: float, beta: float) -> Array:
     """Return the values of ε − SN1 to try, rising by 4 % each, at which A exists.
 
-    They end at the quiet limit or, from δ = 0.3 on, at 2 SN1 if this is less.
+    They end where ε reaches the quiet limit or, from δ = 0.3 on, 3 SN1 if this is less.
 
     Returns
     -------
@@ -274,9 +274,10 @@ def boundary_crisis(delta: float, beta: float = 0.6) -> Crisis:
     """Return the boundary crisis at a damping: the contact with the largest ε in which a chaotic attractor ends.
 
     ε is accurate to 1e-10. W^u(A) is followed at values of ε − SN1 that rise by 4 % each. They end at the quiet limit,
-    above which no motion becomes quiet; from δ = 0.3 on they end at ε = 3 SN1 if this is less. W^u(A) has 40000 samples
-    per unit of ln s, where s is the position on W^u(A). If several pieces of W^u(A) touch W^s(A) in one step, the
-    contact with the least ε is taken. The paper does not compute the crisis. Source: docs/crisis.md.
+    above which no motion becomes quiet; from δ = 0.3 on they end at ε = 3 SN1 if this is less. In a step in which a
+    part of W^u(A) begins to become quiet, the contact is sought with at least 40000 samples per unit of ln s, where s
+    is the position on W^u(A). If several pieces of W^u(A) touch W^s(A) in this step, the contact with the least ε is
+    taken. The paper does not compute the crisis. Source: docs/crisis.md.
 
     Returns
     -------

@@ -37,7 +37,7 @@ class GammaPiece(NamedTuple):
 
 
 def gamma(delta: float, epsilon: float, beta: float, spacing: float, unit: float) -> tuple[GammaPiece, ...]:
-    """Return the pieces of Γ (`rattle.Gear.gamma`).
+    """Return the pieces of the grazing curve Γ, as `rattle.Gear.gamma` does.
 
     Neighbouring points of a piece are at most `spacing` apart in (τ, v/unit).
 

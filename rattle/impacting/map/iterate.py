@@ -99,10 +99,11 @@ _iterate_lanes_plain, _iterate_lanes_tangent = _build_iterate_lanes(False), _bui
 def iterate(
     delta: ArrayLike, epsilon: ArrayLike, tau: ArrayLike, v: ArrayLike, n: ArrayLike, beta: ArrayLike = 0.6
 ) -> Iterates:
-    """Return Π^n of states (τ, v), v > 0, n ≥ 0 integers, at δ > 0, ε ≥ 0, β > 0; all six broadcast.
+    """Return the states after n steps of the impact map Π from the states (τ, v).
 
-    All values are dimensionless. A trajectory that comes to rest keeps its last state and has n_plus < n. The result of
-    an element does not depend on the others.
+    All six arguments broadcast: δ > 0, ε ≥ 0, τ, v > 0, integers n ≥ 0, and β > 0. All values are dimensionless. A
+    trajectory that comes to rest keeps its last state and has n_plus < n. The result of an element does not depend on
+    the other elements.
 
     Returns
     -------

@@ -82,7 +82,7 @@ def fill_invariants(delta, epsilon, beta, largest, found):
 
 
 def capture_invariants(delta: Array, epsilon: Array, beta: Array) -> Array:
-    """Return the results of `capture_invariant` at flat arrays of parameters."""
+    """Return `capture_invariant` for each of n parameter points; delta, epsilon and beta have the shape (n,)."""
     found = np.zeros(delta.size)
     fill_invariants(delta, epsilon, beta, np.zeros(ABREAST), found)
     return found

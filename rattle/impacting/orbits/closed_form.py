@@ -94,13 +94,10 @@ def family_eccentricity(sigma, delta, beta):
 
 @kernel
 def family_residual(kind, level, sigma, delta, beta):
-    """Return one of two numbers of the P(1,1,1) whose impact on Σ⁻ comes 1/2 + σ periods after that on Σ⁺.
+    """Return ε − `level` (kind 0) or the numerator of the speed at Σ⁻ (kind 1) of a P(1,1,1).
 
-    Returns
-    -------
-    float
-        If kind is 0, the eccentricity ε of the motion minus `level`. If kind is 1, the numerator of its speed at Σ⁻,
-        which has no pole; `level` is then not used.
+    ε is the eccentricity of the P(1,1,1) whose impact on Σ⁻ comes 1/2 + σ forcing periods after its impact on Σ⁺. The
+    numerator has no pole at σ = 0, and does not depend on `level`.
     """
     if kind == 0:
         return family_eccentricity(sigma, delta, beta) - level
@@ -354,7 +351,7 @@ def grazing_point(sigma, delta, beta):
 def fill_grazing(curve, delta, beta, epsilon, phase, trace):
     """Write ε, τ and the trace of `grazing_curve` to epsilon, phase and trace (n,), which hold NaN before.
 
-    The entries of points at which the curve does not exist remain NaN.
+    curve: 0 for G1, 1 for G2. The entries of points at which the curve does not exist remain NaN.
     """
     for i in range(delta.size):
         sigma = next_grazing(EDGE, delta[i], beta[i])

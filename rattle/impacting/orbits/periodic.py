@@ -30,22 +30,22 @@ class PeriodicOrbit(Periodic):
 
     @property
     def departures(self) -> Array:
-        """Return the times at which the motion leaves the walls (n,), which are the times of the impacts."""
+        """The times (n,) at which the motion leaves the walls. They are the times of its impacts."""
         return self.times
 
     @property
     def point(self) -> Point:
-        """Return the motion's parameter point for kernels, in which the test for quiet motion is off."""
+        """The motion's parameter point for kernels, with the test for quiet motion off."""
         return Point(self.delta, self.epsilon, self.beta, 0.0)
 
     @property
     def itinerary(self) -> Itinerary:
-        """Return the itinerary of the motion: its walls in order, its forcing periods, and the half-backlash."""
+        """The itinerary of the motion: its walls in order, its forcing periods, and the half-backlash."""
         return Itinerary(self.walls, self.m, self.beta)
 
     @property
     def unknowns(self) -> Array:
-        """Return times, δ and ε (n + 2,) as the unknowns of the impact equations."""
+        """The unknowns (n + 2,) of the impact equations: the n times, δ and ε."""
         return np.append(self.times, [self.delta, self.epsilon])
 
 

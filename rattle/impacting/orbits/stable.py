@@ -140,7 +140,10 @@ def sort_by_impacts(work):
 
 @kernel
 def fill_stable(work, delta, epsilon, beta, offset, stable):
-    """Write the stable orbits at flat arrays of parameters (cells,) to `stable`, a `StableOrbits` of zeros and NaN."""
+    """Write the stable orbits at flat arrays of parameters (cells,) to `stable`, a `StableOrbits` of zeros and NaN.
+
+    work: the scratch memory. offset (cells,): ε sin 2πτ of A and C.
+    """
     for cell in range(delta.size):
         work.n_found = 0
         find_stable(work, delta[cell], epsilon[cell], beta[cell], offset[cell])

@@ -67,7 +67,7 @@ def _(
 
 
 class InelasticClassifier(Classifier):
-    """Classify the samples of a block of cells of the inelastic gear."""
+    """Classifier of the samples of a block of cells of the inelastic gear."""
 
     def __init__(
         self, cells: InelasticCells, tau: NDArray[np.float64], v: NDArray[np.float64], budget: int = BUDGET

@@ -58,7 +58,7 @@ def nearest_release(tau, zeros):
 
 @kernel
 def flight_and_impact(wall, tau, w, point):
-    """Return the tuple of `rattle.intensity.visit.bounce` for a flight and the impact at its end.
+    """Follow a flight and the impact at its end, and return the same tuple as `rattle.intensity.visit.bounce`.
 
     The flight leaves `wall` at phase tau with velocity w; w = 0 means that a contact phase ends there. If the impact
     completes a chatter, it includes the remaining bounces and the contact phase, and the speed of departure is 0.

@@ -2,9 +2,9 @@
 
     e(t) = Σ a cos 2π(k t + φ),    g(t) = δq + e''(t) + δe'(t)
 
-Here k is the order of a harmonic, a its amplitude, and φ its phase in turns. The zeros of g cut a flight into pieces on
-which Φ has at most one extremum, and contact phases end at zeros of g. These zeros are computed once for each parameter
-point, with a proof that none is missed (`isolated_zeros`).
+Here k is the order of a harmonic, a its amplitude, φ its phase in turns, and q the drift, 4π (1 + load). The zeros of g
+cut a flight into pieces on which Φ has at most one extremum, and contact phases end at zeros of g. These zeros are
+computed once for each parameter point, with a proof that none is missed (`isolated_zeros`).
 """
 
 import math

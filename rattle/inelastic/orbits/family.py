@@ -131,7 +131,7 @@ def family_turning_point(lo, hi, sign, delta, beta, r):
 
 @kernel
 def fill_family_nodes(delta, beta, r, sigma, e):
-    """Write increasing σ to `sigma` and the ε(σ) of the P(1,1,1) to `e`, both (MOST_NODES,).
+    """Write increasing σ to `sigma`, and the ε(σ) of the motions P(1,1,1) to `e`, both (MOST_NODES,).
 
     ε(σ) is monotone between neighbouring σ, except across its pole at σ = 0.
 

@@ -1,4 +1,4 @@
-"""The stiff model: elastic walls (paper 2.1, 2.2). At G1 and G2, grazes of the impacting gear, it has saddle-nodes."""
+"""The stiff model: elastic walls (paper 2.1, 2.2). Its curves G1 and G2 are saddle-nodes, not grazes."""
 
 from __future__ import annotations
 

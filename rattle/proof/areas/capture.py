@@ -98,8 +98,8 @@ def _half_duration_bound(piece: PlanePiece, share: arb, invariant: arb) -> arb:
 def _growth_coefficient(middle: arb, h: arb, delta: arb, share: arb) -> arb:
     """Return an enclosure of Q, (20.4) of docs/proofs.md, for bounces that last at most 2h in the time x of (20.2).
 
-    From the impact before a bounce to the impact after it ln(v³/g) changes by h³Q − δs (20.5). s is the duration of the
-    bounce in forcing periods, v the speed after an impact, g the contact force at the impact.
+    From the impact before a bounce to the impact after it, ln(v³/g) changes by h³Q − δs (20.5). s is the duration of
+    the bounce in forcing periods, v the speed after an impact, and g the contact force at the impact.
 
     middle: times, from a minimum of g, at which x = 0: the middle of the bounces. share: ε divided by the quiet limit.
 

@@ -18,7 +18,7 @@ DELTA_HALVINGS = 3
 
 @dataclass
 class Prover:
-    """Prove claims on blocks at one β.
+    """The prover of claims on blocks at one β.
 
     The prover keeps the cells of B and D (`two_impacts`) for further claims about the same δ interval.
     """

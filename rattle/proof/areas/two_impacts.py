@@ -358,7 +358,7 @@ class SolutionCell:
 
     @property
     def attracts(self) -> bool | None:
-        """True if both multipliers of all solutions are inside the unit circle; False if one is outside; else None."""
+        """True if all solutions attract, False if none does (one multiplier outside the unit circle), else None."""
         above, below = self.margins
         if above < 0 or below < 0:
             return False

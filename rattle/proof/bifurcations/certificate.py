@@ -21,7 +21,7 @@ class BifurcationCertificate:
     At the `known` parameters, and at values of the other parameters between the ends `solved`, a motion meets its walls
     at times within `radius` of `times`, and meets no other walls. It has the multiplier 1 (kind "SN") or −1 ("PD"), or
     the speed of one of its impacts is 0 ("GR"). This motion is a regular zero of its equations (Lemma 10 of
-    docs/proofs.md), so it is the only one near by.
+    docs/proofs.md), so no other such motion is near it.
 
     name: the curve or the codimension-two point, such as "SN1" or "COD20"; the kind alone for an event of a branch.
     motion: the walls, the forcing periods, the kind and the grazing impact of the motion.

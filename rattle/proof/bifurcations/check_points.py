@@ -316,9 +316,9 @@ def is_between_walls(piece: MotionPiece, y: Interval) -> bool:
 
 
 def stays_between_walls_during(piece: MotionPiece, low: Interval, high: Interval) -> bool:
-    """Return whether the flight `piece` is proved to be strictly between the walls between two times after its start.
+    """Return whether the flight `piece` is proved to stay strictly inside the walls from `low` to `high`.
 
-    At both times, `low` and `high`, the flight must be between the walls or on one of them.
+    low, high: times after the start of the flight, at which it must be between the walls or on one of them.
 
     Returns
     -------

@@ -172,7 +172,10 @@ def _codimension_two_condition(point: str, delta: Series, epsilon: Series, times
 
 
 def flight_series(delta: Series, epsilon: Series, t0: Series, t1: Series, distance: arb) -> FlightVelocities:
-    """Return velocities of the flight from t0 to t1 that changes Φ by `distance`: (1.7) to (1.10) of docs/proofs.md."""
+    """Return the velocities of the flight from t0 to t1 that changes Φ by `distance`, with derivatives by t0 and t1.
+
+    The equations are (1.7) to (1.10) of docs/proofs.md.
+    """
     two_pi = 2 * PI()
     swing, forcing = two_pi * epsilon, two_pi * two_pi * epsilon
     (sin0, cos0), (sin1, cos1) = (((two_pi * t).sin(), (two_pi * t).cos()) for t in (t0, t1))

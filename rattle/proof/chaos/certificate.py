@@ -67,7 +67,7 @@ class HorseshoeCertificate:
         )
 
     def document(self) -> dict[str, object]:
-        """Return the certificate as a JSON document. Each number that is no integer is text: a decimal or a ratio."""
+        """Return the certificate as a JSON document. Numbers that are not integers are text: decimals or ratios."""
         return {
             "format": FORMAT,
             "theorem": THEOREM,

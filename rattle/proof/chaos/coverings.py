@@ -42,7 +42,7 @@ EDGES = {side: SetPart(float(side), 0.0, 0.0, 1.0) for side in (-1, 1)}
 
 @dataclass(frozen=True)
 class HSet:
-    """A set in exact numbers: the states (t, v) = centre + ξ unstable + η stable with |ξ| ≤ 1 and |η| ≤ 1."""
+    """An h-set in exact numbers: the parallelogram (t, v) = centre + ξ unstable + η stable, |ξ| ≤ 1, |η| ≤ 1."""
 
     centre: Pair
     unstable: Pair

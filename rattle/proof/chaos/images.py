@@ -129,7 +129,7 @@ def largest_over_sides(sides: arb_mat, by_t0: arb, by_w0: arb) -> arb:
 
 @dataclass(frozen=True)
 class FlightBundle:
-    """The flights that leave a wall at times and with velocities middle + sides [−1, 1]²."""
+    """A set of flights from a wall: (time, velocity) at departure is in the parallelogram middle + sides [−1, 1]²."""
 
     point: ModelPoint
     middle: tuple[arb, arb]
@@ -151,7 +151,7 @@ class FlightBundle:
         return _flight_from_start(self.point, *self.hull, t)
 
     def height(self, t: arb) -> arb:
-        """Return Φ(t) − Φ(t₀) over all flights that start in the set, by the mean value theorem."""
+        """Return an enclosure of Φ(t) − Φ(t₀) over all flights that start in the set, by the mean value theorem."""
         return self._state_component(t, 0)
 
     def velocity(self, t: arb) -> arb:

@@ -84,14 +84,14 @@ class LoopCandidate(NamedTuple):
 
 
 class HorseshoeCandidate(NamedTuple):
-    """A candidate for a horseshoe: a parallelogram of states, the hub, and loops from the hub back to the hub."""
+    """A candidate for a horseshoe: the hub, a parallelogram of states, and loops that start and end at the hub."""
 
     hub: StateBox
     loops: tuple[LoopCandidate, ...]
 
 
 class OrbitSegment(NamedTuple):
-    """A motion from the hub back to the hub.
+    """A motion from the hub (a parallelogram of states) back to the hub.
 
     states: the states (L + 1, 2) at its L + 1 impacts on Σ⁺. words: the numbers (L,) of impacts on Σ⁻ between
     successive impacts on Σ⁺.

@@ -24,7 +24,7 @@ def cells_of(parameters: Parameters) -> StiffCells:
 
 
 class StiffClassifier(Classifier):
-    """Classify the samples of a block of cells of the stiff gear."""
+    """Classifier of the samples of a block of cells of the stiff gear."""
 
     model = "stiff"
     cells_of = staticmethod(cells_of)

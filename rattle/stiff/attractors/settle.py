@@ -66,7 +66,7 @@ def settle(which, cells, samples, balls):
 
 @kernel
 def measure(which, least, periods, cells, samples, balls, sums, footprints):
-    """Follow samples `which` with a tangent vector, to measure their Lyapunov exponents.
+    """Follow samples `which` with a tangent vector, to find their Lyapunov exponents.
 
     Sample which[j] is followed for at least least[j] returns and periods[j] forcing periods, or to its limit of
     returns. sums (k, BATCHES, 3) must be 0 at the start. sums[j] becomes the sums of time, ln stretch and ln|det| over

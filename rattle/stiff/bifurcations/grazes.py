@@ -64,7 +64,7 @@ def _begin_with_sigma_plus(line: MotionsOnLine, y: Array) -> tuple[MotionsOnLine
 
 
 def _remove_contact(line: MotionsOnLine, y: Array, contact: int) -> tuple[MotionsOnLine, Array]:
-    """Return the motion y without contact number `contact`."""
+    """Return the line and the unknowns of the motion y without contact number `contact`."""
     fewer = replace(line, walls=line.itinerary(y).without_impact(contact).walls)
     return fewer, np.delete(y, [contact, len(line.walls) + contact])
 
@@ -133,15 +133,15 @@ def _insert_contact(
 def _guess_with_short_contact(
     line: MotionsOnLine, y: Array, failure: FailingPiece
 ) -> tuple[MotionsOnLine, Array, Array]:
-    """Return a guess of the motion with a short contact where a flight touches a wall, and a row of equations.
+    """Return a guess of the motion with a short contact where a flight touches a wall, and a constraint for Newton.
 
-    failure: the flight that ends too early, at the touched wall. The row completes the linear system of Newton's
-    method, so that the duration of the new contact does not change.
+    failure: the flight that ends too early, at the touched wall. The constraint is a further row of the linear system
+    of Newton's method. It keeps the duration of the new contact constant.
 
     Returns
     -------
     tuple[MotionsOnLine, Array, Array]
-        The line with the new walls, the guess on it, and the row.
+        The line with the new walls, the guess on it, and the row of the constraint.
     """
     p = line.itinerary(y).softness
     duration = STARTING_DURATION * p

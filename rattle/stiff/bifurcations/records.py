@@ -39,7 +39,7 @@ class StiffEvent(NamedTuple):
 
     @property
     def after(self) -> int:
-        """The number of the branch's point after which the event comes: one less than `point` for a saddle-node."""
+        """Index of the last point of the branch before the event: one less than `point` for a saddle-node."""
         return self.point - (self.kind is Kind.SADDLE_NODE)
 
     @property

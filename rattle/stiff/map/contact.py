@@ -196,7 +196,7 @@ def time_of_extremum(lo, hi, middle, contact):
 
 @kernel
 def time_of_zero_depth(lo, hi, contact):
-    """Return the time in (lo, hi) at which the depth falls to 0, by Newton steps; there is only one."""
+    """Return the only time in (lo, hi) at which the depth falls to 0, by Halley steps inside a bracket."""
     s = 0.5 * (lo + hi)
     for k in range(1, MOST_STEPS + 1):
         x, v, h, _s, _l = contact_state(s, contact)

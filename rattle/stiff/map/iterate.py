@@ -18,8 +18,8 @@ from rattle.stiff.map.return_map import StiffPoint, step, step_tangent
 def apply_stiff_returns(tau, v, n, delta, epsilon, beta, kappa, quiet, n_plus, n_minus):
     """Replace each state (τ, v) of flat arrays by its image after n returns to Σ⁺.
 
-    A motion whose contact never ends after n_plus < n returns keeps its last state, and its entry of `quiet` is set to
-    1. n_plus and n_minus count the contacts with each wall.
+    A motion that makes only n_plus < n returns keeps its last state. Its entry of `quiet` is set to 1 if its contact
+    never ends, and to 0 if it cannot be followed. n_plus and n_minus count the contacts with each wall.
     """
     for i in range(tau.size):
         point = StiffPoint(delta[i], epsilon[i], beta[i], kappa[i])

@@ -43,9 +43,10 @@ TERMS = 16  # number of terms of the series for a contact
 
 @inline
 def free_responses(duration, loss):
-    """Return Ŝ, 1 − C and σ − Ŝ after a contact of duration σ; loss: δp, with p = 1/√(2κ).
+    """Return Ŝ, 1 − C and σ − Ŝ, the responses of the depth without a force, after a contact of duration σ.
 
-    Ŝ and C are the depths, without a force, that a unit velocity (dx/dσ) and a unit depth at the beginning lead to.
+    Ŝ is the depth that a unit velocity (dx/dσ) at the beginning leads to, and C the depth that a unit depth leads to.
+    loss: δp, with p = 1/√(2κ).
 
     Returns
     -------

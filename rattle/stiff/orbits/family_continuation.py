@@ -187,8 +187,8 @@ def family_solution_above_chord(a, b, share, cycle, y):
 def offset_from_target(y, index, level, chord, cycle, tangent):
     """Return how far a solution y is from the solution that `locate_between` seeks, as a number with a sign.
 
-    This is y[index] − level. For index −1, where a fold is sought, it is the rate of ε along the family, towards
-    `chord`. `tangent` is scratch memory.
+    The number is y[index] − level. For index −1, when a fold is sought, the number is the rate of ε along the family
+    towards `chord`. `tangent` is scratch memory.
 
     Returns
     -------

@@ -1,1 +1,1 @@
-"""Parts that all rooms of the explorer share: address, texts, figures, glyphs, job status, page session."""
+"""Modules that all parts of the explorer share: address, texts, figures, glyphs, job status, page session."""

@@ -61,7 +61,7 @@ def empty_source(columns: tuple[str, ...]) -> ColumnDataSource:
 def share_models(renderers: Sequence[Any]) -> None:
     """Give renderers one index filter and one selection policy in common.
 
-    Separate ones, which Bokeh makes by default, would be a fifth of all Bokeh models of a page.
+    Bokeh's default is a filter and a policy for each renderer, which would be a fifth of all Bokeh models of a page.
     """
     every, policy = AllIndices(), UnionRenderers()
     for renderer in renderers:
@@ -125,7 +125,7 @@ def colour_scales(values: ColumnDataSource, fine: ColumnDataSource, **bar: Any) 
 
 
 def range_arrows(ink: str) -> list[Any]:
-    """Return two arrows for the ends of the colour bar, which say that values lie below or above its range."""
+    """Return two hidden labels, which `mark_ends` turns into the arrows for values below and above the colour range."""
     style: dict[str, Any] = {"text_font_size": "11px", "text_align": "center", "text_color": ink}
     return [Label(x=0, y=0, text="", visible=False, **style) for _ in range(2)]
 

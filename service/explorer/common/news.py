@@ -41,7 +41,7 @@ log = logging.getLogger(__name__)
 
 
 class StatusPublisher:
-    """Publish job status to listeners in the event loop: soon after a listener joins, and after every change.
+    """Publisher of job status to listeners in the event loop: soon after a listener joins, and after every change.
 
     A new listener gets no status that was read before it joined, because a page chooses its default survey from the
     first status that it gets.
@@ -112,7 +112,7 @@ class StatusPublisher:
 
 
 def overall_rate(job: JobRow) -> float | None:
-    """Return the mean cells per second from a survey's start to its end; None if it has not ended or has no cells."""
+    """Return a survey's mean cells per second from start to end; None if it has not ended or computed no cells."""
     if not (job.started and job.finished and job.cells_done):
         return None
     seconds = (datetime.fromisoformat(job.finished) - datetime.fromisoformat(job.started)).total_seconds()

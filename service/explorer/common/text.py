@@ -17,7 +17,7 @@ def alert_html(message: str, kind: str = "notice") -> str:
 
 
 def faint_html(text: str) -> str:
-    """Return the HTML of a less important text."""
+    """Return the HTML of a text in faint colour, because it is less important."""
     return f'<p class="faint">{escape(text)}</p>'
 
 
@@ -68,7 +68,7 @@ class Heading(Text):
             self._write_line()
 
     def show_reason(self, html: str) -> None:
-        """Write why no map is shown (HTML), in place of the description."""
+        """Show `html`, the reason why no map is shown, in place of the description."""
         self._shown = self._progress = ""
         self.html = html
 

@@ -12,7 +12,7 @@ from gear_rattle.service.explorer.common.changes import act_in_event_loop
 
 
 class WidgetWatcher:
-    """Watches widgets for changes that a viewer makes."""
+    """Watcher that calls functions when a viewer, not the page itself, changes a widget."""
 
     def __init__(self) -> None:
         self._is_paused = False

@@ -54,7 +54,10 @@ class ExtentEnd(NamedTuple):
 
 
 class MotionExtent(NamedTuple):
-    """The range of ε in which a motion attracts. windows: number of periodic windows that a sweep of chaos passed."""
+    """The range of ε in which a motion attracts.
+
+    windows: the number of periodic windows that the sweeps passed while they followed a chaotic motion.
+    """
 
     low: ExtentEnd
     high: ExtentEnd
@@ -101,9 +104,9 @@ def motion_extent(gear: AnyGear, attractor: rattle.Attractor, within: Pair) -> M
 def add_crisis(
     gear: AnyGear, attractors: Sequence[rattle.Attractor], extents: Sequence[MotionExtent | None]
 ) -> tuple[MotionExtent | None, ...]:
-    """Return the extents. The boundary crisis at the gear's δ replaces the upper end of chaos that a sweep bracketed.
+    """Return extents with the boundary crisis at the gear's δ as the upper end of chaos, if a sweep bracketed it.
 
-    The end is not replaced if its distance from the crisis is larger than the width of its bracket.
+    An end stays if its distance from the crisis is larger than the width of its bracket.
 
     Returns
     -------

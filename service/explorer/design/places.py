@@ -1,4 +1,4 @@
-"""Places of the plane that have a name, at β = 0.6: points of codimension two, the crisis, the figures of the paper."""
+"""Bookmarks of the plane at β = 0.6: codimension-two points, the crisis, and the figures of the paper."""
 
 from __future__ import annotations
 

@@ -33,8 +33,8 @@ NOT_ALONE = "Some cells have two of its attractors: continuation through other c
 class Extent:
     """The longest row or column of adjoining cells that all have the described family.
 
-    direction: "delta" for a row, "epsilon" for a column. middle: the point (δ, ε) in its middle. half_span: half its
-    length and one cell more, in δ or ε; a diagram that extends so far on either side shows where the family ends.
+    direction: "delta" for a row, "epsilon" for a column. middle: the point (δ, ε) in its middle. half_span: half of
+    its length plus one cell, in δ or ε; a diagram that extends so far on either side shows where the family ends.
     """
 
     direction: str
@@ -108,7 +108,7 @@ def require_family(found: StoredFamilies, number: int) -> None:
 
 
 def first_family_names(found: StoredFamilies) -> list[str]:
-    """Return the names of the first MOST_LISTED families. It blocks: use a thread."""
+    """Return the names of the first MOST_LISTED families. This function blocks: use a thread."""
     with report_damage("the families"):
         return family_names(*found, MOST_LISTED)
 
@@ -199,7 +199,7 @@ def family_in_words(found: FamilyDescription, model: Model) -> str:
 
 
 def _borders_in_words(found: FamilyDescription, model: Model) -> list[str]:
-    """Return a list of one sentence: on which curves the family is born or ends, or that it has no borders."""
+    """Return one sentence, in a list, on the curves where the family is born or ends, or that it has no border."""
     edges = int(found.row["edges"])
     if not edges:
         return ["Its cells have no border with other cells."]

@@ -55,7 +55,7 @@ class FamilyData(NamedTuple):
 
 
 class FamiliesView:
-    """Show a chosen family. menu: the menu of families. panel: the description of the chosen family, below the map.
+    """The view of a chosen family. menu: the menu of families. panel: the family's description, below the map.
 
     Parameters
     ----------

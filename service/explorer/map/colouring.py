@@ -1,4 +1,7 @@
-"""Choose the colours of a map and their meanings: as in map.png, with limits and a scale that a viewer may change."""
+"""Choose the colours of a map, and their meanings.
+
+By default a map has the colours of the REST picture map.png. A viewer may change the limits and the scale.
+"""
 
 from __future__ import annotations
 
@@ -92,7 +95,10 @@ def shown_window(plane: MapPlane, window: Ranges, room: Room) -> tuple[np.ndarra
 
 
 def colouring(plane: MapPlane, block: MapBlock, limits: Limits | Pair, log: bool, room: Room = UNSEEN) -> Colouring:
-    """Return the colours of a map whose drawn cells are `block`. room: pixels of the map. It blocks: use a thread."""
+    """Return the colours of a map whose drawn cells are `block`. room: pixels of the map.
+
+    This function blocks: use a thread.
+    """
     values, variable = block.values, str(plane.plane.name)
     layers = valueless_cells(plane, block)
     reasons = np.zeros(values.shape, np.uint8)

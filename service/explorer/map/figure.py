@@ -266,11 +266,11 @@ class MapFigure:
         self._veiled.data = {"image": [mask.astype(np.uint8)], **image_position(box)}
 
     def undim_cells(self) -> None:
-        """Show dimmed cells as before."""
+        """Remove the dimming of cells."""
         glyphs.clear(self._veiled)
 
     def remove_finer_cells(self) -> None:
-        """Remove the finer cells."""
+        """Remove the finer cells of a window, so that the survey's own cells are visible there."""
         self._frame = None
         self._show_finer_cells()
 
@@ -318,7 +318,7 @@ class MapFigure:
         self._place_names()
 
     def _place_names(self) -> None:
-        """Move names of regions or families into the frame. Write names of codimension-two points that have room."""
+        """Move the names of regions or families into the frame, and name the codimension-two points that have room."""
         self._move_region_names_inside()
         if not self._corners:
             glyphs.clear(self._points)

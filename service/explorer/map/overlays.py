@@ -106,7 +106,7 @@ class MapLines:
 
 
 class KeyedLines(MapLines):
-    """Lines over the first map. panel: the key, in which a viewer chooses lines."""
+    """Lines over the first map, with a key. panel: the key, in which a viewer chooses lines."""
 
     def __init__(self, overlaid: Overlays, viewer: Viewer, store: Store, figure: MapFigure, sheet: str) -> None:
         super().__init__(viewer, figure)

@@ -163,7 +163,8 @@ class MapPlane:
             Pixels along δ and along ε.
         anywhere : bool
             True if a cell that stands for several cells shows their largest value, so that a small part of a family
-            remains visible. This needs a map with its cells in memory (`is_kept`). False for a rare code or a mean.
+            remains visible. This needs a map with its cells in memory (`is_kept`). If False, the cell shows a rare
+            code, or the mean or a rare extreme of the numbers.
 
         Returns
         -------
@@ -227,7 +228,7 @@ class MapPlane:
         return float(value[0, 0]), int(status[0, 0])
 
     def cell_at(self, delta: float, epsilon: float) -> xr.Dataset | None:
-        """Return all variables of the cell at a point; None outside of the survey. It blocks: use a thread."""
+        """Return all variables of the cell at a point; None outside of the survey. This method blocks: use a thread."""
         j, i = (_cell_index(axis, value) for axis, value in ((self.delta, delta), (self.epsilon, epsilon)))
         if j is None or i is None:
             return None
@@ -251,7 +252,7 @@ class LeveledPlane(MapPlane):
         self._opened: dict[str, xr.Dataset] = {}
 
     def update(self, job: JobRow) -> bool:  # noqa: ARG002  # a completed survey does not change
-        """Return True: a completed survey has no new tiles to read."""
+        """Return True: no tile needs to be read in advance, because cells are read when they are drawn."""
         return True
 
     def _cells_to_display(self, part: LevelPart) -> DisplayedCells:

@@ -42,7 +42,7 @@ INTERVAL = "The half-width of the 95 % interval follows ±. It is of the survey'
 class Readout:
     """Numbers of a cell beside the map. pane: a summary line, a button that unfolds the numbers, and the numbers.
 
-    While a point is open, the numbers are folded, because they are of the survey's cell and not of the point. While no
+    While a point is open, the numbers are folded, because they describe the survey's cell and not the point. While no
     point is open, the numbers show without summary and button.
     """
 

@@ -76,7 +76,7 @@ class UncomputedMaps(Protocol):
         """Maps of the example, in the form that `maps_of` returns."""
 
     def plane(self, variable: str, index: int) -> MapPlane:
-        """Return a map of the example that comes with the explorer. It blocks: use a thread.
+        """Return a map of the example that comes with the explorer. This method blocks: use a thread.
 
         index: number of the attractor or the orbit, for a variable that has a map for each.
         """
@@ -84,7 +84,7 @@ class UncomputedMaps(Protocol):
     def unfinished_map(
         self, job: JobRow, variable: str, index: int, number: int, computed: Callable[[], MapPlane]
     ) -> MapPlane:
-        """Return a closed-form map of an unfinished survey. It blocks: use a thread.
+        """Return a closed-form map of an unfinished survey. The call blocks: use a thread.
 
         Parameters
         ----------

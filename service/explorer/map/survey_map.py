@@ -95,7 +95,7 @@ class SurveyMap(ABC):
             self._count_shares()
 
     def show_nothing(self, why: str) -> None:
-        """Remove all cells, and write why no map is shown. why: HTML."""
+        """Remove all cells, and write why no map is shown. why: the reason, in HTML."""
         self.title.show_reason(why)
         self.colours = None
         self.figure.remove_cells()

@@ -18,7 +18,7 @@ MOST_KEPT = 16 << 20  # most bytes of responses in memory
 
 
 class Assets:
-    """Serve scripts and styles, fast from responses kept in memory: a page waits until it has all its files."""
+    """ASGI app that serves scripts and styles, from memory where possible: a page waits until it has all its files."""
 
     def __init__(self, load: Callable[[], Awaitable[Pages]]) -> None:
         self._load = load

@@ -18,7 +18,7 @@ DEFAULT_AXES = {"rpm": (1000.0, 3000.0), "eccentricity": (1.0, 60.0)}
 
 
 class MachineAxes:
-    """Fields of a machine, which replace the fields of δ, ε and β."""
+    """Fields of the survey form for a machine; they replace the fields of δ, ε and β."""
 
     def __init__(self, sheet: str) -> None:
         style: dict[str, Any] = {"sizing_mode": "stretch_width", "margin": (3, 4), "stylesheets": [sheet]}

@@ -138,7 +138,7 @@ class Explorer:
         return found
 
     def _on_map_drawn(self) -> None:
-        """With the setting `preload`, start the processes that compute clicked points, when the first page shows a map.
+        """Start the processes that compute clicked points when the first page shows a map, if `preload` is set.
 
         The processes are not needed without a page. Started earlier, they would slow down the first page.
         """

@@ -64,7 +64,7 @@ def open_page(shared: SharedState) -> pn.Template:
 
 
 class Page:
-    """One open page: its parts, which share a store, put into the template of the document."""
+    """One open page. Its parts share a store, and are inserted into the template of the page's document."""
 
     def __init__(self, shared: SharedState, viewer: Viewer, view: View, theme: str) -> None:
         self._shared, self._viewer = shared, viewer

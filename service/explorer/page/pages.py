@@ -50,9 +50,10 @@ NAMING = ("bokeh-session-id", "bokeh-token", "bokeh_session_id")
 
 
 class _PageHandler(Handler):
-    """Make the parts of a page in the event loop, and put them into its document when Bokeh calls `modify_document`.
+    """A Bokeh handler that makes the parts of a page and puts them into the document of the page.
 
-    Between the two steps the event loop serves other requests.
+    `on_session_created` makes the parts in the event loop, and `modify_document` puts them into the document. Between
+    the two steps the event loop serves other requests.
     """
 
     def __init__(self, open_page: Callable[[], pn.Template], title: str) -> None:

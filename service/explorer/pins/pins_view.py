@@ -51,7 +51,7 @@ class PinTable(JSComponent):
 
 
 class Pins:
-    """Show pinned points in a table, with a button that pins the open point. The store has the pinned points."""
+    """Table of the pinned points, with a button that pins the open point. The store has the pinned points."""
 
     def __init__(self, viewer: Viewer, store: Store) -> None:
         self._viewer, self._store = viewer, store

@@ -94,7 +94,7 @@ def _named_motions(results: PinResults) -> list[tuple[str, rattle.Attractor]]:
 
 
 def _largest_exponent(results: PinResults) -> str:
-    """Return the largest Lyapunov exponent of a point's periodic and chaotic attractors; a dash if there are none."""
+    """Return the largest Lyapunov exponent of the periodic and chaotic attractors as text; a dash if there are none."""
     rattling = (each.lyapunov[0] for each in results.chances.attractors if each.kind in RATTLING)
     return number_text(max(rattling, default=math.nan))
 

@@ -1,6 +1,7 @@
 """Maps that need no computed survey: the example that comes with the explorer, and closed forms of unfinished surveys.
 
-Regions and motions of period one are closed forms, also in the example. Its other variables are read from a file.
+Regions and motions of period one are closed forms, also in the example. The example's other variables are read from a
+file.
 """
 
 from __future__ import annotations
@@ -179,7 +180,10 @@ class ExactMaps:
             return self._unfinished[key]
 
     def plane(self, variable: str, index: int) -> MapPlane:
-        """Return a map of the explorer's example. It blocks: use a thread. index: number of the attractor or orbit."""
+        """Return a map of the explorer's example. The call blocks: use a thread.
+
+        index: number of the attractor or orbit, for a variable that has a map for each.
+        """
         return ExamplePlane(self._cells, self._dataset, variable, index)
 
     @cached_property

@@ -28,6 +28,6 @@ KEPT = (*MAPS, "attractor_fraction", "attractor_m", "attractor_n_plus", "attract
 
 
 def load_sampled() -> xr.Dataset:
-    """Return the variables that the file of the example holds. It blocks: use a thread."""
+    """Return the variables that are stored in the example's file. Reading blocks: use a thread."""
     with ZipStore(EXAMPLE, mode="r") as store:
         return xr.open_zarr(store, consolidated=False).load()

@@ -139,7 +139,7 @@ class BasinsPicture:
             clear(source)
 
     def mark_initial_state(self, tau: float, v: float) -> None:
-        """Draw a ring around the initial state of the motion that is shown, if this state is inside the picture."""
+        """Draw a ring around the initial state of the shown motion; remove it if this state is above the picture."""
         self._chosen.data = {"tau": [tau], "v": [v]} if v < self._v_max else {"tau": [], "v": []}
 
 

@@ -39,7 +39,7 @@ Part = tuple[Text, Callable[[], Awaitable[None]]]
 
 
 class BasinsTab:
-    """Show basins and lines in the (τ, v) plane, at the open point or at another point of its diagram.
+    """The tab with basins and lines in the (τ, v) plane, at the open point or at another point of its diagram.
 
     When the basins of another point are known, the tab of the motion shows a motion of that point too.
     """

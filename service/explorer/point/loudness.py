@@ -1,4 +1,4 @@
-"""How hard the motions of a point rattle: a table of intensities, the order spectrum of one motion, its sound."""
+"""Show how hard the motions of a point rattle: a table of intensities, the order spectrum of one motion, its sound."""
 
 from __future__ import annotations
 
@@ -89,7 +89,11 @@ def _value_with_error(value: float, error: float) -> str:
 
 
 class SpectrumPicture:
-    """Order spectrum: lines of a periodic or quiet motion, or the density of a chaotic one with its 95 % interval."""
+    """Picture of an order spectrum.
+
+    The spectrum of a periodic or quiet motion has lines. The spectrum of a chaotic motion is a density, which is drawn
+    with its 95 % interval.
+    """
 
     def __init__(self, theme: str) -> None:
         self._theme = theme

@@ -1,4 +1,4 @@
-"""Compute the parts of the view of one parameter point, by functions of a gear that other processes run."""
+"""Functions that compute the parts of the view of one parameter point. Other processes run them for a gear."""
 
 from __future__ import annotations
 
@@ -184,7 +184,10 @@ def survey_attractors(cell: xr.Dataset, starts: int) -> SampledAttractors | None
 
 
 def sampled_attractors(gear: AnyGear, count: int) -> SampledAttractors:
-    """Return the attractors that `count` samples reach; with their letters if the model has A to D in closed form."""
+    """Return the attractors that `count` samples reach, with their multipliers.
+
+    If the model has A to D in closed form, the attractors also have their letters.
+    """
     found = gear.attractors(count)
     multipliers = tuple(_multipliers_of(gear, each) for each in found)
     orbits = gear.orbits() if model_at(gear).in_closed_form else ()

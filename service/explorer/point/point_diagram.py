@@ -47,7 +47,10 @@ NAME_ROWS, ROW, LETTER, MOST_NAMES = 4, 15, 6.2, 12
 
 
 class DiagramPicture:
-    """Impact speed against the parameter: stable motions solid, unstable ones dashed, states of sweeps, and events."""
+    """Picture of a diagram: impact speed against the parameter.
+
+    Stable motions are solid lines, unstable motions dashed lines, states of sweeps dots. Events are marked.
+    """
 
     def __init__(self, theme: str, x_range: Range1d | None = None) -> None:
         axis = x_range or (0.0, 1.0)
@@ -136,7 +139,7 @@ class DiagramPicture:
         self._fit_speed_axis()
 
     def _fit_speed_axis(self) -> None:
-        """Fit the speed axis to the dense speeds or to all speeds, as chosen, with room above for event names."""
+        """Fit the speed axis to `dense_speed_range` or to all speeds, as the viewer chose, and make room for names."""
         found = self._found
         if found is None:
             return

@@ -194,7 +194,7 @@ class DiagramTab:
 
 
 class YieldPart:
-    """The fields of the tolerances, and the yield of gears with these tolerances, in the tab of the answer."""
+    """The fields of the tolerances, and the yield of gears with these tolerances, in the tab "answer"."""
 
     def __init__(self, point: OpenPoint, panel: PointPanel) -> None:
         self._point, self._panel = point, panel

@@ -34,7 +34,7 @@ COMPILING = "Kernels are being compiled, once after the service was installed or
 
 
 class PointView:
-    """Show one point (δ, ε) in a panel. Other processes compute the slow parts, until `stop` is called.
+    """The view of one point (δ, ε) in a panel. Other processes compute the slow parts, until `stop` is called.
 
     The state of the tabs is `point_state` of the store's view. Each part of the panel has a class of its own, which
     subscribes to this state and to the results of the point.
@@ -94,9 +94,10 @@ class PointView:
 
 
 class Answer:
-    """The answer and the numbers of a point: words and tables. `OpenPoint.is_ready` is set when the words are shown.
+    """The words and tables of a point's panel, which fill its answer tab and its numbers tab.
 
-    Pictures come after the words, because the service takes time to draw them, and the browser to lay them out.
+    `OpenPoint.is_ready` is set when the words are shown. Pictures come after the words, because the service takes time
+    to draw them, and the browser to lay them out.
     """
 
     def __init__(self, point: OpenPoint, panel: PointPanel, front: Front) -> None:

@@ -135,7 +135,10 @@ def point_in_words(gear: AnyGear) -> str:
 
 
 def quiet_limit_in_words(gear: AnyGear, period: str = PERIOD) -> str:
-    """Return in words the ε up to which quiet running is possible; below SN1, also the ε at which P(1,1,0) begins."""
+    """Return in words the ε up to which quiet running is possible.
+
+    Below SN1 the text also has the ε at which P(1,1,0) begins, if the model has a closed form for it.
+    """
     if gear.epsilon >= gear.quiet_limit:
         quiet = (
             f"The gear cannot run quietly here: above an eccentricity of {number_text(gear.quiet_limit)} the teeth "

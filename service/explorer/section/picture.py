@@ -17,7 +17,7 @@ VALUE_MARGIN = 0.06  # margin above and below the values, as a share of their ra
 
 
 class ProfilePicture:
-    """Figure of a map's values along the line of a diagram, drawn over the diagram's parameter."""
+    """Figure of a map's values along the line of a diagram, drawn against the diagram's parameter."""
 
     def __init__(self, theme: str, x_range: Range1d) -> None:
         self.figure: Any = themed_figure("profile", theme, "", "", HEIGHT, x_range, (0.0, 1.0))

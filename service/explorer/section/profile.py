@@ -24,8 +24,8 @@ class Profile:
     """Values (k,) of the cells along a line, NaN where a cell has no value.
 
     positions (k + 1,): where the line enters or leaves a cell, from 0 at the start of the line to 1 at its end.
-    names: the meaning of each code, empty if values are no codes. gaps: for each reason why values are missing, the
-    share of the line without values. cells_per_value: (p, q) if a value stands for p cells of the survey along δ and q
+    names: the meaning of each code; empty if the values are not codes. gaps: the share of the line without values, by
+    the reason why they are missing. cells_per_value: (p, q) if a value stands for p cells of the survey along δ and q
     along ε.
     """
 
@@ -73,7 +73,7 @@ def crossed_cells(box: Ranges, shape: tuple[int, int], ends: Ends) -> tuple[np.n
 
 
 def profile_of(plane: MapPlane, ends: Ends) -> Profile:
-    """Return the profile of a map along a line between two points (δ, ε). It blocks: use a thread."""
+    """Return the profile of a map along a line between two points (δ, ε). The call blocks: use a thread."""
     delta, epsilon = ((min(pair), max(pair)) for pair in zip(*ends, strict=True))
     block = plane.block((delta, epsilon), MOST_READ)
     shape = block.values.shape

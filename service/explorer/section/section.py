@@ -33,7 +33,7 @@ NO_END_POINT = "The end point needs a δ above 0 and an ε of at least 0."
 
 
 class ProfileSection:
-    """Show the profile of a survey along the diagram of the open point, in the panel `profile_place`."""
+    """Section for the profile of a survey along the diagram of the open point, in the panel `profile_place`."""
 
     def __init__(self, shared: SharedState, viewer: Viewer, store: Store, theme: str, sheet: str) -> None:
         self._shared, self._viewer, self._store = shared, viewer, store

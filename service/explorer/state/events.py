@@ -1,4 +1,4 @@
-"""Events that change the view of a page: actions of its viewer, and maps that the page itself has chosen or drawn."""
+"""Events that change the view of a page: a viewer's actions, and the page's own choice or drawing of a map."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class SurveyChosen:
 
 @dataclass(frozen=True)
 class VariableChosen:
-    """A variable of the survey was chosen, whose map is shown."""
+    """A variable of the survey was chosen: the page shows its map."""
 
     variable: str
 
@@ -92,7 +92,7 @@ class ShareSet:
 
 @dataclass(frozen=True)
 class FamilyChosen:
-    """A family was chosen by its number. None: the chosen family is no longer highlighted."""
+    """A family was chosen by its number, or None if the choice of a family was removed."""
 
     family: int | None
 
@@ -149,14 +149,14 @@ class TabChosen:
 
 @dataclass(frozen=True)
 class AttractorChosen:
-    """The attractor whose motion is shown was chosen by its number, from 0 by falling basin fraction."""
+    """An attractor was chosen, to show its motion. attractor: its number, from 0 by falling basin fraction."""
 
     attractor: int
 
 
 @dataclass(frozen=True)
 class InitialConditionChosen:
-    """The initial condition (τ, v) of the motion that is shown was chosen in the picture of the basins."""
+    """An initial condition (τ, v) was chosen in the picture of the basins, to show the motion that begins there."""
 
     start: Pair
 

@@ -33,7 +33,7 @@ class Listeners:
         self._listeners[listener] = frozenset(names)
 
     def unsubscribe(self, listener: Callable[[], object]) -> None:
-        """Call a listener no more."""
+        """Stop calling a listener."""
         self._listeners.pop(listener, None)
 
     def call_listeners(self, changed: set[str]) -> None:
@@ -96,7 +96,7 @@ class Store(Listeners):
 
     @property
     def whole_request(self) -> SurveyRequest | None:
-        """Request of the chosen survey, or of the example; None if the survey is not known or cannot be read."""
+        """Request of the chosen survey or the example, with all slices; None if it is not known or cannot be read."""
         if self.view.is_example:
             return self._example
         job = self.job

@@ -29,7 +29,7 @@ router = APIRouter(prefix="/v1", tags=["points"])
 
 
 def positive_query(description: str, example: float | None = None, *, zero: bool = False) -> Any:
-    """Return the type of a query parameter that must be positive; with `zero`, it may also be 0."""
+    """Return the declaration of a query parameter that must be positive; with `zero`, it may also be 0."""
     above, least = (None, 0.0) if zero else (0.0, None)
     examples = None if example is None else [example]
     return Query(gt=above, ge=least, allow_inf_nan=False, description=description, examples=examples)

@@ -199,6 +199,7 @@ def test_a_damaged_request_is_shown_as_failed_and_can_be_deleted(tmp_path: Path,
                 assert client.get(here).json()["request"] == {}
                 assert client.get("/v1/health").status_code == 200
                 assert_problem(client.post(f"{here}/verify"), 409, code="conflict")
+                assert_problem(client.get(f"{here}/certificates"), 409, "damaged", code="conflict")
                 again = client.post("/v1/surveys", json=BODY)
                 assert again.json()["id"] == whole
                 assert client.delete(here).status_code == 204

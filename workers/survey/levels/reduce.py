@@ -69,7 +69,7 @@ def reduced_numbers(values: np.ndarray, known: np.ndarray, steps: Sequence[Pair]
     """Yield for each level the mean, least, largest and share of the numbers in its cells, float32 (4, m, n).
 
     The mean is that of the finite numbers; least and largest include infinite numbers. The share is the number of
-    finite numbers, divided by the number of covered cells that count (see the top of this file). The mean is NaN in
+    finite numbers, divided by the number of covered cells that count (flag `known`). The mean is NaN in
     cells without a finite number, least and largest in cells without any number, the share where no cell counts.
 
     Yields

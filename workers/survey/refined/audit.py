@@ -59,7 +59,7 @@ def audit_attributes(counts: Sequence[Sequence[int]]) -> dict[str, int | float]:
 
 
 def share_upper_bound(wrong: int, drawn: int, confidence: float = CONFIDENCE) -> float:
-    """Return an upper bound, with this confidence, of the share of wrong cells among cells of which some were drawn.
+    """Return an upper bound, with this confidence, of the share of wrong cells, from a random sample of the cells.
 
     drawn: how many cells were drawn at random. wrong: how many of the drawn cells are wrong. The bound is the upper
     end of the one-sided interval of Clopper and Pearson, Biometrika 26 (1934) 404.

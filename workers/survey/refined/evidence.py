@@ -24,7 +24,7 @@ CHANCE_LIMIT = 1e-3
 
 
 class Evidence:
-    """The computed cells of a frame (see `Blocks`), by which leaves are divided or filled; `compute` adds cells.
+    """The computed cells of a frame (see `Blocks`). They decide which leaves are divided. `compute` adds cells.
 
     compares_attractors: whether cells are sampled, and cells with other attractors differ. compares_regions: whether
     regions are computed, and cells in other regions differ.

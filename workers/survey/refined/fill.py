@@ -97,7 +97,7 @@ class RefinedCells(Cells):
 
     @cached_property
     def _lacks_own_trajectory(self) -> np.ndarray:
-        """Flags (attractors,) of the chaotic attractors of filled cells, which have no computed trajectory."""
+        """Flags (attractors,) of attractors without a computed trajectory: the chaotic attractors of filled cells."""
         found: np.ndarray = self.is_filled.ravel()[self.table.cell] & (self.table.kind == CHAOTIC)
         return found
 
@@ -161,7 +161,7 @@ def refined_cells(whole: Cells, rows: slice, columns: slice, plan: FillingPlan) 
     order = np.flatnonzero(mine)[in_order(table.take(mine))]
 
     def without_added_edges(values: np.ndarray) -> np.ndarray:
-        """Return the values (cells of the frame,) as a plane of the cells rows × columns alone."""
+        """Return values, one for each cell of the frame, as a plane (rows, columns) without the edges of the frame."""
         return values.reshape(blocks.shape)[:height, :width]
 
     return RefinedCells(

@@ -2,9 +2,9 @@
 
 Each round audits a random sample of the filled cells. It draws the sample from cells that no earlier round has drawn,
 so the sample is independent of all earlier decisions. If the bound is not met, there is another round. That round first
-computes all cells of some leaves (squares of cells): of the leaves without chaos up to one size, and of those with
-chaos up to another, because too many audited cells in such leaves were wrong. Then it audits as many cells as the bound
-needs. The last round computes all remaining cells.
+computes all cells of the leaves (squares of cells) in which too many audited cells were wrong: the leaves without chaos
+up to one size, and the leaves with chaos up to another size. Then it audits as many cells as the bound needs. The last
+round computes all remaining cells.
 """
 
 from __future__ import annotations

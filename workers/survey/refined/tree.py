@@ -128,7 +128,7 @@ class Tree:
         return found
 
     def _audit_leaves(self, leaves: Leaves) -> np.ndarray:
-        """Compute the cells of leaves that this round audits. Return for each leaf (k,) whether it is still uniform."""
+        """Compute the cells of leaves audited in this round. Return for each leaf (k,) whether it is still uniform."""
         square = self.blocks.cells_of(leaves)
         cell = self.blocks.cell_numbers(square)
         empty = square.inside & ~self.evidence.known[cell]

@@ -47,7 +47,7 @@ class Cells:
 
     @property
     def source_level(self) -> np.ndarray:
-        """For each cell 0 if it is computed, or n if it is filled between computed cells that are 2ⁿ cells apart.
+        """Fill level of each cell: 0 if the cell is computed, n if it is filled between computed cells 2ⁿ cells apart.
 
         In this class the value is 0 everywhere, because all cells are computed.
         """
@@ -60,10 +60,10 @@ class Cells:
 
     @property
     def audit_leaf(self) -> np.ndarray:
-        """For each cell KINDS times the number of the last round in which it was to be filled, plus its leaf's kind.
+        """Code of the round and leaf of each cell: KINDS times the number of a round, plus the kind of the leaf.
 
-        A leaf is a square of cells; `refined/rounds.py` defines rounds, kinds and KINDS. In this class the code is 0
-        everywhere, because no cell is filled.
+        The round is the last one in which the cell was to be filled. A leaf is a square of cells; `refined/rounds.py`
+        defines rounds, kinds and KINDS. In this class the code is 0 everywhere, because no cell is filled.
         """
         return np.zeros(self.shape, np.int8)
 

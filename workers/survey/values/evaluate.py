@@ -108,7 +108,7 @@ def fraction_error(cells: Cells) -> np.ndarray:
 
 
 def lyapunov_max(cells: Cells) -> np.ndarray:
-    """Return the largest Lyapunov exponent of the attractors of each cell; NaN if all of them are quiet."""
+    """Return the largest Lyapunov exponent of the attractors of each cell; NaN if none of them has an exponent."""
     return _largest_of_attractors(cells, cells.attractors.first)
 
 

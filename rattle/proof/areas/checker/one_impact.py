@@ -1,6 +1,6 @@
 """A and C, the motions P(1,1,0): equations (15.1) to (15.4) of docs/proofs.md.
 
-With τ the phase of the impact, X = ε cos 2πτ, which is negative for A and positive for C, and Y = ε sin 2πτ.
+Notation: τ is the phase of the impact; X = ε cos 2πτ, which is negative for A and positive for C; Y = ε sin 2πτ.
 """
 
 from .intervals import IV, ONE, PI, ZERO, Interval, Jet, ParameterBox, is_less, midpoint, require

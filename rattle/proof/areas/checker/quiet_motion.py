@@ -126,7 +126,8 @@ class BounceBounds:
     def log_derivatives(self, t: Interval, z: Interval) -> tuple[Interval, Interval, Interval, Interval]:
         """Return enclosures of three derivatives of ln a by x; the acceleration a and the time x are those of (20.2).
 
-        (20.2) is in docs/proofs.md: a = e^(2z) g, with the contact force g. z: δ(t − t₀), where x = 0 at the time t₀.
+        (20.2) is in docs/proofs.md: a = e^(2z) g, with the contact force g. t: the time after a minimum of g.
+        z: δ(t − t₀), where x = 0 at the time t₀.
 
         Returns
         -------
