@@ -1,6 +1,6 @@
 """Bifurcation curves of the period-one motions in the (δ, ε) plane, and the codimension-two points where they meet."""
 
-from rattle.continuation.curve_continuation import QUIET_LIMIT, Curve, End
+from rattle.continuation.curve_continuation import QUIET_LIMIT, Curve, PieceEnd
 from rattle.impacting.bifurcations.codimension_two import CodimensionTwo, codimension_two
 from rattle.impacting.bifurcations.curve_tracing import bifurcation_curve, trace
 from rattle.impacting.bifurcations.registry import CURVES, NAMES, describe, name_of
@@ -11,7 +11,7 @@ __all__ = [
     "QUIET_LIMIT",
     "CodimensionTwo",
     "Curve",
-    "End",
+    "PieceEnd",
     "bifurcation_curve",
     "codimension_two",
     "describe",

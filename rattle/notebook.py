@@ -40,7 +40,7 @@ class TabularResult:
 
     def __repr__(self: DisplayedResult) -> str:
         """Return a one-line description."""
-        return line_of(self)
+        return repr_text(self)
 
     def _repr_html_(self: DisplayedResult) -> str:
         return html_of(self)
@@ -61,7 +61,7 @@ class TabularResult:
         return dataframe_of(self)
 
 
-def line_of(result: DisplayedResult) -> str:
+def repr_text(result: DisplayedResult) -> str:
     """Return the text that `repr` shows for a result."""
     return f"<{result._caption()}>"
 

@@ -55,7 +55,7 @@ class Parameter:
     machine_text, machine_absent : str
         A description of this field, and what it means to leave the field out, for options and forms.
     of_machine : callable, optional
-        Function of the value of this field and of a `rattle.machine.conversion.Reduced` that returns the parameter.
+        Function of the value of this field and of a `rattle.machine.conversion.ReducedPair` that returns the parameter.
     """
 
     name: str
@@ -93,7 +93,7 @@ class Parameter:
         return f"such as {self.example:g}"
 
     @property
-    def described(self) -> str:
+    def full_label(self) -> str:
         """The name in words with the part of the gear that has the parameter, such as "stiffness of the walls"."""
         return f"{self.label} of {self.of}" if self.of else self.label
 

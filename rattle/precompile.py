@@ -7,14 +7,14 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from rattle.attractors.chaos import pooled_exponents, write_group_numbers
+from rattle.attractors.chaos import pool_exponents, write_group_numbers
 from rattle.attractors.classify import empty_record
-from rattle.attractors.recurrence import mark_footprints, resolve
+from rattle.attractors.recurrence import mark_states_in_bitmaps, resolve
 from rattle.attractors.speeds import SampleSpec
-from rattle.families.join import joined
+from rattle.families.join import join_attractors
 from rattle.impacting.orbits.period_one import grazing
-from rattle.models import BETA, MODELS, Capability, Model, model_adding
-from rattle.numerics.compile import compile_apart
+from rattle.models import BETA, MODELS, Capability, Model, model_with_parameters
+from rattle.numerics.compile import compile_in_subprocess
 
 DELTA, EPSILON = 0.6, 0.1
 HIGHEST = 0.25  # upper end in ε of the window in which an example of a bifurcation curve is traced
@@ -46,13 +46,13 @@ def precompile(*, preload: bool = False, optional: bool = False, **added: float 
     RattleError
         If the kernels cannot be compiled; the message says why.
     """
-    model = model_adding(name for name, value in added.items() if value is not None).name
-    compile_apart(model, SURVEY, *([OPTIONAL_QUANTITIES] if optional else []))
+    model = model_with_parameters(name for name, value in added.items() if value is not None).name
+    compile_in_subprocess(model, SURVEY, *([OPTIONAL_QUANTITIES] if optional else []))
     if preload:
         survey_steps(model)["attractors"]()
 
 
-def example_of(name: str) -> Model:
+def example_model(name: str) -> Model:
     """Return the model of this name, with the example parameters at which its kernels are run to compile them."""
     return MODELS[name](BETA.example, **{each.name: each.example for each in MODELS[name].added})
 
@@ -79,10 +79,10 @@ def survey_steps(name: str) -> Steps:
         states = np.zeros((delta.size, 1)), np.full((delta.size, 1), 5.0)
         of = model.classify_states(model.parameters_at(delta, epsilon), *states)
         resolve(none, of.cells, of.samples, of.orbits, of.balls, of.grown)
-        mark_footprints(none, 1, of.cells, of.samples, seen.prints)
+        mark_states_in_bitmaps(none, 1, of.cells, of.samples, seen.prints)
         write_group_numbers(seen.prints, none, none)
         of.follow_with_tangent(none, nothing, nothing, seen)
-        pooled_exponents([seen.sums])
+        pool_exponents([seen.sums])
 
     first: Steps = {"orbits": compile_orbits} if Capability.PERIOD_ONE in model.has else {}
     return first | {"attractors": compile_attractors, "rare cases": compile_rare_cases}
@@ -94,7 +94,7 @@ def optional_quantity_steps(name: str) -> Steps:
 
     def compile_families() -> None:
         table = model.attractors_of(delta[:1], epsilon[:, None], few)
-        joined(delta[:1], epsilon, COUNT, table, model.cells(delta, epsilon))
+        join_attractors(delta[:1], epsilon, COUNT, table, model.cells(delta, epsilon))
 
     def compile_intensities() -> None:
         model.intensities_of(delta, epsilon, model.attractors_of(delta, epsilon, few))
@@ -105,6 +105,6 @@ def optional_quantity_steps(name: str) -> Steps:
 
 def _example_cells(name: str) -> tuple[Model, NDArray[np.float64], NDArray[np.float64], SampleSpec]:
     """Return the model of this name, δ (n,) and ε (n,) of the example cells, and the specification of their samples."""
-    model = example_of(name)
+    model = example_model(name)
     epsilon = np.array(model.compiled_at)
     return model, np.full(epsilon.size, DELTA), epsilon, SampleSpec(COUNT)

@@ -18,13 +18,13 @@ from starlette.responses import RedirectResponse
 import rattle
 from gear_rattle import workers
 from gear_rattle.service.access.middleware import REFERENCE_ASSETS, AccessMiddleware, caller_of
-from gear_rattle.service.access.revocation import Revocations
+from gear_rattle.service.access.revocation import RevocationWatcher
 from gear_rattle.service.explorer.page.mount import Explorer
 from gear_rattle.service.jobs.broadcast import Broadcast
 from gear_rattle.service.jobs.manager import JobManager
 from gear_rattle.service.jobs.opening import open_data
 from gear_rattle.service.jobs.recovery import clean_up_unfinished_work
-from gear_rattle.service.kernels import Kernels
+from gear_rattle.service.kernels import KernelCompiler
 from gear_rattle.service.observability.logs import adopt_handlers
 from gear_rattle.service.observability.metrics import Metrics
 from gear_rattle.service.observability.request_log import RequestLogMiddleware
@@ -38,7 +38,7 @@ from gear_rattle.service.web.documents import documents_app
 from gear_rattle.service.web.head import HeadMiddleware
 from gear_rattle.service.web.prefix import PrefixMiddleware, public_path
 from gear_rattle.service.web.queries import refuse_unknown_queries
-from rattle.numerics import leave_working_directory
+from rattle.numerics import remove_working_directory_from_path
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -129,7 +129,7 @@ def _lifespan(
 ) -> Callable[[FastAPI], AbstractAsyncContextManager[None]]:
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
-        leave_working_directory()
+        remove_working_directory_from_path()
         adopt_handlers()
         broadcast = Broadcast()
         with open_data(settings, broadcast.notify) as (directory, database):
@@ -146,8 +146,8 @@ def _lifespan(
                 picture_limiter=CapacityLimiter(1),
                 export_limiter=CapacityLimiter(1),
                 point_limiter=CapacityLimiter(settings.max_points),
-                kernels=Kernels(settings),
-                revocations=Revocations(database),
+                kernels=KernelCompiler(settings),
+                revocations=RevocationWatcher(database),
             )
             manager.start()
             app.state.overlaid = overlaid = Overlays(app.state.front)

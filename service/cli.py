@@ -46,7 +46,7 @@ FIRST_STEPS = (
 )
 
 
-class Commands(TyperGroup):
+class CommandGroup(TyperGroup):
     """The group of all commands. It replaces pydantic's messages about wrong values by this project's."""
 
     def invoke(self, ctx: typer.Context) -> Any:  # type: ignore[override]
@@ -62,7 +62,7 @@ class Commands(TyperGroup):
 
 
 app = typer.Typer(
-    cls=Commands,
+    cls=CommandGroup,
     help=f"Survey the damping-eccentricity plane of an impacting gear model.\n\n{FIRST_STEPS}",
     no_args_is_help=True,
     add_completion=False,

@@ -8,9 +8,9 @@ import rattle
 from gear_rattle.service.explorer.point import parts
 from gear_rattle.service.operations.points import curves_document, intensities, orbits_document
 from rattle.attractors import BUDGET, SampleSpec
-from rattle.families import joined
+from rattle.families import join_attractors
 from rattle.models import Capability
-from rattle.precompile import Steps, example_of
+from rattle.precompile import Steps, example_model
 
 EXAMPLE_POINT = 0.6, 0.1  # δ, ε of the computed example
 
@@ -25,19 +25,19 @@ def answer_kernel_steps(name: str) -> Steps:
     Steps
         {name of a step: function without arguments that compiles kernels by computing an example}.
     """
-    model, (delta, epsilon) = example_of(name), EXAMPLE_POINT
+    model, (delta, epsilon) = example_model(name), EXAMPLE_POINT
     gear = model.gear(delta, epsilon)
 
     def compute_attractors() -> None:
         intensities(gear, 16, None, 0, BUDGET)
         deltas, epsilons = np.array([delta]), np.array([epsilon])
         table = model.attractors_of(deltas, epsilons[:, None], SampleSpec(16))
-        joined(deltas, epsilons, 16, table, model.cells(deltas, epsilons))
+        join_attractors(deltas, epsilons, 16, table, model.cells(deltas, epsilons))
 
     crises: Steps = {"crises": lambda: rattle.crisis_side(*EXAMPLE_POINT)} if Capability.CRISIS in model.has else {}
     return {
         "closed forms": lambda: orbits_document(gear),
         "curves": lambda: curves_document(model, (0.99 * delta, delta), (0.0, 0.2)),
         "attractors of a point": compute_attractors,
-        "the view of a point": lambda: parts.warm_up(gear),
+        "the view of a point": lambda: parts.load_point_kernels(gear),
     } | crises

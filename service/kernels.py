@@ -17,7 +17,7 @@ from anyio import BrokenWorkerProcess, to_process
 from gear_rattle.service.errors import KernelsError
 from gear_rattle.service.settings import Settings
 from rattle.models import DEFAULT_MODEL
-from rattle.numerics import compile_apart, note_of
+from rattle.numerics import compile_in_subprocess, completion_note_path
 from rattle.precompile import OPTIONAL_QUANTITIES, SURVEY
 
 log = logging.getLogger(__name__)
@@ -28,10 +28,10 @@ COMPILERS = (SURVEY, OPTIONAL_QUANTITIES, "gear_rattle.service.compilation:answe
 
 def compile_kernels(model: str) -> None:
     """Compile all kernels of a model in one separate process, and wait until it has ended."""
-    compile_apart(model, *COMPILERS)
+    compile_in_subprocess(model, *COMPILERS)
 
 
-class Kernels:
+class KernelCompiler:
     """A compiler of the kernels, once for each model; requests can wait for it. It belongs to one event loop."""
 
     def __init__(self, settings: Settings) -> None:
@@ -54,7 +54,7 @@ class Kernels:
         if model in self._compiled:
             return
         loop = asyncio.get_running_loop()
-        if all(note_of(model, work).exists() for work in COMPILERS):
+        if all(completion_note_path(model, work).exists() for work in COMPILERS):
             self._compiled[model] = loop.create_future()
             self._compiled[model].set_result(None)
         else:

@@ -22,7 +22,7 @@ class AddedParameter(NamedTuple):
     machine_absent: str = ""
 
     @property
-    def described(self) -> str:
+    def full_label(self) -> str:
         """The label and, if the declaration has `of`, the thing that has the parameter: "Restitution of impacts"."""
         words = f"{self.label} of {self.of}" if self.of else self.label
         return words[0].upper() + words[1:]

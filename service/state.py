@@ -16,14 +16,14 @@ from typing import Annotated
 from anyio import CancelScope, CapacityLimiter
 from fastapi import Depends, Request
 
-from gear_rattle.service.access.revocation import Revocations
+from gear_rattle.service.access.revocation import RevocationWatcher
 from gear_rattle.service.database import Database
 from gear_rattle.service.database.tables import JobKind, JobRow, State
 from gear_rattle.service.errors import MissingError, UnavailableError
 from gear_rattle.service.jobs.broadcast import Broadcast
 from gear_rattle.service.jobs.directory import DataDirectory
 from gear_rattle.service.jobs.manager import JobManager
-from gear_rattle.service.kernels import Kernels
+from gear_rattle.service.kernels import KernelCompiler
 from gear_rattle.service.limiter import PriorityLimiter
 from gear_rattle.service.observability.metrics import Metrics
 from gear_rattle.service.settings import Settings
@@ -47,8 +47,8 @@ class Front:
     picture_limiter: CapacityLimiter
     export_limiter: CapacityLimiter
     point_limiter: CapacityLimiter
-    kernels: Kernels
-    revocations: Revocations
+    kernels: KernelCompiler
+    revocations: RevocationWatcher
     _interruptible: set[CancelScope] = field(default_factory=set)
 
     def job_and_store(self, survey_id: str, kind: JobKind = JobKind.SURVEY) -> tuple[JobRow, Path | Bucket]:

@@ -11,8 +11,8 @@ from gear_rattle.workers.completion import complete, is_incomplete
 from gear_rattle.workers.errors import ClusterLostError, StoppedError, StorageError, SurveyError
 from gear_rattle.workers.families.join import join_survey, lacks_families
 from gear_rattle.workers.families.one import open_family
-from gear_rattle.workers.in_process import is_short, run_tiles_here
-from gear_rattle.workers.kinds import AnyRequest, compile_for, compute_tile, request_of, tiles_of
+from gear_rattle.workers.in_process import run_tiles_here, takes_few_seconds
+from gear_rattle.workers.kinds import AnyRequest, compile_kernels_for_request, compute_tile, request_of, tiles_of
 from gear_rattle.workers.populations.request import PopulationRequest
 from gear_rattle.workers.run import run_survey
 from gear_rattle.workers.storage.bucket import Bucket
@@ -29,18 +29,18 @@ if TYPE_CHECKING:
     from gear_rattle.workers.cluster.cluster import connect, embedded_cluster
     from gear_rattle.workers.cluster.costs import RunState
     from gear_rattle.workers.cluster.refinement import refined_frames
-    from gear_rattle.workers.cluster.runner import complete_on, run_tiles, template_on
+    from gear_rattle.workers.cluster.runner import complete_on_cluster, compute_template_on, run_tiles
 
 #: {name: module from which it is imported at its first use}. These modules import dask's cluster, which takes a quarter
 #: of a second, and a survey in one process does not need it.
 _ON_CLUSTERS = {
     "RunState": "gear_rattle.workers.cluster.costs",
-    "complete_on": "gear_rattle.workers.cluster.runner",
+    "complete_on_cluster": "gear_rattle.workers.cluster.runner",
     "connect": "gear_rattle.workers.cluster.cluster",
     "embedded_cluster": "gear_rattle.workers.cluster.cluster",
     "refined_frames": "gear_rattle.workers.cluster.refinement",
     "run_tiles": "gear_rattle.workers.cluster.runner",
-    "template_on": "gear_rattle.workers.cluster.runner",
+    "compute_template_on": "gear_rattle.workers.cluster.runner",
 }
 
 __all__ = [
@@ -66,10 +66,11 @@ __all__ = [
     "TileRecord",
     "TileShape",
     "Window",
-    "compile_for",
+    "compile_kernels_for_request",
     "complete",
-    "complete_on",
+    "complete_on_cluster",
     "compute_part",
+    "compute_template_on",
     "compute_tile",
     "connect",
     "create_store",
@@ -77,7 +78,6 @@ __all__ = [
     "examine",
     "finish_store",
     "is_incomplete",
-    "is_short",
     "join_survey",
     "lacks_families",
     "map_quantity",
@@ -89,7 +89,7 @@ __all__ = [
     "run_survey",
     "run_tiles",
     "run_tiles_here",
-    "template_on",
+    "takes_few_seconds",
     "tiles_done",
     "tiles_of",
     "window_survey",

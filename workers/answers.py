@@ -13,7 +13,7 @@ from gear_rattle.workers.kinds import request_of
 from gear_rattle.workers.populations.request import PopulationRequest
 from gear_rattle.workers.populations.variables import gears_of
 from gear_rattle.workers.storage.location import Place, place_of
-from gear_rattle.workers.storage.manifest import manifest_of, unchecked_attributes, whole_root
+from gear_rattle.workers.storage.manifest import manifest_of, read_undamaged_root, unchecked_attributes
 from gear_rattle.workers.survey.values.evaluate import FAILED
 from rattle import Population
 
@@ -38,7 +38,7 @@ def population_of(where: str | Path | Place) -> Population:
     """
     place = place_of(where)
     manifest = manifest_of(place)
-    is_whole = manifest is None or whole_root(place, manifest) is not None  # old stores have no manifest
+    is_whole = manifest is None or read_undamaged_root(place, manifest) is not None  # old stores have no manifest
     request = _request_of(unchecked_attributes(place) if is_whole else {}, str(place))
     with report_damage(f"the gears of {place}"):
         group = zarr.open_group(place.zarr(), mode="r")

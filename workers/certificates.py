@@ -33,7 +33,7 @@ from gear_rattle.workers.survey.manifest import ROOT, digest
 from gear_rattle.workers.survey.request import SurveyRequest
 from gear_rattle.workers.survey.slices import surveyed_model, third_axis_value
 from gear_rattle.workers.survey.values.schema import CELL
-from rattle.models import Capability, Model, lacking
+from rattle.models import Capability, Model, missing_capability_error
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -86,7 +86,7 @@ def claims_of(survey: xr.Dataset) -> list[AttractorClaim]:
         raise SurveyError("the survey has no attractors: compute a survey with --quantity attractors")
     model = surveyed_model(survey)
     if Capability.PROOFS not in model.has:
-        raise SurveyError(str(lacking(Capability.PROOFS, model)))
+        raise SurveyError(str(missing_capability_error(Capability.PROOFS, model)))
     names = ("kind", "phase", "velocity", "m", "n_plus", "n_minus")
     kind, tau, v, *label = (survey[f"attractor_{name}"].transpose(*SLOT_DIMS).values for name in names)
     delta, epsilon = survey["delta"].values, survey["epsilon"].values
@@ -122,7 +122,7 @@ def certify_claims(claims: Iterable[AttractorClaim]) -> ProofResults:
     return found
 
 
-def prove_here(parts: Sequence[list[AttractorClaim]]) -> list[ProofResults]:
+def prove_in_this_process(parts: Sequence[list[AttractorClaim]]) -> list[ProofResults]:
     """Prove groups of attractors in this process. Return the results of `certify_claims` for each group."""
     return [certify_claims(part) for part in parts]
 
@@ -130,7 +130,7 @@ def prove_here(parts: Sequence[list[AttractorClaim]]) -> list[ProofResults]:
 def certify_survey(
     survey: xr.Dataset,
     out: Path,
-    prove: Callable[[Sequence[list[AttractorClaim]]], list[ProofResults]] = prove_here,
+    prove: Callable[[Sequence[list[AttractorClaim]]], list[ProofResults]] = prove_in_this_process,
     at_once: int = 1,
     on_done: Callable[[int, int], None] = lambda _done, _number: None,
     should_stop: Callable[[], bool] = lambda: False,

@@ -24,7 +24,7 @@ SLOW_BELOW = 0.3  # damping δ below which the time of a sample grows like 1/δ
 FEW_SECONDS = 3.0  # a survey is short if it takes at most this many seconds
 
 
-def is_short(request: AnyRequest, cells: int) -> bool:
+def takes_few_seconds(request: AnyRequest, cells: int) -> bool:
     """Return whether the computation of a number of cells takes at most FEW_SECONDS, by a rough estimate."""
     groups, whole = set(request.quantities), MODELS[request.model].cell_milliseconds
     if isinstance(request, PopulationRequest):

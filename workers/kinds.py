@@ -38,7 +38,7 @@ def tiles_of(request: AnyRequest) -> list[Any]:
     return found
 
 
-def compile_for(request: AnyRequest) -> None:
+def compile_kernels_for_request(request: AnyRequest) -> None:
     """Compile the kernels that the tiles of a request need, unless the cache already has these kernels."""
     if SAMPLED & set(request.quantities) or isinstance(request, PopulationRequest):
         by_request = bool(OPTIONAL.intersection(request.quantities))
@@ -60,7 +60,7 @@ def compute_tile(
     tuple[TileArrays, TileRecord]
         The arrays of the tile by variable, and its record.
     """
-    compile_for(request)
+    compile_kernels_for_request(request)
     found: tuple[TileArrays, TileRecord] = _tile_module(request).compute_tile(request, tile, outcomes)
     return found
 
@@ -78,7 +78,7 @@ def cell_outcomes(
     Iterator[CellOutcome]
         A cell's values, or the message of its failure, for each cell in order.
     """
-    compile_for(request)
+    compile_kernels_for_request(request)
     found: Iterator[CellOutcome] = _tile_module(request).cell_outcomes(request, tile, first, failing)
     return found
 
@@ -89,7 +89,7 @@ def template_of(request: AnyRequest, created: str | None = None) -> Template:
     return found
 
 
-def empty_arrays(request: AnyRequest) -> tuple[dict[str, Buffer], dict[str, zarr.Array], dict[str, str]]:
+def create_empty_arrays(request: AnyRequest) -> tuple[dict[str, Buffer], dict[str, zarr.Array], dict[str, str]]:
     """Create a store's per-cell arrays in memory, without values. Writing a tile to them encodes its chunks.
 
     Returns
@@ -97,9 +97,9 @@ def empty_arrays(request: AnyRequest) -> tuple[dict[str, Buffer], dict[str, zarr
     tuple[dict[str, Buffer], dict[str, zarr.Array], dict[str, str]]
         The files in memory by key, the arrays by variable, and the patterns of chunk keys by variable.
     """
-    found: tuple[dict[str, Buffer], dict[str, zarr.Array], dict[str, str]] = _template_module(request).empty_arrays(
+    found: tuple[dict[str, Buffer], dict[str, zarr.Array], dict[str, str]] = _template_module(
         request
-    )
+    ).create_empty_arrays(request)
     return found
 
 

@@ -16,7 +16,7 @@ from zarr.storage import MemoryStore
 from gear_rattle.workers.errors import report_damage, storage_error
 from gear_rattle.workers.storage.added import RunForEach, run_in_process
 from gear_rattle.workers.storage.location import Place, place_of
-from gear_rattle.workers.storage.store import add_to_store, has_added
+from gear_rattle.workers.storage.store import add_to_store, has_added_node
 from gear_rattle.workers.survey.levels import reduce
 from gear_rattle.workers.survey.levels.grid import GROUP, LevelBlock, level_blocks, levels_of, reduction_steps
 from gear_rattle.workers.survey.levels.template import (
@@ -35,7 +35,7 @@ from rattle.attractors import PERIODIC
 
 def lacks_levels(request: SurveyRequest, where: str | Path | Place) -> bool:
     """Return whether a survey is large enough for levels and has none. Tiles and families must be complete."""
-    return bool(levels_of(request.shape)) and not has_added(where, GROUP)
+    return bool(levels_of(request.shape)) and not has_added_node(where, GROUP)
 
 
 def make_levels(request: SurveyRequest, where: str | Path | Place, each: RunForEach = run_in_process) -> None:
@@ -114,7 +114,7 @@ def _chunks_of_levels(
         root = zarr.create_group(MemoryStore(kept), zarr_format=3)
         for number, array in enumerate(arrays):
             stored = create_level_array(root, request, level, array)
-            stored[block.selection_at_level(level)] = _stacked_maps([each[number] for each in made], beside)
+            stored[block.selection_at_level(level)] = _stack_maps([each[number] for each in made], beside)
         yield from ((key, kept[key].to_bytes()) for key in sorted(kept) if "/c/" in key)
 
 
@@ -130,7 +130,7 @@ def _reduced_arrays(
         yield from ((each,) for each in made(values, known, steps))
 
 
-def _stacked_maps(maps: Sequence[np.ndarray], lengths: tuple[int, ...]) -> np.ndarray:
+def _stack_maps(maps: Sequence[np.ndarray], lengths: tuple[int, ...]) -> np.ndarray:
     """Join the maps of a variable, for example one for each slot, to one array.
 
     maps: arrays (statistics, rows, columns), or (rows, columns) if the variable's values are codes, such as regions.

@@ -13,7 +13,7 @@ from pydantic import ValidationError
 from gear_rattle.workers.certificates import require_certifiable
 from gear_rattle.workers.completion import complete, is_incomplete
 from gear_rattle.workers.errors import SurveyError
-from gear_rattle.workers.in_process import is_short, run_tiles_here
+from gear_rattle.workers.in_process import run_tiles_here, takes_few_seconds
 from gear_rattle.workers.storage.location import Place, place_of
 from gear_rattle.workers.storage.store import create_store, finish_store, open_survey, tiles_done
 from gear_rattle.workers.survey.axes import field_and_message
@@ -114,16 +114,16 @@ def _compute_and_complete(
         if progress:
             progress(done, request.n_cells)
 
-    if cluster is None and is_short(request, request.n_cells):
+    if cluster is None and takes_few_seconds(request, request.n_cells):
         run_tiles_here(request, place, missing, on_tile, _never_stop)
         with place.lock_for_writing():
             complete(request, place)
         return
-    from gear_rattle.workers.cluster.runner import complete_on, run_tiles
+    from gear_rattle.workers.cluster.runner import complete_on_cluster, run_tiles
 
     with _open_client(cluster) as client:
         run_tiles(request, place, missing, client, on_tile, _never_stop)
-        complete_on(client, request, place, _never_stop)
+        complete_on_cluster(client, request, place, _never_stop)
 
 
 def _open_client(cluster: str | Client | int | None) -> AbstractContextManager[Client]:

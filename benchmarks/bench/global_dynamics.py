@@ -9,7 +9,7 @@ from typing import Any
 import rattle
 from bench.measure import NANO, best_of_two
 from rattle.crisis import boundary_crisis
-from rattle.impacting.orbits.periodic import period_one_saddle
+from rattle.impacting.orbits.periodic import period_one_orbit
 from rattle.orbits.manifolds import manifold
 
 DELTA, EPSILON = 0.6, 0.1
@@ -22,7 +22,7 @@ CRISIS = 0.762  # damping at which the crisis is computed
 def times() -> Iterator[tuple[str, float, str]]:
     """Yield (name, seconds, resulting rate or size) of each computation; one core, kernels compiled."""
     gear, cells = rattle.Gear(DELTA, EPSILON), SIDE * SIDE
-    saddle = period_one_saddle("A", DELTA, EPSILON)
+    saddle = period_one_orbit("A", DELTA, EPSILON)
     found: dict[str, Any] = {}
 
     def timed(name: str, work: Callable[[], Any]) -> float:

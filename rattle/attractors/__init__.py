@@ -1,6 +1,6 @@
 """Decide which attractor a state of any gear goes to; compute basins of attraction and how they intermingle."""
 
-from rattle.attractors.basins import classified
+from rattle.attractors.basins import classify_plane_states
 from rattle.attractors.classify import BUDGET, PERIODS, WATCH
 from rattle.attractors.samples import Outcome
 from rattle.attractors.speeds import (
@@ -9,7 +9,7 @@ from rattle.attractors.speeds import (
     PAPER_SPEED,
     SampleSpec,
     SpeedLimit,
-    in_paper_plane,
+    are_in_paper_plane,
     read_speed,
     sampled_speed,
     sampled_speeds,
@@ -32,9 +32,9 @@ __all__ = [
     "Outcome",
     "SampleSpec",
     "SpeedLimit",
+    "are_in_paper_plane",
     "attractors_of_cell",
-    "classified",
-    "in_paper_plane",
+    "classify_plane_states",
     "read_speed",
     "sampled_speed",
     "sampled_speeds",

@@ -223,7 +223,7 @@ def centres_of(grown: NDArray[np.int64], orbits: Orbits, cells: Any) -> Centres:
     every = impacts_between_centres(n_plus)
     n = int(((n_plus + every - 1) // every).sum())
     integers, floats = np.zeros((4, n), np.int64), np.zeros((6, n))
-    fill_centres(grown, orbits.for_kernels(), cells, integers, floats)
+    fill_centres(grown, orbits.to_kernel_tuple(), cells, integers, floats)
     return Centres(*integers, *floats)
 
 

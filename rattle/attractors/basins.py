@@ -25,7 +25,7 @@ from rattle.attractors.table import (
     tabulate_attractors,
 )
 from rattle.errors import require_integer, require_number, require_one_of
-from rattle.flight.law import speed_unit, wrapped
+from rattle.flight.law import speed_unit, wrap_phase_difference
 from rattle.notebook import Columns, Dataset, TabularResult, dataset_of
 from rattle.numerics.states import box_of
 from rattle.parameters import Parameters
@@ -165,7 +165,9 @@ class Basins(TabularResult):
         )
 
 
-def classified(plane: StatePlane, tau: Array, v: Array) -> tuple[AttractorTable, NDArray[np.int64], NDArray[np.int64]]:
+def classify_plane_states(
+    plane: StatePlane, tau: Array, v: Array
+) -> tuple[AttractorTable, NDArray[np.int64], NDArray[np.int64]]:
     """Follow states (n,); return the table of the attractors that they reach, and the row and impacts of each state.
 
     Returns
@@ -258,7 +260,7 @@ class GrowingClassification:
             For each state the row, and the impacts on Σ⁺ for which the state was followed.
         """
         known, tau, v = self.tau.size, np.append(self.tau, tau), np.append(self.v, v)
-        table, rows, impacts = classified(self.plane, tau, v)
+        table, rows, impacts = classify_plane_states(self.plane, tau, v)
         row_of = self._rows_in_common_table(table, rows[:known])
         fresh = np.flatnonzero(row_of < 0)
         row_of[fresh] = known + np.arange(fresh.size)
@@ -280,7 +282,7 @@ class GrowingClassification:
         """
         here, there = self.table, table.take((slice(None), None))
         near = SAME_POINT * self.plane.unit
-        same = (np.abs(wrapped(there.tau - here.tau)) < SAME_POINT) & (np.abs(there.v - here.v) < near)
+        same = (np.abs(wrap_phase_difference(there.tau - here.tau)) < SAME_POINT) & (np.abs(there.v - here.v) < near)
         same[reached, np.arange(reached.size)] = True
         same |= (here.kind == Outcome.QUIET) | (here.kind == Outcome.UNDECIDED)
         for name in ("kind", "m", "n_plus", "n_minus"):
@@ -349,7 +351,7 @@ def basins(
     across, up = phases[0] + (phases[1] - phases[0]) * centres, speeds[0] + (speeds[1] - speeds[0]) * centres
     first, second = np.tile(across, n), np.repeat(up, n)
     if method == "direct":
-        table, rows, steps = classified(plane, first, second)
+        table, rows, steps = classify_plane_states(plane, first, second)
         steps = _mark_unconverged(steps, table, rows)
     else:
         table, rows, steps = _classify_by_cell_map(plane, first, second, n, box, impacts, method == "refined")

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rattle.flight.contact_phase import is_captured
-from rattle.flight.forcing import DRIFT, contact_force, phase_at
+from rattle.flight.forcing import DRIFT, contact_force, sine_cosine_at
 from rattle.numerics.compile import kernel
 
 # Values in place of a group: no chain has met the cell yet; the cell is in the chain that is being followed.
@@ -33,7 +33,7 @@ def cell_of(tau, v, n, box, delta, epsilon, capture, cell):
     outside the box. capture: the largest v³/g (speed v, contact force g) at which this is certain.
     """
     for i in range(tau.size):
-        sine, cosine = phase_at(tau[i])
+        sine, cosine = sine_cosine_at(tau[i])
         speed = v[i]
         if is_captured(speed, contact_force(sine, cosine, delta, epsilon, DRIFT), capture):
             cell[i] = n * n

@@ -154,7 +154,7 @@ def fill_exponents(sums, size, found):
         begin += size[i]
 
 
-def pooled_exponents(sums: Sequence[Array]) -> Array:
+def pool_exponents(sums: Sequence[Array]) -> Array:
     """Return the Lyapunov exponents of n attractors, pooled over several trajectories on each attractor.
 
     Parameters

@@ -19,9 +19,9 @@ from numpy.typing import NDArray
 
 from rattle.attractors.ball import BALLS_PER_ORBIT, Centres, append_balls, centres_of
 from rattle.attractors.chaos import BATCHES, are_chaotic, count_unresolved, write_group_numbers
-from rattle.attractors.recurrence import mark_footprints, resolve
-from rattle.attractors.samples import GRID, Outcome, SampleSets, Trajectories, empty_tables, with_twice_the_room
-from rattle.numerics.compile import compile_apart
+from rattle.attractors.recurrence import mark_states_in_bitmaps, resolve
+from rattle.attractors.samples import GRID, Outcome, SampleSets, Trajectories, double_room, empty_tables
+from rattle.numerics.compile import compile_in_subprocess
 from rattle.parameters import Parameters
 
 PILOT = 8  # this many samples of a cell are followed first; orbits that they find can capture the other samples
@@ -115,7 +115,7 @@ class Classifier(ABC):
         self.stage = np.zeros(n_cells, np.int64)
         # cells whose probes all stayed unresolved but were not all chaotic; more measurements would not decide them
         self.unclear = np.zeros(n_cells, np.bool_)
-        self.enter_known_orbits()
+        self.add_known_orbits()
 
     @staticmethod
     def damping(cells: Any) -> NDArray[np.float64]:
@@ -164,7 +164,7 @@ class Classifier(ABC):
         Self
             The classifier, which holds the outcomes.
         """
-        compile_apart(cls.model, "rattle.precompile:survey_steps")
+        compile_in_subprocess(cls.model, "rattle.precompile:survey_steps")
         found = cls(cls.cells_of(parameters), tau, v, budget)
         found.run()
         return found
@@ -175,7 +175,7 @@ class Classifier(ABC):
         """Flags of the cells (n_cells,) that have a quiet motion."""
 
     @abstractmethod
-    def enter_known_orbits(self) -> None:
+    def add_known_orbits(self) -> None:
         """Add the orbits that are known in closed form to the tables of the cells."""
 
     @abstractmethod
@@ -264,7 +264,7 @@ class Classifier(ABC):
         """Impacts of the samples so far, (n_cells, count)."""
         return np.asarray(self.samples.impacts.reshape(-1, self.count))
 
-    def unresolved_in(self, cells: NDArray[np.int64]) -> SampleSets:
+    def select_unresolved(self, cells: NDArray[np.int64]) -> SampleSets:
         """Return the unresolved samples of these cells."""
         left = self.status[cells] == Outcome.UNRESOLVED
         row, column = np.nonzero(left)
@@ -291,29 +291,29 @@ class Classifier(ABC):
         """
         while which.size:
             which = resolve(which, self.cells, samples, self.orbits, self.balls, self.grown)
-            self.grow_balls()
+            self.grow_capture_regions()
             room = self.orbits.m.shape[1]
             if which.size and (self.orbits.n[samples.cell[which]] == room).any():
                 self.make_room(2 * room)
 
-    def grow_balls(self) -> None:
+    def grow_capture_regions(self) -> None:
         """Grow capture regions around points of the orbits that have no capture regions yet."""
         if (self.orbits.n == self.grown).all():
             return
         centres = centres_of(self.grown, self.orbits, self.cells)
         self.find_radii(centres)
-        append_balls(centres, self.balls.for_kernels())
+        append_balls(centres, self.balls.to_kernel_tuple())
         self.grown[:] = self.orbits.n
 
     def make_room(self, most: int) -> None:
         """Double the room for orbits in each cell until each cell has room for at least `most` orbits."""
         while self.orbits.m.shape[1] < most:
-            self.orbits, self.balls = with_twice_the_room(self.orbits), with_twice_the_room(self.balls)
+            self.orbits, self.balls = double_room(self.orbits), double_room(self.balls)
 
     def run_next_stage(self, cells: NDArray[np.int64]) -> None:
         """Raise these cells' limit of impacts to that of the next stage; follow their unresolved samples up to it."""
         self.stage[cells] += 1
-        which = self.unresolved_in(cells).which
+        which = self.select_unresolved(cells).which
         cell = self.samples.cell[which]
         self.samples.limit[which] = self.impact_limit(stage_impact_limit(self.stage[cell]), cell)
         self.settle(which[self.samples.impacts[which] < self.samples.limit[which]], self.samples)
@@ -323,8 +323,8 @@ class Classifier(ABC):
 
         A cell is decided if all its probes are chaotic. If the probes seem to lie on several attractors, the samples
         that `declare_chaos` then follows for longer must all be chaotic too. In a cell whose chaotic set may lose
-        samples slowly to an attractor (`may_leak`), all unresolved samples must also stay unresolved for as long as the
-        probes.
+        samples slowly to an attractor (`may_lose_samples`), all unresolved samples must also stay unresolved for as
+        long as the probes.
 
         Returns
         -------
@@ -333,7 +333,7 @@ class Classifier(ABC):
         """
         if not cells.size:
             return np.zeros(0, np.bool_)
-        chosen = self.unresolved_in(cells).select_evenly(MOST_PROBES)
+        chosen = self.select_unresolved(cells).select_evenly(MOST_PROBES)
         seen, chaotic = self.measure_exponents(chosen.which)
         decided = chosen.cells_where_all(chaotic)
         all_unresolved = chosen.cells_where_all(self.samples.status[chosen.which] == Outcome.UNRESOLVED)
@@ -342,11 +342,11 @@ class Classifier(ABC):
             every = np.repeat(decided, chosen.size)
             seen = ProbeRecord(seen.sums[every], seen.prints[every])
         decided[decided] = self.declare_chaos(cells[decided], chosen.select_cells(decided), seen)
-        doubtful = decided & self.may_leak(cells)
+        doubtful = decided & self.may_lose_samples(cells)
         decided[doubtful] = self.samples_outlast_probes(cells[doubtful])
         return decided
 
-    def may_leak(self, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
+    def may_lose_samples(self, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
         """Return flags (k,) of cells where a chaotic set may lose samples so slowly that the probes show no loss.
 
         Such losses are frequent at weak damping and in cells with a quiet motion. Cells with fewer samples than
@@ -389,7 +389,7 @@ class Classifier(ABC):
         """
         if not cells.size:
             return np.zeros(0, np.bool_)
-        left, samples = self.unresolved_in(cells), self.samples
+        left, samples = self.select_unresolved(cells), self.samples
         which = left.which
         samples.limit[which] = np.repeat(left.largest_by_cell(samples.impacts), left.size)
         self.settle(which[samples.impacts[which] < samples.limit[which]], samples)
@@ -428,7 +428,7 @@ class Classifier(ABC):
         """
         if not cells.size:
             return np.zeros(0, np.bool_)
-        left, each = self.unresolved_in(cells), np.arange(first, last)
+        left, each = self.select_unresolved(cells), np.arange(first, last)
         others = self.neighbouring_trajectories(left, each, left.largest_by_cell(self.samples.impacts))
         # only neighbours are followed; the states with lower numbers are samples, which are known to stay unresolved
         fresh = (each >= left.size[:, None]).ravel()
@@ -550,7 +550,7 @@ class Classifier(ABC):
             declared[several] = some.cells_where_all(chaotic)
             several[several] = self.have_several_attractors(some, seen.prints[each])
         single = declared & ~several
-        left, one = self.unresolved_in(cells[single]).split_by_cell(), probes.select_cells(single)
+        left, one = self.select_unresolved(cells[single]).split_by_cell(), probes.select_cells(single)
         sums = np.split(seen.sums, probes.first_index[1:])
         watched = one.smallest_by_cell(self.samples.time).tolist()
         for cell, all_left, i, least in zip(cells[single].tolist(), left, np.flatnonzero(single), watched, strict=True):
@@ -570,7 +570,7 @@ class Classifier(ABC):
         """
         if not cells.size:
             return np.zeros(0, np.bool_)
-        left = self.unresolved_in(cells)
+        left = self.select_unresolved(cells)
         (sums, prints), chaotic = self.measure_exponents(left.which, LONGER_BY)
         declared = left.cells_where_all(chaotic)
         left, every = left.select_cells(declared), np.repeat(declared, left.size)
@@ -586,9 +586,14 @@ class Classifier(ABC):
         return declared
 
     def have_several_attractors(self, sets: SampleSets, prints: NDArray[np.uint64]) -> NDArray[np.bool_]:
-        """Return flags of cells: True if the visited-cell bitmaps of a cell's samples show several attractors.
+        """Return the cells whose samples' visited-cell bitmaps show several attractors.
 
         sets: the samples (k,) of each cell. prints (k, GRID): the bitmap of each sample.
+
+        Returns
+        -------
+        NDArray[np.bool_], shape (number of cells in sets,)
+            True if the bitmaps of the cell's samples show several attractors.
         """
         number = np.zeros(sets.which.size, np.int64)
         write_group_numbers(prints.copy(), sets.size, number)
@@ -596,7 +601,7 @@ class Classifier(ABC):
 
     def mark_more_states(self, which: NDArray[np.int64], prints: NDArray[np.uint64]) -> NDArray[np.uint64]:
         """Mark the states after the next TRACED_IMPACTS impacts of samples (k,) in the bitmaps `prints`, in place."""
-        mark_footprints(which, TRACED_IMPACTS, self.cells, self.samples, prints)
+        mark_states_in_bitmaps(which, TRACED_IMPACTS, self.cells, self.samples, prints)
         return prints
 
     def shortest_observation(self, which: NDArray[np.int64]) -> float:

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rattle.attractors.basins import Basins, StatePlane, classified
+from rattle.attractors.basins import Basins, StatePlane, classify_plane_states
 from rattle.attractors.samples import Outcome
 from rattle.attractors.table import KINDS
 from rattle.errors import require, require_integer, require_number
@@ -184,7 +184,7 @@ def uncertainty(plane: StatePlane, pairs: int, v_max: float, seed: int) -> Uncer
     seed = require_integer("seed", seed, 0, (1 << 128) - 1)
     sizes = np.asarray(LARGEST_SIZE / 2.0 ** np.arange(SIZES), np.float64)
     tau, v = _random_pairs(sizes, pairs, v_max, seed)
-    table, rows, _impacts = classified(plane, tau.ravel(), v.ravel())
+    table, rows, _impacts = classify_plane_states(plane, tau.ravel(), v.ravel())
     one, other = np.moveaxis(rows.reshape(tau.shape), 1, 0)
     decided = (table.kind[one] != Outcome.UNDECIDED) & (table.kind[other] != Outcome.UNDECIDED)
     uncertain, count = ((one != other) & decided).sum(axis=1), decided.sum(axis=1)

@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rattle.attractors.basins import Basins, Range, StatePlane, basins, classified
+from rattle.attractors.basins import Basins, Range, StatePlane, basins, classify_plane_states
 from rattle.attractors.classify import BUDGET, Classifier
 from rattle.attractors.measures import Uncertainty, uncertainty
 from rattle.attractors.samples import Outcome
@@ -57,7 +57,7 @@ def checked_states(tau: ArrayLike, v: ArrayLike) -> tuple[NDArray[np.float64], N
 def reached(plane: StatePlane, tau: ArrayLike, v: ArrayLike) -> Reached:
     """Return the attractors that given states of this plane go to; see `rattle.Gear.reached`."""
     phases, speeds, shape = checked_states(tau, v)
-    table, rows, impacts = classified(plane, phases, speeds)
+    table, rows, impacts = classify_plane_states(plane, phases, speeds)
     count = np.bincount(rows, minlength=table.kind.size)
     order = np.lexsort((np.arange(count.size), -count))
     number = np.argsort(order)

@@ -6,12 +6,28 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rattle.attractors.samples import Balls, Orbits, Outcome, Trajectories, capturing_orbit, mark, top_speed
+from rattle.attractors.samples import (
+    CaptureRegions,
+    Orbits,
+    Outcome,
+    Trajectories,
+    bitmap_top_speed,
+    capturing_orbit,
+    mark_visited_cell,
+)
 from rattle.flight.first_impact import OK
 from rattle.flight.impact_law import log_determinant
-from rattle.flight.law import speed_unit, wrapped
+from rattle.flight.law import speed_unit, wrap_phase_difference
 from rattle.numerics.compile import inline, kernel
-from rattle.orbits.return_map import fastest_point, log_multipliers, newton, point_of, power_map, shortest_return, step
+from rattle.orbits.return_map import (
+    fastest_point,
+    find_fixed_point,
+    log_multipliers,
+    point_of,
+    power_map,
+    shortest_return,
+    step,
+)
 
 # A trajectory approaches the orbit that Newton's method found if its distance to the orbit falls by the factor
 # APPROACH_RATIO, or is below ARRIVAL_DISTANCE.
@@ -40,7 +56,7 @@ def is_approaching(tau, v, star_tau, star_v, k, most, point):
         False also if the trajectory does not come closer within these impacts.
     """
     unit = speed_unit_at(point)
-    start = math.hypot(wrapped(tau - star_tau), (v - star_v) / unit)
+    start = math.hypot(wrap_phase_difference(tau - star_tau), (v - star_v) / unit)
     if start < ARRIVAL_DISTANCE:
         return True
     for _ in range(k, most + 1, k):
@@ -48,7 +64,7 @@ def is_approaching(tau, v, star_tau, star_v, k, most, point):
             status, tau, v, _time, _below = step(tau, v, point)
             if status != OK:
                 return False
-        distance = math.hypot(wrapped(tau - star_tau), (v - star_v) / unit)
+        distance = math.hypot(wrap_phase_difference(tau - star_tau), (v - star_v) / unit)
         if distance < max(APPROACH_RATIO * start, ARRIVAL_DISTANCE):
             return True
         if distance > 4.0 * start:
@@ -72,7 +88,7 @@ def impacts_until_return(tau, v, gap, point):
         status, t, speed, _time, _below = step(t, speed, point)
         if status != OK:
             return gap
-        if abs(speed - v) < RETURN_DISTANCE * unit and abs(wrapped(t - tau)) < RETURN_DISTANCE:
+        if abs(speed - v) < RETURN_DISTANCE * unit and abs(wrap_phase_difference(t - tau)) < RETURN_DISTANCE:
             return j
     return gap
 
@@ -93,8 +109,8 @@ def stable_orbit(tau, v, gap, most, point):
     if gap > LONGEST_PERIOD:
         return nothing
     k = impacts_until_return(tau, v, gap, point)
-    found, star_tau, star_v = newton(tau, v, k, point)
-    if not found or math.hypot(wrapped(tau - star_tau), (v - star_v) / speed_unit_at(point)) > 0.05:
+    found, star_tau, star_v = find_fixed_point(tau, v, k, point)
+    if not found or math.hypot(wrap_phase_difference(tau - star_tau), (v - star_v) / speed_unit_at(point)) > 0.05:
         return nothing
     k = shortest_return(star_tau, star_v, k, point)
     _status, _t, _v, time, n_minus, a00, _b, _c, a11, log_det = power_map(star_tau, star_v, k, point)
@@ -124,7 +140,10 @@ def index_of_orbit(m, n_plus, n_minus, tau, v, cell, orbits, point):
             continue
         t, speed = tau, v
         for _ in range(n_plus):
-            if abs(wrapped(t - orbits.tau[cell, j])) < SAME_POINT and abs(speed - orbits.v[cell, j]) < near:
+            if (
+                abs(wrap_phase_difference(t - orbits.tau[cell, j])) < SAME_POINT
+                and abs(speed - orbits.v[cell, j]) < near
+            ):
                 return j
             _status, t, speed, _time, _below = step(t, speed, point)
     return -1
@@ -151,7 +170,7 @@ def append_orbit(m, n_plus, n_minus, tau, v, first, second, cell, orbits):
 
 @kernel
 def fill_footprints(which, impacts, cells, samples, footprints):
-    """Mark the states of the next `impacts` impacts of samples in their bitmaps (kernel of `mark_footprints`)."""
+    """Mark the states of samples at their next `impacts` impacts in their bitmaps, for `mark_states_in_bitmaps`."""
     for j in range(which.size):
         k = which[j]
         point = point_of(samples.cell[k], cells)
@@ -160,10 +179,10 @@ def fill_footprints(which, impacts, cells, samples, footprints):
             status, tau, v, _time, _below = step(tau, v, point)
             if status != OK:
                 break
-            mark(tau, v, top_speed(point.epsilon, speed_unit_at(point)), footprints[j])
+            mark_visited_cell(tau, v, bitmap_top_speed(point.epsilon, speed_unit_at(point)), footprints[j])
 
 
-def mark_footprints(
+def mark_states_in_bitmaps(
     which: NDArray[np.int64], impacts: int, cells: Any, samples: Trajectories, footprints: NDArray[np.uint64]
 ) -> None:
     """Mark every state of the next `impacts` impacts on Σ⁺ of these samples in their visited-cell bitmaps.
@@ -172,7 +191,7 @@ def mark_footprints(
     several parts that a trajectory visits in turn, these states may miss some of the parts. Therefore this function
     marks every state.
     """
-    fill_footprints(which, impacts, cells, samples.for_kernels(), footprints)
+    fill_footprints(which, impacts, cells, samples.to_kernel_tuple(), footprints)
 
 
 @kernel
@@ -227,7 +246,12 @@ def resolve_all(which, cells, samples, orbits, balls, grown, waiting):
 
 
 def resolve(
-    which: NDArray[np.int64], cells: Any, samples: Trajectories, orbits: Orbits, balls: Balls, grown: NDArray[np.int64]
+    which: NDArray[np.int64],
+    cells: Any,
+    samples: Trajectories,
+    orbits: Orbits,
+    balls: CaptureRegions,
+    grown: NDArray[np.int64],
 ) -> NDArray[np.int64]:
     """Find the orbits of recurrent samples.
 
@@ -245,5 +269,5 @@ def resolve(
         Numbers of the samples whose orbits were not searched, in the order of `which`.
     """
     waiting = np.zeros_like(which)
-    tables = samples.for_kernels(), orbits.for_kernels(), balls.for_kernels()
+    tables = samples.to_kernel_tuple(), orbits.to_kernel_tuple(), balls.to_kernel_tuple()
     return waiting[: resolve_all(which, cells, *tables, grown, waiting)]

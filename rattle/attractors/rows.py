@@ -42,10 +42,7 @@ class Rows(NamedTuple):
 
 @inline
 def index_in_cell(kind, which, orbits):
-    """Return an attractor's index in its cell: 0 for quiet motion, then `orbits` orbits, then chaotic attractors.
-
-    which: the attractor's number among the attractors of the same kind in its cell.
-    """
+    """Return the index in its cell of attractor number `which` of a kind: quiet, then `orbits` orbits, then chaos."""
     if kind == Outcome.QUIET:
         return 0
     return 1 + which if kind == Outcome.PERIODIC else 1 + orbits + which
@@ -55,9 +52,9 @@ def index_in_cell(kind, which, orbits):
 def fill_rows(kind, which, impacts, time, known, orbits, scratch, integers, watched, row):
     """Fill the columns of `Rows`, and write the row of each sample to `row`.
 
-    kind, which, impacts, time, known: as in `rows_of`. orbits: the largest number of orbits of a cell. scratch (2, most
-    attractors of a cell): memory for the attractors of one cell. integers (6, n): receives the columns `cell` to
-    `impacts` in order, and must be zero before. watched (n,): receives the column `watched`.
+    kind, which, impacts, time, known: as in `attractor_rows`. orbits: the largest number of orbits of a cell. scratch
+    (2, most attractors of a cell): memory for the attractors of one cell. integers (6, n): receives the columns `cell`
+    to `impacts` in order, and must be zero before. watched (n,): receives the column `watched`.
 
     Returns
     -------
@@ -103,7 +100,7 @@ def fill_rows(kind, which, impacts, time, known, orbits, scratch, integers, watc
     return n
 
 
-def rows_of(kind: Counts, which: Counts, impacts: Counts, time: Array, known: Counts, row: Counts) -> Rows:
+def attractor_rows(kind: Counts, which: Counts, impacts: Counts, time: Array, known: Counts, row: Counts) -> Rows:
     """Return the rows of all attractors that samples reach.
 
     The samples (n,) are ordered by cell, and every cell has the same number of them.

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rattle.flight.forcing import DRIFT, largest_slope
-from rattle.flight.law import wrapped
+from rattle.flight.law import wrap_phase_difference
 from rattle.numerics.compile import inline
-from rattle.numerics.struct_of_arrays import StructOfArrays, kernel_columns
+from rattle.numerics.struct_of_arrays import StructOfArrays, define_kernel_columns
 
 GRID = 32  # boxes along each side of the visited-cell bitmap of a chaotic trajectory
 HIGHEST_BITMAP_SPEED = 14.0  # largest speed at which a visited-cell bitmap may end, in units of `speed_unit`
@@ -136,7 +136,7 @@ class Orbits(StructOfArrays):
 
 
 @dataclass(frozen=True, eq=False)
-class Balls(StructOfArrays):
+class CaptureRegions(StructOfArrays):
     """Capture regions around points (τ, v) of the known orbits: arrays (n_cells, room), the first n of a row are used.
 
     A state is captured where c00 Δτ² + 2 c01 Δτ Δv + c11 Δv² < 1. `orbit` is the number of the orbit in its cell.
@@ -151,12 +151,12 @@ class Balls(StructOfArrays):
     c11: Any
 
 
-TrajectoryColumns = kernel_columns("TrajectoryColumns", Trajectories, __name__)
-OrbitColumns = kernel_columns("OrbitColumns", Orbits, __name__)
-BallColumns = kernel_columns("BallColumns", Balls, __name__)
+TrajectoryColumns = define_kernel_columns("TrajectoryColumns", Trajectories, __name__)
+OrbitColumns = define_kernel_columns("OrbitColumns", Orbits, __name__)
+BallColumns = define_kernel_columns("BallColumns", CaptureRegions, __name__)
 
 
-def empty_tables(n_cells: int, room: int, balls_per_orbit: int) -> tuple[Orbits, Balls]:
+def empty_tables(n_cells: int, room: int, balls_per_orbit: int) -> tuple[Orbits, CaptureRegions]:
     """Return empty tables of orbits and of capture regions, with room for `room` orbits in each cell."""
     shape, balls = (n_cells, room), (n_cells, room * balls_per_orbit)
     orbits = Orbits(
@@ -164,14 +164,14 @@ def empty_tables(n_cells: int, room: int, balls_per_orbit: int) -> tuple[Orbits,
         **{name: np.zeros(shape, np.int64) for name in ("m", "n_plus", "n_minus", "contacts", "merged")},
         **{name: np.zeros(shape) for name in ("tau", "v", "first", "second")},
     )
-    return orbits, Balls(
+    return orbits, CaptureRegions(
         n=np.zeros(n_cells, np.int64),
         orbit=np.zeros(balls, np.int64),
         **{name: np.zeros(balls) for name in ("tau", "v", "c00", "c01", "c11")},
     )
 
 
-def with_twice_the_room(table: Known) -> Known:
+def double_room(table: Known) -> Known:
     """Return a copy of a table (n_cells, room) with twice the room."""
     columns = table.columns()
     wider = {name: np.concatenate([x, np.zeros_like(x)], axis=1) for name, x in columns.items() if name != "n"}
@@ -182,20 +182,20 @@ def with_twice_the_room(table: Known) -> Known:
 def capturing_orbit(tau, v, cell, balls):
     """Return the number of the orbit of this cell whose capture region holds the state (τ, v), −1 if none does."""
     for p in range(balls.n[cell]):
-        x, y = wrapped(tau - balls.tau[cell, p]), v - balls.v[cell, p]
+        x, y = wrap_phase_difference(tau - balls.tau[cell, p]), v - balls.v[cell, p]
         if balls.c00[cell, p] * x * x + 2.0 * balls.c01[cell, p] * x * y + balls.c11[cell, p] * y * y < 1.0:
             return balls.orbit[cell, p]
     return -1
 
 
 @inline
-def top_speed(epsilon, unit):
+def bitmap_top_speed(epsilon, unit):
     """Return the speed at which a visited-cell bitmap ends. unit: the unit of speed differences (`speed_unit`)."""
     return min(DRIFT + largest_slope(epsilon), HIGHEST_BITMAP_SPEED * unit)
 
 
 @inline
-def mark(tau, v, top, footprint):
+def mark_visited_cell(tau, v, top, footprint):
     """Set the bit of the state (τ, v) in a visited-cell bitmap.
 
     Rows are intervals of phase, bits of a row are intervals of speed from 0 to `top`. The last bit also stands for
@@ -206,7 +206,7 @@ def mark(tau, v, top, footprint):
     footprint[row] |= np.uint64(1) << np.uint64(column)
 
 
-class Reference(NamedTuple):
+class ReferenceState(NamedTuple):
     """A reference state of Brent's cycle search: the state after n returns.
 
     The state after `following` returns is the next reference.
@@ -221,7 +221,7 @@ class Reference(NamedTuple):
 @inline
 def first_reference(tau, v):
     """Return the first reference state of Brent's cycle search: (τ, v), the state after 0 returns."""
-    return Reference(tau, v, 0, 1)
+    return ReferenceState(tau, v, 0, 1)
 
 
 @inline
@@ -239,12 +239,12 @@ def check_sample(tau, v, n, k, reference, samples, balls, unit):
     orbit = capturing_orbit(tau, v, samples.cell[k], balls)
     if orbit >= 0:
         return Outcome.PERIODIC, orbit, reference
-    near = abs(v - reference.v) < RECURRENCE * unit and abs(wrapped(tau - reference.tau)) < RECURRENCE
+    near = abs(v - reference.v) < RECURRENCE * unit and abs(wrap_phase_difference(tau - reference.tau)) < RECURRENCE
     if near and n > reference.n and samples.impacts[k] + n >= samples.pause[k]:
         samples.gap[k] = n - reference.n
         return Outcome.RECURRENT, -1, reference
     if n >= reference.following:
-        return Outcome.UNRESOLVED, -1, Reference(tau, v, n, 2 * reference.following)
+        return Outcome.UNRESOLVED, -1, ReferenceState(tau, v, n, 2 * reference.following)
     return Outcome.UNRESOLVED, -1, reference
 
 

@@ -78,7 +78,7 @@ class SampleSpec:
         return initial_conditions(*cells, self.count, highest, self.seed, self.tau, self.v_min)
 
 
-def in_paper_plane(delta: Array, epsilon: Array, beta: Array) -> NDArray[np.bool_]:
+def are_in_paper_plane(delta: Array, epsilon: Array, beta: Array) -> NDArray[np.bool_]:
     """Return flags: True for parameters in or near the paper's plane, where speeds up to 7 cover all motions."""
     inside = [(low <= x) & (x <= high) for x, (low, high) in zip((delta, epsilon, beta), PLANE, strict=True)]
     return np.asarray(inside[0] & inside[1] & inside[2], np.bool_)
@@ -101,7 +101,7 @@ def sampled_speeds(v_max: SpeedLimit, delta: Array, epsilon: Array, beta: Array)
         If an argument is outside its domain.
     """
     if v_max is None:
-        inside = in_paper_plane(delta, epsilon, beta)
+        inside = are_in_paper_plane(delta, epsilon, beta)
         return np.asarray(np.where(inside, PAPER_SPEED, natural_speed(delta, epsilon, beta)), np.float64)
     if isinstance(v_max, str):
         if v_max != NATURAL:

@@ -9,13 +9,13 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rattle.attractors.chaos import pooled_exponents
+from rattle.attractors.chaos import pool_exponents
 from rattle.attractors.classify import Classifier
-from rattle.attractors.rows import rows_of
+from rattle.attractors.rows import attractor_rows
 from rattle.attractors.samples import Outcome
 from rattle.attractors.speeds import MOST_SAMPLES, SampleSpec
 from rattle.errors import require
-from rattle.notebook import Columns, DataFrame, dataframe_of, html_of, html_table, line_of, table_of
+from rattle.notebook import Columns, DataFrame, dataframe_of, html_of, html_table, repr_text, table_of
 from rattle.numerics.sampling import wilson_interval
 from rattle.numerics.struct_of_arrays import StructOfArrays
 from rattle.parameters import Parameters
@@ -176,7 +176,7 @@ class AttractorTable(StructOfArrays):
 
     def __repr__(self) -> str:
         """Return a one-line description."""
-        return line_of(self)
+        return repr_text(self)
 
     def _repr_html_(self) -> str:
         return html_of(self)
@@ -218,7 +218,7 @@ def tabulate_attractors(classifier: Classifier, missed: bool = False) -> tuple[A
     kind, which = _kinds_and_numbers(classifier)
     samples, orbits = classifier.samples, classifier.orbits
     row, known = np.empty(kind.size, np.int64), orbits.n if missed else np.zeros_like(orbits.n)
-    rows = rows_of(kind, which, samples.impacts, samples.time, known, row)
+    rows = attractor_rows(kind, which, samples.impacts, samples.time, known, row)
     cell, kind, which, first_sample, number, impacts, watched = rows
     watched[(kind != Outcome.CHAOTIC) & (kind != Outcome.UNDECIDED)] = np.nan
     periodic = kind == Outcome.PERIODIC
@@ -233,7 +233,7 @@ def tabulate_attractors(classifier: Classifier, missed: bool = False) -> tuple[A
     chaotic = np.flatnonzero(kind == Outcome.CHAOTIC)
     if chaotic.size:
         found = [classifier.chaos[c][i] for c, i in zip(cell[chaotic].tolist(), which[chaotic].tolist(), strict=True)]
-        first[chaotic], second[chaotic], error[chaotic] = pooled_exponents([each.sums for each in found])
+        first[chaotic], second[chaotic], error[chaotic] = pool_exponents([each.sums for each in found])
         watched[chaotic] = [each.watched for each in found]
     labels = orbits.m, orbits.n_plus - orbits.merged, orbits.n_minus, orbits.contacts
     m, n_plus, n_minus, contacts = (values_if_periodic(x, 0).astype(np.int64) for x in labels)

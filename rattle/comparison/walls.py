@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from rattle.comparison.measured import MeasuredImpacts
 from rattle.flight.between import flight_between
 from rattle.flight.forcing import analytic_phase
-from rattle.flight.law import speed_unit, wrapped
+from rattle.flight.law import speed_unit, wrap_phase_difference
 from rattle.models import AnyGear
 from rattle.numerics.compile import inline, kernel
 
@@ -134,14 +134,14 @@ def find_fits(fitting: FitProblem) -> list[Fit]:
     for each in [found for found in sharp if found.misfit < POOR][:MOST_SCANNED]:
         costs = _impact_costs(few, each.wall, np.arange(SCAN_OFFSETS) / SCAN_OFFSETS).sum(axis=1)
         for offset in _lowest_minima(costs) / SCAN_OFFSETS:
-            if all(abs(wrapped(offset - other)) > 2.0 / SCAN_OFFSETS for other in offsets):
+            if all(abs(wrap_phase_difference(offset - other)) > 2.0 / SCAN_OFFSETS for other in offsets):
                 offsets.append(float(offset))
                 sharp.append(
                     _fit_with_smaller_tolerance(few._replace(unit=each.unit), each._replace(offset=float(offset)))
                 )
     found: list[Fit] = []
     for each in _best_fits(sharp, FIT_MARGIN):
-        if all(abs(wrapped(each.offset - other.offset)) > SAME_OFFSET for other in found):
+        if all(abs(wrap_phase_difference(each.offset - other.offset)) > SAME_OFFSET for other in found):
             found.append(fit_at_offset(fitting._replace(unit=each.unit), each.offset))
     return found
 

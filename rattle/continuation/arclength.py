@@ -106,7 +106,7 @@ def append_row(jacobian: Array, row: Array) -> Array:
 
 
 @dataclass(frozen=True)
-class Path:
+class OneWayPath:
     """A curve that was followed in one direction.
 
     points, tangents: points (k, N + 1) and unit tangents.
@@ -131,7 +131,7 @@ class FollowedCurve(NamedTuple):
     points: Array
     tangents: Array
     start: int
-    paths: tuple[Path, Path] | None
+    paths: tuple[OneWayPath, OneWayPath] | None
 
 
 def newton_on_curve(problem: ContinuationProblem, x: Array, constraint: Array) -> tuple[Array, int] | None:
@@ -286,7 +286,7 @@ class Bound:
         return self.low if value < self.low else self.high if value > self.high else None
 
 
-def last_inside(
+def bracket_admissible_edge(
     problem: ContinuationProblem, a: Array, b: Array, is_admissible: Callable[[Array], bool]
 ) -> tuple[Array, Array]:
     """Return the last admissible solution between a and b, and the first one that is not admissible.
@@ -339,20 +339,20 @@ class Follower:
 
     bounds, is_admissible: the curve is followed as long as its points are "inside": within the bounds and admissible.
     longest: the longest step, as a function of the unit tangent, in the Euclidean norm of the unknowns.
-    twins(start, x): all arrays of unknowns (…, N + 1) that describe the same solution as `start`, near x.
+    equivalent_unknowns(start, x): all arrays of unknowns (…, N + 1) that describe the same solution as `start`, near x.
     """
 
     problem: ContinuationProblem
     bounds: Sequence[Bound]
     is_admissible: Callable[[Array], bool]
     longest: Callable[[Array], float]
-    twins: Callable[[Array, Array], Array] = lambda start, _: start[None]
+    equivalent_unknowns: Callable[[Array, Array], Array] = lambda start, _: start[None]
 
     def is_inside(self, x: Array) -> bool:
         """Return whether x is within the bounds and admissible."""
         return all(bound.exceeded_limit(x) is None for bound in self.bounds) and self.is_admissible(x)
 
-    def follow(self, start: Array, tangent: Array, most: int = MOST_POINTS, first: float = np.inf) -> Path:
+    def follow(self, start: Array, tangent: Array, most: int = MOST_POINTS, first: float = np.inf) -> OneWayPath:
         """Follow the curve from a solution in the direction of `tangent`, until it goes outside or closes.
 
         "Inside" and "outside" are those of `Follower`; the start is inside. If the curve goes outside, the last point
@@ -388,22 +388,25 @@ class Follower:
             if back is not None:
                 points.append(back)
                 tangents.append(tangent_at(self.problem, back, direction))
-                return Path(np.array(points), np.array(tangents), None, closed=True)
+                return OneWayPath(np.array(points), np.array(tangents), None, closed=True)
             if not self.is_inside(new):
                 edge = self._edge_between(x, new)
                 if np.max(np.abs(edge - x)) > SAME_POINT:
                     points.append(edge)
                     tangents.append(tangent_at(self.problem, edge, direction))
-                return Path(np.array(points), np.array(tangents), new)
+                return OneWayPath(np.array(points), np.array(tangents), new)
             points.append(new)
             tangents.append(new_tangent)
             step *= min(2.0, 0.5 * LARGEST_TURN / max(turn, 1e-9)) if corrections <= 4 else 0.7
-        return Path(np.array(points), np.array(tangents), None)
+        return OneWayPath(np.array(points), np.array(tangents), None)
 
     def follow_both_ways(self, start: Array, index: int, most: int = MOST_POINTS) -> FollowedCurve:
         """Follow the curve in both directions from a solution `start` that `is_inside` accepts.
 
-        The forward direction is the one in which the unknown x[index] rises at first.
+        Returns
+        -------
+        FollowedCurve
+            The curve. Its forward direction is the one in which the unknown x[index] rises at first.
         """
         rising = np.zeros(start.size)
         rising[index] = 1.0
@@ -425,7 +428,7 @@ class Follower:
             The solution (N + 1,), with which the curve closes; None if there is none between a and b.
         """
         chord = b - a
-        for twin in self.twins(start, b):
+        for twin in self.equivalent_unknowns(start, b):
             share = float((twin - a) @ chord / (chord @ chord))
             if 0.0 < share <= 1.0 and np.max(np.abs(twin - a - share * chord)) < LARGEST_TURN * np.max(np.abs(chord)):
                 found = solution_above_chord(self.problem, a, b, share)
@@ -441,7 +444,7 @@ class Follower:
                 share = (limit - a[bound.index]) / (b[bound.index] - a[bound.index])
                 found = solution_with_value(self.problem, a + share * (b - a), bound.index, limit)
                 b = b if found is None else found
-        return b if self.is_inside(b) else last_inside(self.problem, a, b, self.is_inside)[0]
+        return b if self.is_inside(b) else bracket_admissible_edge(self.problem, a, b, self.is_inside)[0]
 
 
 def root_between(

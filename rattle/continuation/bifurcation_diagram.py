@@ -24,10 +24,10 @@ from rattle.attractors.speeds import PAPER_SPEED, SampleSpec
 from rattle.attractors.table import KINDS, AttractorTable
 from rattle.continuation.arclength import plane_scale
 from rattle.continuation.motions import Motion, Motions, Segment, split_into_runs
-from rattle.continuation.search import Search
+from rattle.continuation.search import BranchSearch
 from rattle.continuation.sweeps import KnownAttractor, SweepPoints, Sweeps
 from rattle.errors import require, require_integer, require_number, require_pair
-from rattle.flight.law import wrapped
+from rattle.flight.law import wrap_phase_difference
 from rattle.notebook import (
     Columns,
     Dataset,
@@ -218,7 +218,7 @@ def diagram_of(
     parameters = model.steps(position)
     unit = float(replace(sample, v_max=None).highest_speeds(parameters).max()) / PAPER_SPEED
     sampled = model.sample_attractors(parameters, sample)
-    sweeps, search = Sweeps(model, parameters, sampled), Search(model, impacts, most)
+    sweeps, search = Sweeps(model, parameters, sampled), BranchSearch(model, impacts, most)
     for motion in model.period_one(parameters):
         search.add(motion)
     small: list[BranchPiece] = []
@@ -259,7 +259,9 @@ def require_end(name: str, value: ArrayLike) -> Array:
     return np.array([require_number(f"δ of {name}", delta, positive=True), require_number(f"ε of {name}", epsilon)])
 
 
-def _motions_of_attractors(sweeps: Sweeps, parameters: Parameters, search: Search, unit: float) -> Iterator[Motion]:
+def _motions_of_attractors(
+    sweeps: Sweeps, parameters: Parameters, search: BranchSearch, unit: float
+) -> Iterator[Motion]:
     """Yield motions near the periodic attractors of the sweeps.
 
     For an attractor that is known at many successive steps, a motion is yielded at the first of them, and then at every
@@ -292,10 +294,12 @@ def _motions_of_attractors(sweeps: Sweeps, parameters: Parameters, search: Searc
 
 def _is_close(one: KnownAttractor, other: KnownAttractor, unit: float) -> bool:
     """Return whether the states of two attractors differ by less than JUMP, in τ and in v/unit."""
-    return abs(wrapped(one.tau - other.tau)) < JUMP and abs(one.v - other.v) < JUMP * unit
+    return abs(wrap_phase_difference(one.tau - other.tau)) < JUMP and abs(one.v - other.v) < JUMP * unit
 
 
-def _unsampled_pieces(sweeps: Sweeps, search: Search, position: Array, unit: float) -> tuple[list[BranchPiece], bool]:
+def _unsampled_pieces(
+    sweeps: Sweeps, search: BranchSearch, position: Array, unit: float
+) -> tuple[list[BranchPiece], bool]:
     """Return the stable parts of branches whose motions no sample reached at any step.
 
     Besides, at each step of each stable part, the motion of this part becomes a known attractor of `sweeps` if it is
@@ -330,7 +334,9 @@ def _unsampled_pieces(sweeps: Sweeps, search: Search, position: Array, unit: flo
     return small, new
 
 
-def _stable_pieces(search: Search, position: Array) -> Iterator[tuple[BranchPiece, NDArray[np.int64], Array, Array]]:
+def _stable_pieces(
+    search: BranchSearch, position: Array
+) -> Iterator[tuple[BranchPiece, NDArray[np.int64], Array, Array]]:
     """Yield each stable part of the branches, with its phases and speeds on Σ⁺ at the steps of the diagram.
 
     The phases and speeds are interpolated between the points of the branch. position: the positions of all steps.
@@ -367,7 +373,7 @@ def _find_known(
         The attractor; None if there is none.
     """
     for each in known:
-        near = np.abs(wrapped(tau - each.tau)) + np.abs(v - each.v) / unit
+        near = np.abs(wrap_phase_difference(tau - each.tau)) + np.abs(v - each.v) / unit
         if each.kind == Outcome.PERIODIC and each.label == label and near.min() < within:
             return each
     return None

@@ -11,7 +11,7 @@ from rattle.numerics.complex_step import Array, singularity_function
 from rattle.orbits.periodic_motions import Equations
 
 
-class Kind(StrEnum):
+class EventKind(StrEnum):
     """The kinds of events of a periodic motion; the values are the usual abbreviations of continuation codes."""
 
     SADDLE_NODE = "SN"
@@ -20,7 +20,7 @@ class Kind(StrEnum):
 
 
 #: The Floquet multiplier of a motion at a saddle-node, and at a flip.
-MULTIPLIER = {Kind.SADDLE_NODE: 1.0, Kind.FLIP: -1.0}
+MULTIPLIER = {EventKind.SADDLE_NODE: 1.0, EventKind.FLIP: -1.0}
 
 
 def scale_at(x: Array) -> Array:
@@ -30,7 +30,7 @@ def scale_at(x: Array) -> Array:
     return scale
 
 
-def condition(itinerary: Equations, kind: Kind, impact: int | None = None) -> ContinuationProblem:
+def condition(itinerary: Equations, kind: EventKind, impact: int | None = None) -> ContinuationProblem:
     """Return the equations (…, n + 2) → (…, n + 1) of a bifurcation in two parameters.
 
     The unknowns are the n unknowns of the motion, δ and ε. The condition besides the motion's n equations is
@@ -47,10 +47,10 @@ def condition(itinerary: Equations, kind: Kind, impact: int | None = None) -> Co
     RattleError
         If `kind` is GR and `impact` is None.
     """
-    if kind is Kind.GRAZING:
+    if kind is EventKind.GRAZING:
         if impact is None:
             raise RattleError("the condition of a graze needs `impact`, the number of the impact that grazes")
-        return ContinuationProblem(lambda x: itinerary.with_graze(x, impact), scale=scale_at)
+        return ContinuationProblem(lambda x: itinerary.residual_with_graze(x, impact), scale=scale_at)
     multiplier = MULTIPLIER[kind]
     borders: list[Array] = []
 
@@ -66,7 +66,7 @@ def condition(itinerary: Equations, kind: Kind, impact: int | None = None) -> Co
 
     def equations(x: NDArray) -> NDArray:
         """Return the residual of the motion, and after it a number that is 0 where det J is 0."""
-        residual, jacobian = itinerary.with_jacobian(x, multiplier)
+        residual, jacobian = itinerary.evaluate_with_jacobian(x, multiplier)
         return np.concatenate([residual, singularity_function(jacobian, *borders)[..., None]], axis=-1)
 
     return ContinuationProblem(equations, prepare, scale_at)

@@ -18,7 +18,7 @@ from rattle.continuation.arclength import (
     Bound,
     ContinuationProblem,
     Follower,
-    Path,
+    OneWayPath,
     plane_scale,
     root_between,
     solution_with_value,
@@ -47,7 +47,7 @@ QUIET_LIMIT = "quiet_limit"
 
 
 @dataclass(frozen=True)
-class End:
+class PieceEnd:
     """An end of a piece of a curve: the index of the last point, and the reason in words why the curve ends there."""
 
     index: int
@@ -102,7 +102,7 @@ class Curve(TabularResult):
     arclength: NDArray[np.float64]
     piece: NDArray[np.int64]
     folds: tuple[int, ...]
-    ends: tuple[End, ...]
+    ends: tuple[PieceEnd, ...]
     _problem: ContinuationProblem = field(repr=False)
     _points: tuple[Array, ...] = field(repr=False)
 
@@ -143,11 +143,11 @@ class Curve(TabularResult):
         require(len(given) == 1, "exactly one of delta and epsilon must be given")
         name, value = given[0][0], require_number(*given[0])
         index = -2 if name == "delta" else -1
-        found = (crossings(self._problem, points, index, value) for points in self._points)
+        found = (find_crossings(self._problem, points, index, value) for points in self._points)
         return tuple(sorted({float(x[-3 - index]) for each in found for x in each}))
 
 
-def crossings(problem: ContinuationProblem, points: Array, index: int, value: float) -> list[Array]:
+def find_crossings(problem: ContinuationProblem, points: Array, index: int, value: float) -> list[Array]:
     """Return all solutions on a piece (k, N) at which δ (index −2) or ε (index −1) is equal to `value`, each once."""
     found: list[Array] = []
     for guess in _chord_points(points, index, value):
@@ -195,7 +195,7 @@ def build_curve(
     ends = [
         end
         for start, size, piece in zip(starts, sizes, pieces, strict=False)
-        for end in (End(int(start), piece.reasons[0]), End(int(start) + size - 1, piece.reasons[1]))
+        for end in (PieceEnd(int(start), piece.reasons[0]), PieceEnd(int(start) + size - 1, piece.reasons[1]))
     ]
     folds = [
         int(start) + i for start, piece in zip(starts, pieces, strict=False) for i in _fold_indices(piece.points[:, -2])
@@ -290,8 +290,10 @@ def pieces_in_window(
         The pieces, in the order of δ and ε at their first points.
     """
     found: list[CurvePiece] = []
-    twins = partial(_shift_times_near, times)
-    follower = Follower(problem, window.bounds, lambda x: why_excluded(x) is None, window.longest_step, twins)
+    equivalent_unknowns = partial(_shift_times_near, times)
+    follower = Follower(
+        problem, window.bounds, lambda x: why_excluded(x) is None, window.longest_step, equivalent_unknowns
+    )
     guesses = [*starts]
     solved = solutions_with_values(problem, np.array(guesses), -2) if guesses else np.empty((0, 2))
     solved = solved[~np.isnan(solved[:, 0])]
@@ -388,7 +390,7 @@ def _tangent_entry(problem: ContinuationProblem, direction: Array, index: int, x
     return float(tangent_at(problem, x, direction)[index])
 
 
-def _why_path_ends(path: Path, why_outside: Test) -> str:
+def _why_path_ends(path: OneWayPath, why_outside: Test) -> str:
     """Return the reason in words why a path ends.
 
     why_outside: a function that returns, in words, why a point is outside the window or does not belong to the curve.
@@ -442,7 +444,7 @@ def interior_points(low: float, high: float) -> Array:
     return np.linspace(low, high, 2 * STARTS + 1)[1::2]
 
 
-def window_range(name: str, value: tuple[float, float], positive: bool = False) -> tuple[float, float]:
+def require_window_range(name: str, value: tuple[float, float], positive: bool = False) -> tuple[float, float]:
     """Return the range (low, high) of a window after a check. Raises ParameterError if the range is not allowed."""
     low, high = (require_number(name, number, positive=positive) for number in require_pair(name, value))
     require(low < high, f"{name} must be a pair (low, high) with low < high, got {value!r}")

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rattle.flight.law import folded
+from rattle.flight.law import fold_phase
 from rattle.notebook import (
     Columns,
     DataFrame,
@@ -19,8 +19,8 @@ from rattle.notebook import (
     dataset_of,
     figure_of,
     html_of,
-    line_of,
     motion_label,
+    repr_text,
 )
 from rattle.numerics.complex_step import Array
 from rattle.orbits.periodic_motions import Equations
@@ -102,7 +102,7 @@ class FollowedBranch(ABC):
     @property
     def tau(self) -> Array:
         """The phases (k,) in [0, 1) at which the motions first leave Σ⁺."""
-        return np.array([float(folded(time)) for time in self.departures[:, 0]])
+        return np.array([float(fold_phase(time)) for time in self.departures[:, 0]])
 
     @property
     def v(self) -> Array:
@@ -134,7 +134,7 @@ class FollowedBranch(ABC):
 
     def __repr__(self) -> str:
         """Return a description of the branch in one line."""
-        return line_of(self)
+        return repr_text(self)
 
     def _repr_html_(self) -> str:
         return html_of(self)

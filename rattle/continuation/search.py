@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from rattle.continuation.arclength import LARGEST_TURN, plane_scale, solution_above_chord
-from rattle.continuation.conditions import Kind
+from rattle.continuation.conditions import EventKind
 from rattle.continuation.motions import Motion, Motions
 from rattle.numerics.complex_step import Array
 from rattle.orbits.periodic_motions import Equations, Periodic, unknowns_from_impact
@@ -58,7 +58,7 @@ def _equivalent_unknowns(motion: Motion, like: Equations, phase: float) -> Itera
             yield x
 
 
-class Search:
+class BranchSearch:
     """A search for branches: the branches found so far, their events, and a queue of events to examine.
 
     paths: for each branch an array with a row for each of its points: the motion's unknowns, then the position on the
@@ -83,8 +83,8 @@ class Search:
             _, _, event = heapq.heappop(self._queue)
             for neighbour in self.model.motions_at_event(event):
                 self._follow(neighbour)
-            if event.kind is Kind.FLIP:
-                self._follow_doubled(event)
+            if event.kind is EventKind.FLIP:
+                self._add_doubled_branch(event)
 
     def branch_number(self, motion: Motion) -> int | None:
         """Return the number of the known branch that a motion is on; None if it is on none."""
@@ -144,7 +144,7 @@ class Search:
         if self.branch_number((itinerary, x)) is None and self._is_allowed(itinerary):
             self._add_branch(self.model.follow_branch((itinerary, x), self._span_around(x[itinerary.n :])))
 
-    def _follow_doubled(self, event: Any) -> None:
+    def _add_doubled_branch(self, event: Any) -> None:
         """Add the doubled branch that starts at a flip, unless the branch is known."""
         if not self._is_allowed(event.itinerary.with_doubled_period()):
             return

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from rattle.attractors.samples import Outcome
 from rattle.attractors.table import AttractorTable
-from rattle.families.sums import QUIET_FAMILY, Sums, numbers_of
+from rattle.families.sums import QUIET_FAMILY, Sums, assign_family_numbers
 
 
 class FamilyTable(NamedTuple):
@@ -80,10 +80,10 @@ def tabulate_families(delta: NDArray[np.float64], epsilon: NDArray[np.float64], 
     FamilyTable
         A row for each family.
     """
-    family = numbers_of(sums)[sums.component]
+    family = assign_family_numbers(sums)[sums.component]
     n = int(family.max(initial=QUIET_FAMILY)) + 1
 
-    def in_family_order(values: NDArray[Any], default: float = 0) -> NDArray[Any]:
+    def sort_by_family(values: NDArray[Any], default: float = 0) -> NDArray[Any]:
         """Return values in the order of families.
 
         values: one value for each entry of `sums`. default: the value of a family without an entry in `sums`. Only
@@ -112,23 +112,23 @@ def tabulate_families(delta: NDArray[np.float64], epsilon: NDArray[np.float64], 
             Values (families,), NaN for a family without cells.
         """
         low, high = np.minimum(axis[first], axis[last]), np.maximum(axis[first], axis[last])
-        return in_family_order(low, np.nan), in_family_order(high, np.nan)
+        return sort_by_family(low, np.nan), sort_by_family(high, np.nan)
 
     row, column = np.divmod(sums.at, delta.size)
     exponent = np.where(np.isfinite(sums.exponent), sums.exponent, np.nan)
     return FamilyTable(
-        in_family_order(sums.kind, Outcome.QUIET),
-        in_family_order(sums.m),
-        in_family_order(sums.n_plus),
-        in_family_order(sums.n_minus),
-        in_family_order(sums.cells),
-        in_family_order(sums.unsampled),
+        sort_by_family(sums.kind, Outcome.QUIET),
+        sort_by_family(sums.m),
+        sort_by_family(sums.n_plus),
+        sort_by_family(sums.n_minus),
+        sort_by_family(sums.cells),
+        sort_by_family(sums.unsampled),
         *axis_range(delta, sums.left, sums.right),
         *axis_range(epsilon, sums.top, sums.bottom),
-        in_family_order(sums.most / count),
-        in_family_order(sums.samples / (count * np.maximum(sums.cells, 1))),
-        in_family_order(delta[column], np.nan),
-        in_family_order(epsilon[row], np.nan),
-        in_family_order(exponent, np.nan),
-        in_family_order(sums.rows > sums.cells),
+        sort_by_family(sums.most / count),
+        sort_by_family(sums.samples / (count * np.maximum(sums.cells, 1))),
+        sort_by_family(delta[column], np.nan),
+        sort_by_family(epsilon[row], np.nan),
+        sort_by_family(exponent, np.nan),
+        sort_by_family(sums.rows > sums.cells),
     )

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from rattle.attractors.chaos import SAME_FOOTPRINT, count_bits
 from rattle.attractors.classify import new_trajectories
-from rattle.attractors.recurrence import mark_footprints
+from rattle.attractors.recurrence import mark_states_in_bitmaps
 from rattle.attractors.samples import GRID
 from rattle.numerics.compile import kernel
 
@@ -51,7 +51,7 @@ def overlapping_pairs(
     """
     prints = np.zeros((cell.size, GRID), np.uint64)
     states = new_trajectories(cell, tau, v, 0)
-    mark_footprints(np.arange(cell.size), STRETCH, cells, states, prints)
+    mark_states_in_bitmaps(np.arange(cell.size), STRETCH, cells, states, prints)
     ones, others = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)]
     for step, inside in ((1, cell % shape[1] < shape[1] - 1), (shape[1], cell < (shape[0] - 1) * shape[1])):
         first, end = (np.searchsorted(cell, cell + step, side) for side in ("left", "right"))
@@ -65,7 +65,7 @@ def overlapping_pairs(
     apart = np.flatnonzero(~overlap)
     again = np.unique(np.append(one[apart], other[apart]))
     longer = np.zeros((again.size, GRID), np.uint64)
-    mark_footprints(again, LONGER, cells, states, longer)
+    mark_states_in_bitmaps(again, LONGER, cells, states, longer)
     prints[again] = longer
     later = np.zeros(apart.size, np.bool_)
     write_overlaps(one[apart], other[apart], prints, later)

@@ -16,7 +16,7 @@ from rattle.errors import real_array, require, require_number
 from rattle.families.family_table import Families, tabulate_families
 from rattle.families.footprints import overlapping_pairs
 from rattle.families.spread import NOWHERE, ORBIT_COLUMNS, LinkedOrbits, Rectangle, spread_orbits, write_arrivals
-from rattle.families.sums import NO_FAMILY, QUIET_FAMILY, Sums, numbers_of, sums_of
+from rattle.families.sums import NO_FAMILY, QUIET_FAMILY, Sums, assign_family_numbers, sums_of
 from rattle.parameters import Parameters
 
 #: The sides of a cell towards the next row and the next column, as columns of `LinkedOrbits.to`. They suffice to visit
@@ -42,7 +42,7 @@ def checked_axis(name: str, values: ArrayLike) -> NDArray[np.float64]:
     return array
 
 
-def families_over(
+def compute_families(
     classifier: type[Classifier],
     delta: ArrayLike,
     epsilon: ArrayLike,
@@ -76,10 +76,10 @@ def families_over(
     others = {name: require_number(name, x, positive=True) for name, x in others.items()}
     cells = Parameters.from_values(classifier.model, delta, epsilon[:, None], **others).flat()
     table = attractors_of_samples(classifier, cells, sample)
-    return joined(delta, epsilon, sample.count, table, classifier.cells_of(cells))
+    return join_attractors(delta, epsilon, sample.count, table, classifier.cells_of(cells))
 
 
-def joined(
+def join_attractors(
     delta: NDArray[np.float64], epsilon: NDArray[np.float64], count: int, table: AttractorTable, cells: Any
 ) -> Families:
     """Return the families of the attractors of a grid of cells `epsilon` (m,) × `delta` (n,).
@@ -116,22 +116,22 @@ def _join_with_sums(
     """Return the results of `join_rows`, and the `Sums` from which `tabulate_families` makes the table of families."""
     orbits, n = continue_orbits(table, shape[1], Rectangle(0, shape[0], 0, shape[1]), cells)
     periodic = np.flatnonzero(table.kind == Outcome.PERIODIC)
-    attractors = together(table, table_of_continued(orbits, periodic.size, n))
+    attractors = concat_tables(table, table_of_continued_orbits(orbits, periodic.size, n))
     # row[i] is the row of orbit i in attractors
     row = np.append(periodic, np.arange(table.cell.size, attractors.cell.size))
     component = number_components(attractors, row, orbits, shape, cells)
-    order = in_order(attractors)
+    order = argsort_attractors(attractors)
     attractors, component = attractors.take(order), component[order]
     sums = sums_of(attractors, component, shape[1])
-    return attractors, order >= table.cell.size, numbers_of(sums)[component], sums
+    return attractors, order >= table.cell.size, assign_family_numbers(sums)[component], sums
 
 
-def together(*tables: AttractorTable) -> AttractorTable:
+def concat_tables(*tables: AttractorTable) -> AttractorTable:
     """Return the rows of several tables as one table."""
     return AttractorTable.concat(list(tables))
 
 
-def in_order(table: AttractorTable) -> NDArray[np.int64]:
+def argsort_attractors(table: AttractorTable) -> NDArray[np.int64]:
     """Return the indices that sort the rows of a table: cell by cell, and in each cell by falling number of samples.
 
     Attractors of a cell with equal numbers of samples are sorted by kind, label and state, so that the result does not
@@ -230,7 +230,7 @@ def continue_until_complete(
     while next_orbit < n:
         next_orbit, n = spread_orbits(next_orbit, n, columns, inside, cells, orbits)
         if next_orbit < n:
-            orbits = with_more_room(orbits)
+            orbits = enlarge_orbit_arrays(orbits)
     return orbits, n
 
 
@@ -303,14 +303,14 @@ def empty_orbits(n: int, n_cells: int) -> LinkedOrbits:
     return LinkedOrbits._make([*labels, *values, *links])
 
 
-def with_more_room(orbits: LinkedOrbits) -> LinkedOrbits:
+def enlarge_orbit_arrays(orbits: LinkedOrbits) -> LinkedOrbits:
     """Return the orbits in larger arrays, which have room for 1.5 times as many orbits and 64 more."""
     more = orbits.cell.size // 2 + 64
     wider = [np.concatenate([x, np.zeros((more, *x.shape[1:]), x.dtype)]) for x in orbits]
     return LinkedOrbits._make(wider)._replace(last=orbits.last)
 
 
-def table_of_continued(orbits: LinkedOrbits, n_known: int, n: int) -> AttractorTable:
+def table_of_continued_orbits(orbits: LinkedOrbits, n_known: int, n: int) -> AttractorTable:
     """Return a table of the orbits n_known to n − 1, which were found by continuation and have 0 samples."""
     new = slice(n_known, n)
     many = n - n_known

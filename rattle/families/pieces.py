@@ -10,13 +10,13 @@ from numpy.typing import NDArray
 from rattle.attractors.samples import Outcome
 from rattle.attractors.table import AttractorTable
 from rattle.families.join import (
+    concat_tables,
     continue_orbits,
     continue_until_complete,
     empty_orbits,
+    enlarge_orbit_arrays,
     number_components,
-    table_of_continued,
-    together,
-    with_more_room,
+    table_of_continued_orbits,
 )
 from rattle.families.spread import ORBIT_COLUMNS, Rectangle, add_orbits
 
@@ -45,7 +45,7 @@ class GridPiece:
         table = table.take(table.kind == Outcome.PERIODIC)
         before, which = self.n, np.zeros(table.cell.size, np.int64)
         while self.orbits.cell.size < before + which.size:
-            self.orbits = with_more_room(self.orbits)
+            self.orbits = enlarge_orbit_arrays(self.orbits)
         columns = (getattr(table, name) for name in ORBIT_COLUMNS)
         n = int(add_orbits(*columns, before, self._cells, self.orbits, which))
         inside = Rectangle(0, self.shape[0], 0, self.shape[1])
@@ -84,8 +84,10 @@ def continue_into_piece(
         A row, with 0 samples, for each new orbit of each cell of the rectangle.
     """
     n, m = (int(np.count_nonzero(table.kind == Outcome.PERIODIC)) for table in (inside, outside))
-    orbits, end = continue_orbits(together(inside, outside), columns, piece, cells, n if inside_is_continued else 0)
-    return table_of_continued(orbits, n + m, end)
+    orbits, end = continue_orbits(
+        concat_tables(inside, outside), columns, piece, cells, n if inside_is_continued else 0
+    )
+    return table_of_continued_orbits(orbits, n + m, end)
 
 
 def connect_attractors(table: AttractorTable, shape: tuple[int, int], cells: Any) -> NDArray[np.int64]:

@@ -7,12 +7,12 @@ import numpy as np
 
 from rattle.attractors.recurrence import SAME_POINT, speed_unit_at
 from rattle.flight.first_impact import OK
-from rattle.flight.law import wrapped
+from rattle.flight.law import wrap_phase_difference
 from rattle.numerics.compile import inline, kernel
 from rattle.orbits.return_map import (
     fastest_point,
+    find_fixed_point,
     log_multipliers,
-    newton,
     point_between,
     point_of,
     power_map,
@@ -91,7 +91,7 @@ def orbit_at_point(tau, v, cell, k, v_tolerance, orbits):
     """
     i = orbits.last[cell]
     while i != NOWHERE:
-        same = abs(wrapped(tau - orbits.tau[i])) < SAME_POINT and abs(v - orbits.v[i]) < v_tolerance
+        same = abs(wrap_phase_difference(tau - orbits.tau[i])) < SAME_POINT and abs(v - orbits.v[i]) < v_tolerance
         if same and have_same_label(i, k, orbits):
             return i
         i = orbits.before[i]
@@ -99,7 +99,7 @@ def orbit_at_point(tau, v, cell, k, v_tolerance, orbits):
 
 
 @kernel
-def stability_with_label(tau, v, k, orbits, point):
+def check_stability_and_label(tau, v, k, orbits, point):
     """Return whether the orbit through the state (τ, v) is stable and has the label of orbit k.
 
     point: the parameters of the gear.
@@ -131,8 +131,8 @@ def solve_from_rounded(tau, v, n_plus, point):
     """
     unit = speed_unit_at(point)
     t, w = np.rint(tau / ROUNDING) * ROUNDING, np.rint(v / unit / ROUNDING) * ROUNDING * unit
-    found, t, w = newton(t, w, n_plus, point)
-    if found and abs(wrapped(t - tau)) < SAME_POINT and abs(w - v) < SAME_POINT * unit:
+    found, t, w = find_fixed_point(t, w, n_plus, point)
+    if found and abs(wrap_phase_difference(t - tau)) < SAME_POINT and abs(w - v) < SAME_POINT * unit:
         return t, w
     return tau, v
 
@@ -153,14 +153,14 @@ def follow_orbit(k, here, there, orbits):
     share, size = 0.0, 1.0
     while size >= LEAST_STEP:
         point = there if share + size == 1.0 else point_between(share + size, here, there)
-        found, t, w = newton(tau, v, n_plus, point)
-        distance = math.hypot(wrapped(t - tau), (w - v) / speed_unit_at(point))
+        found, t, w = find_fixed_point(tau, v, n_plus, point)
+        distance = math.hypot(wrap_phase_difference(t - tau), (w - v) / speed_unit_at(point))
         if not found or distance > (FARTHEST if size == 1.0 else 0.5 * FARTHEST):
             size *= 0.5
             continue
         if share + size == 1.0:
             return True, t, w
-        is_stable, _first, _second = stability_with_label(t, w, k, orbits, point)
+        is_stable, _first, _second = check_stability_and_label(t, w, k, orbits, point)
         if is_stable:
             share, tau, v = share + size, t, w
         else:
@@ -186,7 +186,7 @@ def continue_orbit(k, cell, n, orbits, cells):
     known = orbit_at_point(tau, v, cell, k, near, orbits)
     if known != NOWHERE:
         return known
-    is_stable, _first, _second = stability_with_label(tau, v, k, orbits, point)
+    is_stable, _first, _second = check_stability_and_label(tau, v, k, orbits, point)
     if not is_stable or shortest_return(tau, v, n_plus, point) != n_plus:
         return NOWHERE
     t, w = tau, v
@@ -198,7 +198,7 @@ def continue_orbit(k, cell, n, orbits, cells):
         _status, t, w, _time, _below = step(t, w, point)
     tau, v = fastest_point(tau, v, n_plus, point)
     tau, v = solve_from_rounded(tau, v, n_plus, point)
-    is_stable, first, second = stability_with_label(tau, v, k, orbits, point)
+    is_stable, first, second = check_stability_and_label(tau, v, k, orbits, point)
     if not is_stable:
         return NOWHERE
     m = orbits.m[k]
@@ -273,12 +273,12 @@ def write_arrivals(one, other, steps, path, orbits, arrives):
         for j in range(steps):
             point = point_of(i * steps + j, path)
             unit, before, speed = speed_unit_at(point), tau, v
-            found, tau, v = newton(before, speed, n_plus, point)
-            if not found or math.hypot(wrapped(tau - before), (v - speed) / unit) > 0.5 * FARTHEST:
+            found, tau, v = find_fixed_point(before, speed, n_plus, point)
+            if not found or math.hypot(wrap_phase_difference(tau - before), (v - speed) / unit) > 0.5 * FARTHEST:
                 break
             if j == steps - 1:
                 for _ in range(n_plus):
-                    near = abs(wrapped(tau - orbits.tau[other[i]])) < SAME_POINT
+                    near = abs(wrap_phase_difference(tau - orbits.tau[other[i]])) < SAME_POINT
                     if near and abs(v - orbits.v[other[i]]) < SAME_POINT * unit:
                         arrives[i] = True
                         break

@@ -1,7 +1,7 @@
 """Sums over cells that describe families. The sums of the pieces of a grid can be added.
 
-A component is a set of connected attractors: one motion in several cells. Its number is arbitrary; `numbers_of` gives
-the number of the family that the component forms.
+A component is a set of connected attractors: one motion in several cells. Its number is arbitrary;
+`assign_family_numbers` gives the number of the family that the component forms.
 """
 
 from __future__ import annotations
@@ -117,7 +117,7 @@ def add_sums(parts: Iterable[Sums]) -> Sums:
     return Sums._make(x[begin] for x in all_)._replace(**found)
 
 
-def numbers_of(sums: Sums) -> Integers:
+def assign_family_numbers(sums: Sums) -> Integers:
     """Return an array whose entry i is the number of the family of component i.
 
     The last entry is NO_FAMILY, because undecided samples have the component −1. Families are numbered by falling

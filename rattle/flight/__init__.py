@@ -1,7 +1,7 @@
 """A free flight between the walls: its law, a guess of its end, the proof that it is the first impact, its tangent."""
 
-from rattle.flight.law import wrapped
+from rattle.flight.law import wrap_phase_difference
 
 __all__ = [
-    "wrapped",
+    "wrap_phase_difference",
 ]

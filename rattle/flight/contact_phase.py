@@ -16,7 +16,7 @@ In a contact of the stiff gear the teeth are compressed. `rattle.stiff.map.flow.
 contact is over; a contact that is never over is quiet motion.
 """
 
-from rattle.flight.forcing import contact_force, library_phase
+from rattle.flight.forcing import contact_force, phase_by_math_library
 from rattle.numerics.compile import inline, kernel
 
 IN_CONTACT = 2  # status of a motion in contact: there is no next flight until a release
@@ -53,8 +53,8 @@ def chatter_completes(speed, pressing, gap, capture):
     speed, pressing, gap : float
         Speed after the impact, contact force towards the wall, and 2β.
     capture : float
-        Largest speed/pressing² at which a chatter is certain to complete (`rattle.inelastic.map.contact.capture_of`); 0
-        where impacts are elastic.
+        Largest speed/pressing² at which a chatter is certain to complete
+        (`rattle.inelastic.map.contact.chatter_capture_limit`); 0 where impacts are elastic.
 
     Returns
     -------
@@ -80,6 +80,6 @@ def stays_in_contact(wall, w, tau, delta, epsilon, drift):
     """
     if wall * w < -SLOWEST:
         return False
-    sine, cosine = library_phase(tau)
+    sine, cosine = phase_by_math_library(tau)
     force = contact_force(sine, cosine, delta, epsilon, drift)
     return not (w == 0.0 and wall * force < 0.0)

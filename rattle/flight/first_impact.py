@@ -10,11 +10,11 @@ import numpy as np
 from numba.core.types import NamedUniTuple, Tuple, float64, int64
 from numpy import float32 as f32
 
-from rattle.flight.forcing import later_phase, negative_arc, short_step
+from rattle.flight.forcing import later_phase, negative_arc, short_versines
 from rattle.flight.guess import (
+    convert_flight_to_single,
     estimated_minimum,
     first_guess,
-    flight_in_single,
     refine_time,
     step_to_level,
     taylor_coefficients,
@@ -29,7 +29,7 @@ from rattle.flight.law import (
     second_derivative,
     third_derivative,
 )
-from rattle.flight.proof import arc_in_single, clears_the_gap, has_single_turn, is_within_one_step
+from rattle.flight.proof import clears_the_gap, convert_arc_to_single, has_single_turn, is_within_one_step
 from rattle.numerics.compile import inline, kernel
 
 OK = 0
@@ -93,7 +93,7 @@ def state_after_step(u, f1, lost, sin1, cos1, flight):
     f2 = second_derivative(lost, sin1, cos1, flight)
     f3 = third_derivative(lost, sin1, cos1, flight)
     f4 = fourth_derivative(lost, sin1, cos1, flight)
-    step, x = short_step(u), flight.delta * u
+    step, x = short_versines(u), flight.delta * u
     w1 = f1 + u * (f2 + u * (0.5 * f3 + u * f4 * (1.0 / 6.0)))
     sin2, cos2 = later_phase(step, sin1, cos1)
     lost += (1.0 - lost) * x * (1.0 - x * (0.5 - x * (1.0 / 6.0)))
@@ -101,7 +101,7 @@ def state_after_step(u, f1, lost, sin1, cos1, flight):
 
 
 @kernel
-def quick_impact(wall, tau, flight, beta):
+def guess_first_impact(wall, tau, flight, beta):
     """Locate the first impact of one flight by a guess, and return whether it is proved to be the first.
 
     `rattle.flight.lanes` does the same for many flights, and more: it improves rough first guesses, and it locates the
@@ -113,7 +113,7 @@ def quick_impact(wall, tau, flight, beta):
         (proved, next wall, flight time s, F', 1 − e^(−δs), sin, cos), with sine and cosine of 2π times the phase of
         arrival. Where `proved` is False, the impact may not be the first.
     """
-    wall_, gap, short = f32(wall), f32(2.0 * beta), flight_in_single(flight)
+    wall_, gap, short = f32(wall), f32(2.0 * beta), convert_flight_to_single(flight)
     s = first_guess(wall_, gap, f32(1.0 / flight.delta), short)
     series = taylor_coefficients(s, short)
     lowest, minimum = estimated_minimum(s, series, short)
@@ -124,7 +124,7 @@ def quick_impact(wall, tau, flight, beta):
     s, step, speed = refine_time(s, level_, short)
     proved = is_within_one_step(s, step, speed, short)
     proved &= clears_the_gap(wall_, not falls, s, minimum, gap, short)
-    arc = arc_in_single(negative_arc(flight.delta, flight.epsilon))
+    arc = convert_arc_to_single(negative_arc(flight.delta, flight.epsilon))
     proved &= has_single_turn(wall_, not falls, f32(tau), s, minimum.time, short, arc)
     level = -2.0 * beta if falls else (0.0 if wall > 0 else 2.0 * beta)
     close = np.float64(s)
@@ -138,7 +138,7 @@ def quick_impact(wall, tau, flight, beta):
 
 
 @kernel
-def root_in(lo, hi, guess, level, rising, flight):
+def find_crossing_in_bracket(lo, hi, guess, level, rising, flight):
     """Return the crossing F = level in (lo, hi), where F is monotone, by Halley steps inside a shrinking bracket.
 
     rising: whether F rises in (lo, hi). guess: a time near the crossing; if it is not in (lo, hi), the search begins in
@@ -229,7 +229,7 @@ def impact_on_piece(s0, s1, start, end, guess, lower, upper, flight):
     level = upper if wall > 0 else lower
     if math.isnan(guess):
         guess = s0 + (level - start) / (end - start) * (s1 - s0)
-    return wall, root_in(s0, s1, guess, level, wall > 0, flight)
+    return wall, find_crossing_in_bracket(s0, s1, guess, level, wall > 0, flight)
 
 
 @inline
@@ -254,7 +254,7 @@ def end_of_piece(s, longest, tau, arc):
 
 
 @kernel
-def searched_crossing(tau, flight, lower, upper):
+def search_crossing(tau, flight, lower, upper):
     """Return the first crossing of F = lower ≤ 0 downwards or of F = upper ≥ 0 upwards.
 
     The search goes by pieces on which e^(δs) F' is monotone, so that F has at most one extremum on each. Pieces end
@@ -302,7 +302,7 @@ def safe_impact(wall, tau, flight, beta):
     """
     upper = 0.0 if wall > 0 else 2.0 * beta
     lower = upper - 2.0 * beta
-    status, target, s = searched_crossing(tau, flight, lower, upper)
+    status, target, s = search_crossing(tau, flight, lower, upper)
     _f0, w1, _f2, lost, sin1, cos1 = evaluate(s, flight)
     w1 = target * max(target * w1, 0.0)  # rounding must not give a grazing arrival a velocity away from the wall
     return status, s, target, w1, lost, sin1, cos1
@@ -320,7 +320,7 @@ def first_impact(wall, tau, w, delta, epsilon, beta, drift):
     """
     flight = flight_from_phase(tau, w, delta, epsilon, drift)
     if delta > 0.0:
-        proved, target, s, w1, lost, sin1, cos1 = quick_impact(wall, tau, flight, beta)
+        proved, target, s, w1, lost, sin1, cos1 = guess_first_impact(wall, tau, flight, beta)
         if proved:
             return OK, s, target, w1, lost, flight, sin1, cos1
     status, s, target, w1, lost, sin1, cos1 = safe_impact(wall, tau, flight, beta)

@@ -24,7 +24,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rattle.flight import coefficients
 from rattle.numerics.compile import Inline, inline, kernel
-from rattle.numerics.polynomial import degree_4, degree_5, degree_10
+from rattle.numerics.polynomial import evaluate_degree_4, evaluate_degree_5, evaluate_degree_10
 
 TWO_PI = 2.0 * math.pi
 DRIFT = 4.0 * math.pi  # q: the mean contact force is δq
@@ -48,25 +48,25 @@ class NegativeArc(NamedTuple):
 @inline
 def versine64(q):
     """Return (1 − cos z)/z² for q = z², |z| ≤ π."""
-    return degree_10(coefficients.VERSINE, q)
+    return evaluate_degree_10(coefficients.VERSINE, q)
 
 
 @inline
 def sine_defect64(q):
     """Return (z − sin z)/z³ for q = z², |z| ≤ π."""
-    return degree_10(coefficients.SINE_DEFECT, q)
+    return evaluate_degree_10(coefficients.SINE_DEFECT, q)
 
 
 @inline
 def versine32(q):
     """Return (1 − cos z)/z² for q = z², |z| ≤ π, in single precision."""
-    return degree_5(coefficients.VERSINE_32, q)
+    return evaluate_degree_5(coefficients.VERSINE_32, q)
 
 
 @inline
 def sine_defect32(q):
     """Return (z − sin z)/z³ for q = z², |z| ≤ π, in single precision."""
-    return degree_4(coefficients.SINE_DEFECT_32, q)
+    return evaluate_degree_4(coefficients.SINE_DEFECT_32, q)
 
 
 class FlightFunctions(NamedTuple):
@@ -142,15 +142,15 @@ add_slope, add_acceleration, add_slope32 = IN_DOUBLE.add_slope, IN_DOUBLE.add_ac
 
 
 @inline
-def phase_at(tau):
+def sine_cosine_at(tau):
     """Return the sine and cosine of 2πτ."""
     versine, sine, _defect = versines(tau)
     return sine, 1.0 - versine
 
 
 @inline
-def library_phase(tau):
-    """Return the sine and cosine of 2πτ by the mathematical library: exact to the last bit, slower than `phase_at`."""
+def phase_by_math_library(tau):
+    """Return the sine and cosine of 2πτ by the math library: exact to the last bit, slower than `sine_cosine_at`."""
     angle = TWO_PI * tau
     return math.sin(angle), math.cos(angle)
 
@@ -162,7 +162,7 @@ def sampled_phases(count: int) -> tuple[NDArray[np.float64], NDArray[np.float64]
 
 
 @inline
-def short_step(u):
+def short_versines(u):
     """Return 1 − cos 2πu and sin 2πu for a short time u, by Taylor series with errors below 1e-15 for u up to 1e-4."""
     y = TWO_PI * u
     return y * y * (0.5 - y * y * (1.0 / 24.0)), y * (1.0 - y * y * (1.0 / 6.0))
@@ -170,7 +170,7 @@ def short_step(u):
 
 @inline
 def later_phase(step, sine, cosine):
-    """Return the sine and cosine of a phase a short time later; `step` is the result of `short_step` for this time."""
+    """Return the sine and cosine of a phase a short time later; `step` is `short_versines` of this time."""
     omc, siny = step
     cosine1 = cosine - (siny * sine + omc * cosine)
     return sine + (siny * cosine - omc * sine), cosine1
@@ -237,7 +237,7 @@ def contact_force_swing(delta, epsilon):
 
 
 @inline
-def relative_swing(delta, epsilon):
+def relative_force_amplitude(delta, epsilon):
     """Return the amplitude of the contact force over its mean. Above 1 the force changes sign."""
     return epsilon * math.hypot(TWO_PI, delta) / (2.0 * delta)
 
@@ -252,7 +252,7 @@ def has_swing_beyond(share, delta, epsilon):
 def relative_force(swing, share):
     """Return the contact force over its mean, at `share` of half a period from the phase of the least force.
 
-    swing: the amplitude of the contact force over its mean, as `relative_swing` returns it.
+    swing: the amplitude of the contact force over its mean, as `relative_force_amplitude` returns it.
 
     Returns
     -------
@@ -269,10 +269,15 @@ def phase_of_least_force(delta):
 
 
 @inline
-def force_ahead(wall, sin0, cos0, delta, epsilon):
+def force_fourier_coefficients(wall, sin0, cos0, delta, epsilon):
     """Return mean, a and b of the contact force mean + a cos 2πs + b sin 2πs at a time s after a phase.
 
-    sin0, cos0: sine and cosine of 2πτ at the phase τ. The force is positive where it presses on the wall.
+    sin0, cos0: sine and cosine of 2πτ at the phase τ.
+
+    Returns
+    -------
+    tuple[float, float, float]
+        Mean, a and b. A positive force presses on the wall.
     """
     size = wall * TWO_PI * epsilon
     a = -size * (TWO_PI * cos0 + delta * sin0)
@@ -281,7 +286,7 @@ def force_ahead(wall, sin0, cos0, delta, epsilon):
 
 @inline
 def force_integral(duration, mean, a, b):
-    """Return the integral from s = 0 to `duration` of the force mean + a cos 2πs + b sin 2πs of `force_ahead`."""
+    """Return the integral of the force mean + a cos 2πs + b sin 2πs from s = 0 to `duration`."""
     omc, sine, _defect = versines(duration)
     return mean * duration + (a * sine + b * omc) / TWO_PI
 
@@ -316,8 +321,8 @@ def mean_cosine32(angle, sin0, cos0):
     """Return an estimate of the mean cosine of the forcing over the time angle/2π after a phase, angle ≤ 2π."""
     square = angle * angle
     return (
-        degree_4(coefficients.MEAN_COSINE_32, square) * cos0
-        - angle * degree_4(coefficients.MEAN_SINE_32, square) * sin0
+        evaluate_degree_4(coefficients.MEAN_COSINE_32, square) * cos0
+        - angle * evaluate_degree_4(coefficients.MEAN_SINE_32, square) * sin0
     )
 
 
@@ -443,8 +448,8 @@ def add_analytic_acceleration(x, sine, cosine, epsilon):
 def analytic_force_ahead(sign, sin0, cos0, delta, epsilon):
     """Return mean, a and b: a time s after a phase the force on the wall is mean + a cos 2πs + b sin 2πs.
 
-    `force_ahead` returns the same numbers for a real phase. sign: the wall, ±1. sin0, cos0: complex sine and cosine of
-    the phase. δ must be above 0.
+    `force_fourier_coefficients` returns the same numbers for a real phase. sign: the wall, ±1. sin0, cos0: complex sine
+    and cosine of the phase. δ must be above 0.
 
     Returns
     -------
@@ -479,7 +484,7 @@ class Forcing:
 
     ONE_COSINE: ClassVar[bool] = True
 
-    def relative_swing(self, delta: ArrayLike) -> NDArray[np.float64]:
+    def relative_force_amplitude(self, delta: ArrayLike) -> NDArray[np.float64]:
         """Return the amplitude of the contact force over its mean. Above 1 the force changes sign."""
         return np.asarray(0.5 * (self.epsilon * np.hypot(TWO_PI, delta) / np.asarray(delta)))
 

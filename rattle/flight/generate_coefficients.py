@@ -33,7 +33,7 @@ class Polynomial(NamedTuple):
     real: type[np.floating]
 
 
-def series(start: int, step: int, x: Any) -> Any:
+def factorial_series(start: int, step: int, x: Any) -> Any:
     """Return Σ (−x)^k / (step·k + start)!, exact to 45 digits: for |x| ≤ 40 if step is 2, for |x| ≤ 2 if step is 1."""
     total, term = mp.mpf(0), mp.mpf(1) / mp.factorial(start)
     for k in range(TERMS):
@@ -54,7 +54,7 @@ def polynomials() -> list[Polynomial]:
     list of Polynomial
         The polynomials, in the order of coefficients.py.
     """
-    decay, versine, defect, sine = (partial(series, *x) for x in ((2, 1), (2, 2), (3, 2), (1, 2)))
+    decay, versine, defect, sine = (partial(factorial_series, *x) for x in ((2, 1), (2, 2), (3, 2), (1, 2)))
     square = mp.pi**2
     return [
         Polynomial("DECAY", "(e^(−x) − 1 + x)/x² in x", decay, mp.mpf("-0.05"), 2, 12, np.float64),

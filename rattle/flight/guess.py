@@ -53,7 +53,7 @@ class Minimum(NamedTuple):
     time: f32
 
 
-class Scan(NamedTuple):
+class ScanState(NamedTuple):
     """The state of a scan, which evaluates one flight at successive times until its end is bracketed."""
 
     f: f32  # F at the last time
@@ -66,7 +66,7 @@ class Scan(NamedTuple):
 
 
 @inline
-def flight_in_single(flight):
+def convert_flight_to_single(flight):
     """Return a flight in single precision; its field `a` is computed from the rounded numbers."""
     w, sin0, cos0, epsilon = f32(flight.w), f32(flight.sin0), f32(flight.cos0), f32(flight.epsilon)
     return Flight(w, add_slope32(Q, sin0, cos0, epsilon) - w, sin0, cos0, f32(flight.delta), epsilon)
@@ -248,4 +248,4 @@ def advance_scan(s0, s, wall, gap, scan, flight):
     place = f32(-1.0) if turns else place
     hit = (hits_bottom | hits_top) & (not ended)
     end = place if hit else end
-    return Scan(f, g, turned | turns, turn, ended | hit, falls | (hit & hits_bottom), end)
+    return ScanState(f, g, turned | turns, turn, ended | hit, falls | (hit & hits_bottom), end)

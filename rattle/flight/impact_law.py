@@ -72,7 +72,7 @@ def determinant(delta, time, impacts):
 
 @dataclass(frozen=True)
 class ImpactLaw:
-    """The impact law for code outside kernels: the record `ELASTIC` of elastic impacts, or a `Restitution`."""
+    """The impact law for code outside kernels: the record `ELASTIC` of elastic impacts, or a `RestitutionLaw`."""
 
     #: True if bounces under a pressing contact force end in lasting contact after a finite time. Elastic bounces never
     #: end but become lower and lower; their limit is quiet motion.
@@ -99,7 +99,7 @@ ELASTIC = ImpactLaw()
 
 
 @dataclass(frozen=True)
-class Restitution(ImpactLaw):
+class RestitutionLaw(ImpactLaw):
     """The law w → −r w. An impact multiplies the speed by r, and areas in (t, w²/2) by r²."""
 
     restitution: float = 1.0

@@ -21,13 +21,13 @@ from rattle.flight.forcing import (
     add_acceleration,
     add_slope,
     largest_slope,
-    phase_at,
+    sine_cosine_at,
     slope_loss,
     tangent_drop,
     versines,
 )
 from rattle.numerics.compile import inline, kernel
-from rattle.numerics.polynomial import degree_6, degree_12
+from rattle.numerics.polynomial import evaluate_degree_6, evaluate_degree_12
 
 FASTEST = 1e100  # largest natural speed; beyond it parameters are outside the range of double precision
 LONGEST_DECAY = 2.0  # largest δs for which the polynomials hold
@@ -45,14 +45,14 @@ class Flight(NamedTuple):
 
 
 @inline
-def folded(tau):
+def fold_phase(tau):
     """Return a phase shifted by whole forcing periods into [0, 1). A tiny negative phase gives 0, not 1."""
     fraction = tau - np.floor(tau)
     return fraction if fraction < 1.0 else 0.0
 
 
 @inline
-def wrapped(difference):
+def wrap_phase_difference(difference):
     """Return the difference of two phases, shifted by whole forcing periods into [−1/2, 1/2]."""
     return difference - np.rint(difference)
 
@@ -82,13 +82,13 @@ def speed_unit(delta, epsilon, beta):
 @inline
 def decay64(x):
     """Return (e^(−x) − 1 + x)/x² for x in [−0.05, 2]."""
-    return degree_12(coefficients.DECAY, x)
+    return evaluate_degree_12(coefficients.DECAY, x)
 
 
 @inline
 def decay32(x):
     """Return (e^(−x) − 1 + x)/x² for x in [0, 2], in single precision."""
-    return degree_6(coefficients.DECAY_32, x)
+    return evaluate_degree_6(coefficients.DECAY_32, x)
 
 
 def _build_evaluate(dtype, decay, functions):
@@ -99,9 +99,12 @@ def _build_evaluate(dtype, decay, functions):
 
     @inline
     def evaluate(s, flight):
-        """Return F, F', F'' and 1 − e^(−δs) of a flight at s, and the forcing's sine and cosine there.
+        """Evaluate a flight at s; δs must be in [−0.05, 2] in double precision, in [0, 2] in single precision.
 
-        δs must be in [−0.05, 2] in double precision, and in [0, 2] in single precision.
+        Returns
+        -------
+        tuple of six floats
+            F, F', F'', 1 − e^(−δs), and the forcing's sine and cosine at s.
         """
         w, a, sin0, cos0, delta, epsilon = flight
         step = versines(s)
@@ -130,7 +133,7 @@ def flight_from_sine_cosine(w, sin0, cos0, delta, epsilon, drift):
 @inline
 def flight_from_phase(tau, w, delta, epsilon, drift):
     """Return the flight that leaves a wall at phase tau with velocity w. drift: q of the flight law."""
-    sin0, cos0 = phase_at(tau)
+    sin0, cos0 = sine_cosine_at(tau)
     return flight_from_sine_cosine(w, sin0, cos0, delta, epsilon, drift)
 
 

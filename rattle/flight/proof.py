@@ -26,7 +26,7 @@ LARGEST_STEP = f32(0.05)
 # thirteenth digit of the time s of the impact would be lost.
 STEEPEST = f32(100.0)
 # above this damping, rounding of the times to the ends of the arc of negative contact force may change F' by more than
-# ERROR allows (`is_off_arc_ends`)
+# ERROR allows (`is_departure_side_certain`)
 FASTEST = f32(20.0)
 
 
@@ -47,7 +47,7 @@ def is_within_one_step(s, step, speed, flight):
 
 
 @inline
-def arc_in_single(arc):
+def convert_arc_to_single(arc):
     """Return an arc of negative contact force, converted to single precision."""
     return NegativeArc(arc.exists, f32(arc.leave), f32(arc.length), f32(arc.sin_entry), f32(arc.sin_exit))
 
@@ -68,7 +68,7 @@ def times_to_arc(tau, arc):
 
 
 @inline
-def is_off_arc_ends(to_exit, arc_length, delta):
+def is_departure_side_certain(to_exit, arc_length, delta):
     """Return whether rounding cannot move the departure of a flight into or out of the arc of negative contact force.
 
     Rounding cannot do so if the departure is far from both ends of the arc. The damping must also be so small that a
@@ -120,7 +120,7 @@ def has_single_turn(wall, rising, tau, s, turn, flight, arc):
     up = before & ((end < to_exit) | (rises_out & (end < to_exit + f32(1.0))))
     up |= after & falls_in & (end < to_exit + f32(1.0))
     down = (end < to_entry) | (falls_in & (end < next_entry))
-    safe = is_off_arc_ends(to_exit, arc.length, delta) & (y < LONGEST_DECAY32)
+    safe = is_departure_side_certain(to_exit, arc.length, delta) & (y < LONGEST_DECAY32)
     return (not arc.exists) | (safe & ((up & rising) | (down & (not rising))))
 
 
@@ -199,6 +199,10 @@ def clears_with_two_minima(wall, rising, tau, s, minimum, gap, flight, arc):
     behind = (minimum.time > to_exit + EQUAL_WITHIN) & (minimum.time < s)
     second = max(second, height_lower_bound(s, minimum, delta)) if behind else second
     clear = (top < -low) & (first > low - gap) & (second > low - gap)
-    placed = (early > to_exit) & (late < to_exit + f32(1.0) - arc.length) & is_off_arc_ends(to_exit, arc.length, delta)
+    placed = (
+        (early > to_exit)
+        & (late < to_exit + f32(1.0) - arc.length)
+        & is_departure_side_certain(to_exit, arc.length, delta)
+    )
     from_top = (wall > f32(0.0)) & rising & arc.exists
     return from_top & turned & clear & placed & (delta * s < LONGEST_DECAY32)

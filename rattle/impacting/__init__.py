@@ -5,7 +5,7 @@ from rattle.impacting.bifurcations.curve_tracing import trace
 from rattle.impacting.bifurcations.diagram import diagram
 from rattle.impacting.bifurcations.registry import NAMES, describe
 from rattle.impacting.map.iterate import iterate_tangent
-from rattle.impacting.map.quiet import rests_late
+from rattle.impacting.map.quiet import becomes_quiet_late
 from rattle.impacting.orbits.period_one import period_one
 
-__all__ = ["NAMES", "describe", "diagram", "iterate_tangent", "period_one", "rests_late", "stretch", "trace"]
+__all__ = ["NAMES", "becomes_quiet_late", "describe", "diagram", "iterate_tangent", "period_one", "stretch", "trace"]

@@ -24,8 +24,8 @@ from rattle.impacting.map.quiet import capture_invariant, capture_speed
 from rattle.impacting.map.trajectory import trajectory
 from rattle.impacting.orbits.limits import quiet_limit
 from rattle.impacting.orbits.period_one import flip, orbits_at, regions, sn1
-from rattle.impacting.orbits.periodic import PeriodicOrbit, period_one_saddle, periodic_orbit
-from rattle.intensity.rattling import Rattling
+from rattle.impacting.orbits.periodic import PeriodicOrbit, period_one_orbit, periodic_orbit
+from rattle.intensity.rattling import RattlingGear
 from rattle.orbits.iterates import Impact, Iterates, Trajectory
 from rattle.orbits.orbits_a_to_d import Orbit
 from rattle.orbits.periodic_motions import Periodic
@@ -66,7 +66,7 @@ def is_elastic(restitution: Any, load: Any, harmonics: Any) -> bool:
 
 
 @dataclass(frozen=True, init=False)
-class Gear(SampledGear, Rattling):
+class Gear(SampledGear, RattlingGear):
     """The impacting gear model at one parameter point.
 
     Between the walls Φ = ±β
@@ -311,7 +311,7 @@ class Gear(SampledGear, Rattling):
         RattleError
             If the orbit of this letter does not exist at the gear's parameters.
         """
-        return period_one_saddle(orbit.name, self.delta, self.epsilon, self.beta)
+        return period_one_orbit(orbit.name, self.delta, self.epsilon, self.beta)
 
     def region(self) -> int:
         """Return the region's number, an index in `rattle.REGIONS`; 1 to 5 are I to V of the paper's Figure 7."""
@@ -348,9 +348,9 @@ class Gear(SampledGear, Rattling):
         return BoundaryDistance(*(float(x) for x in found))
 
     @property
-    def _point(self) -> impact_map.Point:
+    def _point(self) -> impact_map.ImpactingPoint:
         captured = capture_invariant(self.delta, self.epsilon, self.beta)
-        return impact_map.Point(self.delta, self.epsilon, self.beta, captured)
+        return impact_map.ImpactingPoint(self.delta, self.epsilon, self.beta, captured)
 
     def gamma(self, spacing: float = 0.02) -> tuple[GammaPiece, ...]:
         """Return the grazing curve Γ: all states (τ, v) whose flight touches Σ⁻ with speed 0, accurate to 1e-10.
@@ -373,7 +373,7 @@ class Gear(SampledGear, Rattling):
 
 def _folded_phase(phase: float) -> float:
     """Return a phase shifted by whole periods into [0, 1). Raises ParameterError if the phase is not finite."""
-    return float(law.folded(require_finite("phase", phase)))
+    return float(law.fold_phase(require_finite("phase", phase)))
 
 
 def _number_or_none(limit: NDArray[np.float64]) -> float | None:

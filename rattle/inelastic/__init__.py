@@ -7,7 +7,7 @@ from rattle.inelastic.attractors.classifier import attractors_of
 from rattle.inelastic.bifurcations.codimension_two import CodimensionTwoCurve, follow_codimension_two, points_at
 from rattle.inelastic.bifurcations.curves import trace
 from rattle.inelastic.bifurcations.registry import NAMES, describe
-from rattle.inelastic.functions import diagram, rests_late, stretch
+from rattle.inelastic.functions import becomes_quiet_late, diagram, stretch
 from rattle.inelastic.gear import FirstInelasticImpact, InelasticGear
 from rattle.inelastic.map.iterate import iterate, iterate_tangent
 from rattle.inelastic.map.quiet import quiet_limit
@@ -22,6 +22,7 @@ __all__ = [
     "InelasticGear",
     "InelasticOrbit",
     "attractors_of",
+    "becomes_quiet_late",
     "describe",
     "diagram",
     "flip_of_c",
@@ -32,7 +33,6 @@ __all__ = [
     "points_at",
     "quiet_limit",
     "regions",
-    "rests_late",
     "saddle_node",
     "stretch",
     "trace",

@@ -13,7 +13,7 @@ from rattle.intensity.table import follow_one_by_one
 stretch = follow_one_by_one  # one motion after another; the impacting gear's `stretch` uses SIMD lanes
 
 
-def rests_late(delta: NDArray[np.float64], *_: Any, **__: Any) -> NDArray[np.bool_]:
+def becomes_quiet_late(delta: NDArray[np.float64], *_: Any, **__: Any) -> NDArray[np.bool_]:
     """Return False for each cell (n,): no cell needs many impacts before its quiet motion is recognised."""
     return np.zeros(delta.size, np.bool_)
 

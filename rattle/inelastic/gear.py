@@ -14,11 +14,11 @@ from rattle.errors import RattleError, require, require_finite, require_number
 from rattle.flight.contact_phase import IN_CONTACT, MOST_BOUNCES
 from rattle.flight.first_impact import LONGEST, OK
 from rattle.flight.forcing import DRIFT
-from rattle.flight.law import folded
+from rattle.flight.law import fold_phase
 from rattle.inelastic.attractors.classifier import InelasticClassifier
 from rattle.inelastic.given import Harmonics, checked_harmonics, inelastic_points
 from rattle.inelastic.map import bounce  # noqa: F401 registers the kernels of impacts and of their sums for this gear
-from rattle.inelastic.map.cells import point_with
+from rattle.inelastic.map.cells import make_inelastic_point
 from rattle.inelastic.map.flight import first_impact_of_forced_flight, forced_flight
 from rattle.inelastic.map.impact_map import InelasticPoint, piece_number, step_tangent
 from rattle.inelastic.map.iterate import iterate
@@ -27,9 +27,9 @@ from rattle.inelastic.map.trajectory import trajectory
 from rattle.inelastic.orbits.closed_form import flip_of_c, one_impact_motions, saddle_node
 from rattle.inelastic.orbits.period_one import period_one
 from rattle.inelastic.orbits.periodic import InelasticOrbit, inelastic_orbit
-from rattle.intensity.rattling import Rattling
+from rattle.intensity.rattling import RattlingGear
 from rattle.orbits.iterates import Impact, Iterates, Trajectory
-from rattle.orbits.orbits_a_to_d import Orbit, PeriodOne, classify, existing_orbits
+from rattle.orbits.orbits_a_to_d import Orbit, PeriodOne, classify_regions, existing_orbits
 from rattle.parameters import Parameters
 
 
@@ -42,7 +42,7 @@ class FirstInelasticImpact(NamedTuple):
 
 
 @dataclass(frozen=True)
-class InelasticGear(SampledGear, Rattling):
+class InelasticGear(SampledGear, RattlingGear):
     """The gear with a coefficient of restitution, a load and a forcing of several harmonics, at one parameter point.
 
     Between the walls Φ = ±β
@@ -97,7 +97,7 @@ class InelasticGear(SampledGear, Rattling):
 
     @cached_property
     def _point(self) -> InelasticPoint:
-        return point_with(self.delta, self.epsilon, self.beta, self.restitution, self.load, self.harmonics)
+        return make_inelastic_point(self.delta, self.epsilon, self.beta, self.restitution, self.load, self.harmonics)
 
     @property
     def quiet_limit(self) -> float:
@@ -105,7 +105,7 @@ class InelasticGear(SampledGear, Rattling):
         return quiet_limit(self.delta, DRIFT * (1.0 + self.load), self.harmonics)
 
     @property
-    def force_zeros(self) -> NDArray[np.float64]:
+    def contact_force_zeros(self) -> NDArray[np.float64]:
         """Phases at which the contact force changes sign, and contact with a wall ends; empty below the quiet limit."""
         return self._point.zeros.copy()
 
@@ -241,7 +241,7 @@ class InelasticGear(SampledGear, Rattling):
         """
         if self.harmonics:
             raise RattleError("regions are defined for a forcing of one cosine only: leave out the harmonics")
-        return int(classify(self._period_one()))
+        return int(classify_regions(self._period_one()))
 
     def _repr_html_(self) -> str:
         return repr(self)
@@ -249,7 +249,7 @@ class InelasticGear(SampledGear, Rattling):
 
 def _folded_phase(phase: float) -> float:
     """Return a phase modulo 1, in [0, 1). Raises ParameterError unless it is a finite number."""
-    return float(folded(require_finite("phase", phase)))
+    return float(fold_phase(require_finite("phase", phase)))
 
 
 def _raise_for_status(status: int) -> None:

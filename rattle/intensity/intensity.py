@@ -17,9 +17,9 @@ from rattle.intensity.motions import (
     Motion,
     contacts_of,
     kind_of,
+    observation_periods,
     require_closed,
     require_followed,
-    watched_periods,
 )
 from rattle.intensity.runs import sums_with_contacts
 from rattle.intensity.visit import (
@@ -138,7 +138,7 @@ def intensity(motion: Motion, point: Any, periods: float | None) -> Intensity:
         require_closed(motion, status, tau, v, sums[0, FASTEST])
         sums[0, TIME] = np.rint(sums[0, TIME])
         return _intensity_from_sums(sums, EXACT)
-    periods = watched_periods(point.delta, periods)
+    periods = observation_periods(point.delta, periods)
     sums = np.zeros((BATCHES, COLUMNS))
     status, _tau, _v, time = sum_impacts(motion.tau, motion.v, ENDLESS, periods, MOST_IMPACTS, point, sums)
     require_followed(status, time, periods)

@@ -8,7 +8,7 @@ import numpy as np
 from rattle.attractors.chaos import BATCHES
 from rattle.errors import RattleError, require, require_number
 from rattle.flight.first_impact import OK
-from rattle.flight.law import wrapped
+from rattle.flight.law import wrap_phase_difference
 from rattle.orbits.iterates import MOST_IMPACTS
 
 # a motion closes if the states at the ends of its period differ by less than CLOSED, in v relative to the largest speed
@@ -103,7 +103,7 @@ def contacts_of(motion: Motion) -> int:
     return int(getattr(motion, "contacts", 0))
 
 
-def watched_periods(delta: float, periods: float | None) -> float:
+def observation_periods(delta: float, periods: float | None) -> float:
     """Return the number of forcing periods for which a chaotic motion is followed.
 
     Returns
@@ -128,7 +128,7 @@ def require_closed(motion: Motion, status: int, tau: float, v: float, fastest: f
     RattleError
         If the status is not OK, or a difference is larger than CLOSED.
     """
-    closed = abs(wrapped(tau - motion.tau)) <= CLOSED and abs(v - motion.v) <= CLOSED * fastest
+    closed = abs(wrap_phase_difference(tau - motion.tau)) <= CLOSED and abs(v - motion.v) <= CLOSED * fastest
     if status != OK or not closed:
         raise RattleError(
             f"the motion does not return to tau = {motion.tau}, v = {motion.v} after a period, "

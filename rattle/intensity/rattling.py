@@ -15,7 +15,7 @@ from rattle.intensity.spectrum import Density, Lines, spectrum
 from rattle.intensity.visit import Impacts
 
 
-class Rattling(ABC):
+class RattlingGear(ABC):
     """Base class with the methods that measure how hard a gear's motions rattle.
 
     A motion is given as an `Attractor`, an `Orbit` or a periodic motion of the gear.

@@ -83,12 +83,12 @@ def spectrum(motion: Motion, point: Any, stiffness: float, highest: float, resol
         return _welch_density(impacts, order, motion.tau, length, point, stiffness)
     if kind == "quiet":
         pressing = _force_line_amplitudes(order, point)
-        return Lines(order, np.asarray(-response(order, point.delta, stiffness) * pressing))
+        return Lines(order, np.asarray(-wall_response(order, point.delta, stiffness) * pressing))
     impacts = impacts_of(motion, point, None)
     return Lines(order, np.asarray(force_transform(impacts, order, point, stiffness) / -motion.m))
 
 
-def response(order: ArrayLike, delta: float, stiffness: float) -> NDArray[np.complex128]:
+def wall_response(order: ArrayLike, delta: float, stiffness: float) -> NDArray[np.complex128]:
     """Return T = 2k/(2k − ω² + iδω), the factor by which walls of stiffness k change the force spectrum of an impact.
 
     order: ω/(2π), of any shape.
@@ -109,7 +109,7 @@ def force_transform(impacts: Impacts, order: Array, point: Any, stiffness: float
     for first in range(0, order.size, rows):
         part = slice(first, first + rows)
         found[part] = _impact_transforms(impacts, TWO_PI * order[part, None], point).sum(axis=1)
-    return response(order, point.delta, stiffness) * found
+    return wall_response(order, point.delta, stiffness) * found
 
 
 def _impact_transforms(impacts: Impacts, omega: Array, point: Any) -> NDArray[np.complex128]:
@@ -169,7 +169,7 @@ def _welch_density(
     begin = start + 0.5 * length * np.arange(SEGMENTS)
     first, last = np.searchsorted(time, begin), np.searchsorted(time, begin + length)
     power = summed_periodograms(time, weight, begin, first, last, length, order.size)
-    density = power / SEGMENTS * np.abs(response(order, point.delta, stiffness)) ** 2
+    density = power / SEGMENTS * np.abs(wall_response(order, point.delta, stiffness)) ** 2
     freedom = 36.0 * SEGMENTS**2 / (19.0 * SEGMENTS - 1.0)
     low, high = (freedom / chdtri(freedom, share) for share in (0.025, 0.975))
     return Density(order, density, low * density, high * density)

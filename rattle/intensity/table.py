@@ -11,7 +11,7 @@ from rattle.attractors.classify import PERIODS, WATCH
 from rattle.attractors.samples import Outcome
 from rattle.attractors.table import AttractorTable
 from rattle.flight.first_impact import OK
-from rattle.flight.law import wrapped
+from rattle.flight.law import wrap_phase_difference
 from rattle.intensity.intensity import half_widths, intensity_rates
 from rattle.intensity.motions import CLOSED, ENDLESS, period_limits
 from rattle.intensity.runs import collect_impacts_in_cell, sums_with_contacts
@@ -63,7 +63,7 @@ def write_period_sums(cell, n_plus, tau, v, cells, sums):
     for i in range(cell.size):
         point = point_of(cell[i], cells)
         status, tau1, v1, _time = sum_impacts(tau[i], v[i], n_plus[i], np.inf, MOST_IMPACTS, point, sums[i : i + 1])
-        closed = abs(wrapped(tau1 - tau[i])) <= CLOSED and abs(v1 - v[i]) <= CLOSED * sums[i, FASTEST]
+        closed = abs(wrap_phase_difference(tau1 - tau[i])) <= CLOSED and abs(v1 - v[i]) <= CLOSED * sums[i, FASTEST]
         if status != OK or not closed:
             sums[i] = np.nan
 
@@ -88,7 +88,7 @@ def _sums_of_contact_motion(table: AttractorTable, row: int, cells: Any) -> Arra
     tau, v, m = float(table.tau[row]), float(table.v[row]), int(table.m[row])
     returns, periods = period_limits(m, table.n_plus[row], table.contacts[row])
     status, tau1, v1, found = collect_impacts_in_cell(int(table.cell[row]), cells, tau, v, int(returns), float(periods))
-    closed = abs(wrapped(tau1 - tau)) <= CLOSED and abs(v1 - v) <= CLOSED * found.speed.max(initial=0.0)
+    closed = abs(wrap_phase_difference(tau1 - tau)) <= CLOSED and abs(v1 - v) <= CLOSED * found.speed.max(initial=0.0)
     return sums_with_contacts(found, m) if status == OK and closed else np.full(COLUMNS, np.nan)
 
 

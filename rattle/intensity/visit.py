@@ -7,7 +7,7 @@ inelastic gear a contact phase counts as the duration of the impact with which i
 from typing import Any, NamedTuple
 
 from rattle.flight.first_impact import OK, SIGMA_PLUS
-from rattle.flight.law import folded
+from rattle.flight.law import fold_phase
 from rattle.numerics.compile import inline, kernel
 
 # columns of the sums of `sum_impacts`: time, impacts on each wall, Σv, Σv², time in contact, impulse, largest v
@@ -98,7 +98,7 @@ def sum_impacts(tau, v, returns, periods, most, point, sums):
         if status != OK:
             return status, tau, abs(w), now
         add_impact(sums[min(int(now / periods * batches), batches - 1)], s, wall, speed, duration, impulse)
-        tau, w, now = folded(tau + s + duration), -wall * departure, now + s + duration
+        tau, w, now = fold_phase(tau + s + duration), -wall * departure, now + s + duration
         back += wall > 0
         if back >= returns or now >= periods:
             break
@@ -125,7 +125,7 @@ def list_impacts(tau, v, returns, periods, point, impacts):
             return status, tau, abs(w), i
         impacts.time[i], impacts.wall[i], impacts.speed[i] = start + now + s, wall, speed
         impacts.departure[i], impacts.duration[i], impacts.impulse[i] = departure, duration, impulse
-        tau, w, now = folded(tau + s + duration), -wall * departure, now + s + duration
+        tau, w, now = fold_phase(tau + s + duration), -wall * departure, now + s + duration
         back += wall > 0
         if back >= returns or now >= periods:
             return OK, tau, abs(w), i + 1

@@ -1,6 +1,6 @@
 """Pairs of gears in SI units, with the numbers that engineers know."""
 
-from rattle.machine.conversion import DRIVES, Reduced, Units
+from rattle.machine.conversion import DRIVES, ReducedPair, Units
 from rattle.machine.given import RPM, UNITS
 from rattle.machine.machine import Machine, MachineIntensity
 from rattle.machine.point import machine_point
@@ -15,7 +15,7 @@ __all__ = [
     "Machine",
     "MachineIntensity",
     "MachineVerdict",
-    "Reduced",
+    "ReducedPair",
     "TransmissionError",
     "Units",
     "machine_point",

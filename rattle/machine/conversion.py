@@ -44,7 +44,7 @@ class Units(NamedTuple):
     frequency: Any
 
 
-class Reduced(NamedTuple):
+class ReducedPair(NamedTuple):
     """Two gears, reduced to one coordinate: x along the line of action between their teeth.
 
     If both gears are equal and a forcing period is one revolution, inertia, drag and radius are those of each gear, and
@@ -90,7 +90,7 @@ def reduce_pair(
     driven_drag: Any,
     driven_radius: Any,
     base: float = 1.0,
-) -> Reduced:
+) -> ReducedPair:
     """Reduce two gears to one equation for x = r₁θ₁ − r₂θ₂. A forcing period is 1/base revolutions of the first gear.
 
     With m = I/r² and γ = c/I of either gear (inertia I, base radius r, drag c), the mean speed V of the base circles
@@ -131,7 +131,7 @@ def reduce_pair(
     scale = 2.0 * base / (heavier * slowed)
     reduced_inertia, reduced_drag = inertia2 * slowed / base, drag2 / base
     made = (reduced_inertia, reduced_drag, radius, speed * base, scale, ratio, difference, drift)
-    return Reduced(*map(_float_or_array, made))
+    return ReducedPair(*map(_float_or_array, made))
 
 
 def _float_or_array(number: Any) -> Any:
@@ -139,7 +139,7 @@ def _float_or_array(number: Any) -> Any:
     return float(number) if np.ndim(number) == 0 else number
 
 
-def rate_error(pair: Reduced, backlash: Any, forcing: Any, load: Any) -> Any:
+def rate_error(pair: ReducedPair, backlash: Any, forcing: Any, load: Any) -> Any:
     """Return a bound of the force that the reduction of `reduce_pair` neglects, as a share of the driving force.
 
     The bound holds after transients; m, γ and V are those of `reduce_pair`, and u₁, u₂ the speeds of the base circles.
@@ -166,23 +166,23 @@ def rate_error(pair: Reduced, backlash: Any, forcing: Any, load: Any) -> Any:
     return _float_or_array(np.where(np.equal(pair.rate_difference, 0.0), 0.0, share))
 
 
-def damping(pair: Reduced) -> Any:
+def damping(pair: ReducedPair) -> Any:
     """Return the damping δ = 2πc/(IΩ), from the reduced drag c and inertia I and the speed Ω of the forcing."""
     # np.divide, because Python's division raises ZeroDivisionError at speed 0, where δ is infinite
     return np.divide(TWO_PI * pair.drag, pair.inertia * pair.speed)
 
 
-def epsilon_of_amplitude(length: Any, pair: Reduced) -> Any:
+def epsilon_of_amplitude(length: Any, pair: ReducedPair) -> Any:
     """Return ε from the amplitude of the transmission error along the line of action, `length` in m."""
     return pair.scale * length / pair.radius
 
 
-def beta_of_backlash(backlash: Any, pair: Reduced) -> Any:
+def beta_of_backlash(backlash: Any, pair: ReducedPair) -> Any:
     """Return β from the backlash along the line of action, in m."""
     return pair.scale * backlash / (2.0 * pair.radius)
 
 
-def units_of(pair: Reduced) -> Units:
+def units_of(pair: ReducedPair) -> Units:
     """Return the SI sizes of the model's units of length, time, speed, energy, power, force and frequency."""
     length, time = pair.radius / pair.scale, TWO_PI / pair.speed
     force = _float_or_array(np.divide(0.5 * pair.inertia, pair.radius * time * time))

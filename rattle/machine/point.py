@@ -9,7 +9,7 @@ import numpy as np
 
 from rattle.errors import require
 from rattle.machine import conversion
-from rattle.machine.conversion import Reduced, Units
+from rattle.machine.conversion import ReducedPair, Units
 from rattle.machine.forcing import AMPLITUDES, PairForcing, assemble_forcing, components_of
 from rattle.machine.given import DRIVEN, require_matching_gears
 
@@ -34,7 +34,7 @@ class MachinePoint(NamedTuple):
     delta: Any
     epsilon: Any
     beta: Any
-    pair: Reduced
+    pair: ReducedPair
     forcing: PairForcing
     added: dict[str, Any]
     units: Units

@@ -111,7 +111,7 @@ def transmission_error(angle: ArrayLike, error: ArrayLike, orders: int = 40) -> 
         f"angles must rise, and that of point {back[:1].sum() + 2} does not: sort the table by angle, "
         "leave out one of two points at the same angle, or go on with 361° after 360°",
     )
-    turn, e, revolutions = _whole_revolutions(turn, e)
+    turn, e, revolutions = _cut_to_whole_revolutions(turn, e)
     needed = 2 * orders + 1
     require(turn.size >= needed, f"{turn.size} points are too few for {orders} orders: give {needed}, or fewer orders")
     gap = _largest_gap(turn, revolutions)
@@ -163,7 +163,7 @@ def read_transmission_error(path: str | Path, orders: int = 40) -> TransmissionE
     return transmission_error(angle, error, orders)
 
 
-def _whole_revolutions(turn: Array, e: Array) -> tuple[Array, Array, int]:
+def _cut_to_whole_revolutions(turn: Array, e: Array) -> tuple[Array, Array, int]:
     """Return angles and errors without a last point that repeats the first, and the number of whole revolutions.
 
     Returns

@@ -13,7 +13,7 @@ from typing import Any
 from rattle.errors import ParameterError, require_one_of
 from rattle.models.impacting import Impacting
 from rattle.models.inelastic import Inelastic
-from rattle.models.model import AnyGear, Capability, Functions, Limits, Model
+from rattle.models.model import AnyGear, Capability, GearFunctions, Limits, Model
 from rattle.models.stiff import Stiff
 from rattle.parameters import BETA, Harmonic, Parameter, Parameters
 
@@ -36,7 +36,7 @@ class CapabilityError(ParameterError):
     code = "model_lacks_capability"
 
 
-def owner_of(name: str) -> type[Model]:
+def model_of_parameter(name: str) -> type[Model]:
     """Return the model that adds the parameter `name`, a key of ADDED, to δ, ε and β."""
     return next(model for model in MODELS.values() if name in {each.name for each in model.added})
 
@@ -46,7 +46,7 @@ def _required_parameters(model: type[Model]) -> tuple[str, ...]:
     return tuple(each.name for each in model.added if each.default is None)
 
 
-def model_adding(names: Any) -> type[Model]:
+def model_with_parameters(names: Any) -> type[Model]:
     """Return the model to which the parameters `names` belong, and whose other parameters have default values.
 
     Returns
@@ -90,7 +90,7 @@ def model_of(beta: float = 0.6, **added: float | None) -> Model:
         If no model has the given parameters, or one is outside its domain.
     """
     given: dict[str, Any] = {name: value for name, value in added.items() if value is not None}
-    return model_adding(given)(beta, **given)
+    return model_with_parameters(given)(beta, **given)
 
 
 def with_harmonics(model: Model, harmonics: Sequence[Harmonic]) -> Model:
@@ -136,7 +136,7 @@ def gear_at(parameters: Parameters, number: int = 0) -> AnyGear:
     return model_with(parameters, number).gear(float(parameters.delta[number]), float(parameters.epsilon[number]))
 
 
-def lacking(capability: Capability, model: Model | type[Model]) -> CapabilityError:
+def missing_capability_error(capability: Capability, model: Model | type[Model]) -> CapabilityError:
     """Return the error for a capability that a model lacks. Its message names the models that have the capability."""
     having = [name for name, each in MODELS.items() if capability in each.has]
     words = capability[0].upper() + capability[1:]
@@ -147,7 +147,7 @@ def lacking(capability: Capability, model: Model | type[Model]) -> CapabilityErr
 def require_capability(capability: Capability, model: Model | type[Model]) -> None:
     """Raise CapabilityError unless a model has a capability."""
     if capability not in model.has:
-        raise lacking(capability, model)
+        raise missing_capability_error(capability, model)
 
 
 __all__ = [
@@ -159,7 +159,7 @@ __all__ = [
     "AnyGear",
     "Capability",
     "CapabilityError",
-    "Functions",
+    "GearFunctions",
     "Impacting",
     "Inelastic",
     "Limits",
@@ -168,12 +168,12 @@ __all__ = [
     "Parameters",
     "Stiff",
     "gear_at",
-    "lacking",
-    "model_adding",
+    "missing_capability_error",
     "model_at",
     "model_of",
+    "model_of_parameter",
     "model_with",
-    "owner_of",
+    "model_with_parameters",
     "require_capability",
     "with_harmonics",
 ]

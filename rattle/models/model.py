@@ -40,7 +40,7 @@ Rows = tuple[Attractors, NDArray[np.bool_], NDArray[np.int64]]
 
 
 class Capability(StrEnum):
-    """A feature that not every model has. Its value begins the error message of `rattle.models.lacking`."""
+    """A feature that not every model has. Its value begins the text of `rattle.models.missing_capability_error`."""
 
     CLOSED_FORM = "closed forms of A to D are"
     PERIOD_ONE = "the motions A to D and the regions that they make are"
@@ -175,7 +175,7 @@ class AnyGear(Protocol):
         """Return the sound of a motion at `rpm` revolutions per minute, as a signal with `rate` values per second."""
 
 
-class Functions(Protocol):
+class GearFunctions(Protocol):
     """The functions that the package of a gear model provides, for arrays of parameters.
 
     Each function takes δ and ε, the name of a curve, or the ends of a segment of the (δ, ε) plane, and by keyword β and
@@ -188,7 +188,7 @@ class Functions(Protocol):
     def iterate_tangent(self, *given: Any, **more: Any) -> Stretched:
         """Return the states after n returns to Σ⁺, with both Lyapunov exponents."""
 
-    def rests_late(self, *given: Any, **more: Any) -> NDArray[np.bool_]:
+    def becomes_quiet_late(self, *given: Any, **more: Any) -> NDArray[np.bool_]:
         """Return flags of points where a motion that becomes quiet makes so many impacts that it may look chaotic."""
 
     def stretch(self, *given: Any, **more: Any) -> Array:
@@ -243,7 +243,7 @@ class Model(ABC):
     title: ClassVar[str]
     added: ClassVar[tuple[Parameter, ...]] = ()
     has: ClassVar[frozenset[Capability]] = frozenset()
-    functions: ClassVar[Functions]
+    functions: ClassVar[GearFunctions]
     classifier: ClassVar[type[Classifier]]
     curve_names: ClassVar[Sequence[str]] = ()
     tile_samples: ClassVar[int] = 65_536
@@ -278,7 +278,7 @@ class Model(ABC):
         return 0.0
 
     @property
-    def in_closed_form(self) -> bool:
+    def has_closed_forms(self) -> bool:
         """True if A to D have closed forms, so that these motions, regions and limits are computed immediately."""
         return Capability.CLOSED_FORM in self.has
 
@@ -363,11 +363,11 @@ class Model(ABC):
             table, self.classifier.cells_of(self.parameters_at(delta, epsilon).flat()), self.functions.stretch
         )
 
-    def rests_late(self, delta: ArrayLike, epsilon: ArrayLike) -> NDArray[np.bool_]:
+    def becomes_quiet_late(self, delta: ArrayLike, epsilon: ArrayLike) -> NDArray[np.bool_]:
         """Return flags of points where a motion that becomes quiet makes so many impacts that it may look chaotic."""
         at = self.parameters_at(delta, epsilon)
         flat = at.flat()
-        return self.functions.rests_late(flat.delta, flat.epsilon, **flat.others).reshape(at.shape)
+        return self.functions.becomes_quiet_late(flat.delta, flat.epsilon, **flat.others).reshape(at.shape)
 
     def diagram(self, start: ArrayLike, end: ArrayLike, steps: int = 400, count: int = 64) -> Diagram[Any, Any]:
         """Return the bifurcation diagram along the segment from the point start = (δ, ε) to the point end."""

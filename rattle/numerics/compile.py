@@ -65,10 +65,10 @@ def source_hash() -> str:
     str
         On one machine with the same `toolchain`, equal hashes mean that computed numbers are equal to the last bit.
     """
-    return _hash_without(COMPUTE_NOTHING)
+    return _hash_sources(COMPUTE_NOTHING)
 
 
-def _hash_without(left_out: set[str]) -> str:
+def _hash_sources(left_out: set[str]) -> str:
     """Return the hex SHA-256 of the library's sources without the folders and files `left_out`."""
     digest, root = hashlib.sha256(), Path(__file__).parents[1]
     for path in sorted(root.rglob("*.py")):
@@ -118,7 +118,7 @@ def _cache_root() -> str:
 def cache_directory() -> Path:
     """Return the directory of compiled kernels: its name is a hash of sources, their path, compiler and processor."""
     target: Any = numba.config
-    key = (_hash_without(COMPILE_NOTHING), __file__, sys.version, toolchain(), target.CPU_NAME, target.CPU_FEATURES)
+    key = (_hash_sources(COMPILE_NOTHING), __file__, sys.version, toolchain(), target.CPU_NAME, target.CPU_FEATURES)
     return Path(_cache_root(), hashlib.sha256(repr(key).encode()).hexdigest()[:24])
 
 
@@ -214,12 +214,14 @@ class Kernel(Inline):
             wanted = self.__module__, self.name, *map(numba.typeof, arguments)
             # the name is a hash of the types as text, because pickles of equal types may differ
             name = hashlib.sha256(repr(wanted).encode()).hexdigest()[:24]
-            compile_apart(f"{name} {base64.b64encode(pickle.dumps(wanted)).decode()}", f"{__name__}:compile_one_kernel")
+            compile_in_subprocess(
+                f"{name} {base64.b64encode(pickle.dumps(wanted)).decode()}", f"{__name__}:kernel_compilation_steps"
+            )
         return (self._python_dispatcher or self.python_dispatcher)(*arguments)
 
 
-def compile_one_kernel(about: str) -> dict[str, Callable[[], Any]]:
-    """Return the step of a `compile_apart` job that compiles one kernel for given argument types.
+def kernel_compilation_steps(about: str) -> dict[str, Callable[[], Any]]:
+    """Return the step of a `compile_in_subprocess` job that compiles one kernel for given argument types.
 
     about: a hash, a space, and in base64 the pickled tuple of the kernel's module, its name and the types.
 
@@ -239,7 +241,7 @@ inline = Inline  #: decorator: compiles a small function into its callers, so th
 FOR_TYPES: dict[Callable[..., Any], dict[type, Callable[..., Any]]] = {}
 
 
-def for_type(function: Callable[..., Any], kind: type) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+def implement_for_type(function: Callable[..., Any], kind: type) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
     """Declare the implementation that kernels call for `function` if its last argument is a named tuple `kind`.
 
     `FOR_TYPES` has all implementations, and the docstring of `rattle.orbits.return_map` lists where they are. Kernels
@@ -266,8 +268,8 @@ def for_type(function: Callable[..., Any], kind: type) -> Callable[[Callable[...
     return register
 
 
-def note_of(about: str, job: str) -> Path:
-    """Return the path of the file whose existence marks a job of `compile_apart` as done.
+def completion_note_path(about: str, job: str) -> Path:
+    """Return the path of the file whose existence marks a job of `compile_in_subprocess` as done.
 
     about: the argument of the job; only its first word enters the path. job: the job's function, ``module:name``.
 
@@ -279,7 +281,7 @@ def note_of(about: str, job: str) -> Path:
     return cache_directory() / f"{job.rpartition(':')[2]}-{about.split()[0]}.note"
 
 
-def compile_apart(about: str, *jobs: str) -> None:
+def compile_in_subprocess(about: str, *jobs: str) -> None:
     """Compile the kernels of the jobs `jobs` in one separate process, unless the cache has them already.
 
     Numba's functions are weak symbols: a process that compiles a kernel takes copies of its callees that are optimised
@@ -301,7 +303,7 @@ def compile_apart(about: str, *jobs: str) -> None:
     RattleError
         If the kernels cannot be compiled; the message says why.
     """
-    notes = [note_of(about, job) for job in jobs]
+    notes = [completion_note_path(about, job) for job in jobs]
     if _CREATED_NOTES:  # this is the compiling process, which compiles these kernels itself when its job calls them
         _CREATED_NOTES.extend(notes)
     elif sys.executable and not all(note.exists() for note in notes) and is_cache_writable():
@@ -344,12 +346,12 @@ def compile_in_this_process(about: str, *jobs: str) -> None:
     """Compile the kernels of these jobs in this process, and mark each job as done.
 
     This process ends when its standard input closes, as it does when the parent process ends. about, jobs: as in
-    `compile_apart`.
+    `compile_in_subprocess`.
     """
     threading.Thread(target=lambda: sys.stdin.read() or os._exit(1), daemon=True).start()
     gc.set_threshold(100_000, 20, 20)  # the default thresholds spend an eighth of a compilation's time on garbage
     for job in jobs:
-        _CREATED_NOTES[:] = [note_of(about, job)]
+        _CREATED_NOTES[:] = [completion_note_path(about, job)]
         module, _, name = job.partition(":")
         steps = getattr(import_module(module), name)(about)
         for number, (step, compile_step) in enumerate(steps.items(), 1):

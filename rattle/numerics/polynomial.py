@@ -7,28 +7,28 @@ from rattle.numerics.compile import inline
 
 
 @inline
-def degree_4(c, x):
+def evaluate_degree_4(c, x):
     """Return the polynomial c₀ + … + c₄ x⁴."""
     x2 = x * x
     return (c[0] + c[1] * x) + x2 * ((c[2] + c[3] * x) + x2 * c[4])
 
 
 @inline
-def degree_5(c, x):
+def evaluate_degree_5(c, x):
     """Return the polynomial c₀ + … + c₅ x⁵."""
     x2 = x * x
     return (c[0] + c[1] * x) + x2 * ((c[2] + c[3] * x) + x2 * (c[4] + c[5] * x))
 
 
 @inline
-def degree_6(c, x):
+def evaluate_degree_6(c, x):
     """Return the polynomial c₀ + … + c₆ x⁶."""
     x2 = x * x
     return (c[0] + c[1] * x) + x2 * ((c[2] + c[3] * x) + x2 * ((c[4] + c[5] * x) + x2 * c[6]))
 
 
 @inline
-def degree_10(c, x):
+def evaluate_degree_10(c, x):
     """Return the polynomial c₀ + … + c₁₀ x¹⁰."""
     x2 = x * x
     x4 = x2 * x2
@@ -39,7 +39,7 @@ def degree_10(c, x):
 
 
 @inline
-def degree_12(c, x):
+def evaluate_degree_12(c, x):
     """Return the polynomial c₀ + … + c₁₂ x¹²."""
     x2 = x * x
     x4 = x2 * x2

@@ -39,7 +39,7 @@ def environment() -> dict[str, str]:
     return {**os.environ, SAFE_PATH: "1", "PYTHONPATH": os.pathsep.join(module_path())}
 
 
-def leave_working_directory() -> None:
+def remove_working_directory_from_path() -> None:
     """Let this process, and processes that libraries start from it, import modules from `module_path` only.
 
     The current directory stays the same; Python no longer searches it, or the script's directory, for modules.

@@ -49,7 +49,7 @@ def _mix_bits(x: NDArray[np.uint64]) -> NDArray[np.uint64]:
     return x ^ (x >> np.uint64(31))
 
 
-def uniforms(seed: int, stream: int, rows: NDArray[np.int64], columns: int) -> NDArray[np.float64]:
+def draw_uniforms(seed: int, stream: int, rows: NDArray[np.int64], columns: int) -> NDArray[np.float64]:
     """Return independent uniform random numbers in [0, 1): chosen rows (n,) of an endless table.
 
     The seed (up to 128 bits) and the number `stream` select the table. Each number depends on the seed, the

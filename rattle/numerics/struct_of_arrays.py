@@ -14,7 +14,7 @@ class StructOfArrays:
     """A dataclass whose fields are arrays with one row for each item.
 
     Code accesses columns by name, never by the order of fields. Kernels take single columns, or the named tuple of
-    `for_kernels` if the class has `kernel_columns`.
+    `to_kernel_tuple` if the class has `define_kernel_columns`.
     """
 
     def columns(self) -> dict[str, NDArray[Any]]:
@@ -22,7 +22,7 @@ class StructOfArrays:
         mine: Any = self
         return {field.name: getattr(self, field.name) for field in fields(mine)}
 
-    def for_kernels(self) -> Any:
+    def to_kernel_tuple(self) -> Any:
         """Return the arrays as a named tuple over the same memory, for kernels."""
         return _FOR_KERNELS[type(self)](**self.columns())
 
@@ -49,7 +49,7 @@ class StructOfArrays:
 _FOR_KERNELS: dict[type, Any] = {}
 
 
-def kernel_columns(name: str, table: type, module: str) -> Any:
+def define_kernel_columns(name: str, table: type, module: str) -> Any:
     """Return a new named-tuple class in which kernels take the columns of `table`.
 
     The module `module` must hold the class under the name `name`, because numba's cache stores it by these names.

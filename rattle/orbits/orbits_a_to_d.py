@@ -9,7 +9,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rattle.notebook import Columns, html_of, html_table, line_of, motion_label
+from rattle.notebook import Columns, html_of, html_table, motion_label, repr_text
 
 NAMES = ("A", "B", "C", "D")
 N_MINUS = (0, 1, 0, 1)
@@ -53,7 +53,7 @@ class Orbit(NamedTuple):
 
     def __repr__(self) -> str:
         """Return a description of the orbit in one line."""
-        return line_of(self)
+        return repr_text(self)
 
     def _repr_html_(self) -> str:
         return html_of(self)
@@ -146,7 +146,7 @@ def multipliers_of(trace: ArrayLike, determinant: ArrayLike) -> NDArray[np.compl
 
 
 PAPER_REGIONS = ("I", "II", "III", "IV", "V")
-# {motions that exist: the paper's region}; if all four exist, `classify` changes III to IV where D is unstable
+# {motions that exist: the paper's region}; if all four exist, `classify_regions` changes III to IV where D is unstable
 _PAPER_REGION_OF = {"": "I", "AC": "II", "ABCD": "III", "AD": "V"}
 _SETS = ["".join(x for x, there in zip(NAMES, each[::-1], strict=True) if there) for each in product((0, 1), repeat=4)]
 #: Names of regions by number: 0 is no region, 1 to 5 are I to V of the paper, others are named by their orbits.
@@ -155,7 +155,7 @@ REGIONS = ("", *PAPER_REGIONS, *(each for each in _SETS if each not in _PAPER_RE
 _CODES = np.array([REGIONS.index(_PAPER_REGION_OF.get(each, each)) for each in _SETS], np.int8)
 
 
-def classify(orbits: PeriodOne) -> NDArray[np.int8]:
+def classify_regions(orbits: PeriodOne) -> NDArray[np.int8]:
     """Return the region of each parameter point from its period-one orbits.
 
     Region I has none of A to D, II has A and C, III all four with D stable, IV all four with D unstable, and V has A

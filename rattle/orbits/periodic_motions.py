@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from rattle.flight import law
 from rattle.flight.impact_law import ELASTIC, ImpactLaw
-from rattle.notebook import Columns, DataFrame, dataframe_of, html_of, line_of, motion_label
+from rattle.notebook import Columns, DataFrame, dataframe_of, html_of, motion_label, repr_text
 from rattle.numerics.complex_step import Array, derivatives
 from rattle.orbits.orbits_a_to_d import multipliers_of
 
@@ -40,16 +40,16 @@ class Equations(ABC):
         """Return the residual R (…, n) of the equations at x (…, n + 2), which is 0 for a solution."""
 
     @abstractmethod
-    def with_jacobian(self, x: NDArray, multiplier: float) -> tuple[NDArray, NDArray]:
+    def evaluate_with_jacobian(self, x: NDArray, multiplier: float) -> tuple[NDArray, NDArray]:
         """Return the residual R and its Jacobian J(λ) (…, n, n) for perturbations that grow by λ over a period."""
 
     @abstractmethod
-    def with_graze(self, x: NDArray, impact: int) -> NDArray:
+    def residual_with_graze(self, x: NDArray, impact: int) -> NDArray:
         """Return an array (…, n + 1): the residual R, then an entry that is 0 if impact number `impact` grazes."""
 
     def jacobian(self, x: NDArray, multiplier: float = 1.0) -> NDArray:
-        """Return the Jacobian J(λ) (…, n, n) of `with_jacobian` for λ = `multiplier`."""
-        return self.with_jacobian(x, multiplier)[1]
+        """Return the Jacobian J(λ) (…, n, n) of `evaluate_with_jacobian` for λ = `multiplier`."""
+        return self.evaluate_with_jacobian(x, multiplier)[1]
 
     @property
     def label(self) -> tuple[int, int, int]:
@@ -92,7 +92,7 @@ def unknowns_from_impact(itinerary: Equations, x: Array, first: int) -> Array:
     return np.concatenate([turned.ravel(), x[itinerary.n :]])
 
 
-def twins(itinerary: Equations, start: Array, x: Array) -> Array:
+def equivalent_unknowns(itinerary: Equations, start: Array, x: Array) -> Array:
     """Return all arrays of unknowns that describe the motion with the unknowns `start`, near the unknowns x.
 
     The arrays begin at different impacts, from each of which the motion meets the walls in the order of the itinerary.
@@ -209,7 +209,7 @@ class Periodic(ABC):
     @property
     def tau(self) -> float:
         """Phase in [0, 1) at which the motion first leaves Σ⁺."""
-        return float(law.folded(self.departures[0]))
+        return float(law.fold_phase(self.departures[0]))
 
     @property
     def v(self) -> float:
@@ -245,7 +245,7 @@ class Periodic(ABC):
 
     def __repr__(self) -> str:
         """Return a description of the motion in one line."""
-        return line_of(self)
+        return repr_text(self)
 
     def _repr_html_(self) -> str:
         return html_of(self)

@@ -1,8 +1,8 @@
 """Powers of a return map with their tangent map, and the periodic orbits that Newton's method finds (compiled).
 
 The type of a parameter point or of a record of cells selects the model: by this type kernels find the functions of this
-table (`rattle.numerics.compile.for_type`). Each gear provides all these functions for its point and its cells, except
-that the inelastic gear has no inverse map:
+table (`rattle.numerics.compile.implement_for_type`). Each gear provides all these functions for its point and its
+cells, except that the inelastic gear has no inverse map:
 
 =============  =================  ===========================  ======================  ========================
 function       declared in        impacting (Point, …)         stiff (StiffPoint, …)   inelastic (InelasticPoint, …)
@@ -20,7 +20,7 @@ point_between  orbits.return_map  impacting.attractors.settle  stiff.attractors.
 import math
 
 from rattle.flight.first_impact import OK
-from rattle.flight.law import folded, speed_unit, wrapped
+from rattle.flight.law import fold_phase, speed_unit, wrap_phase_difference
 from rattle.numerics.compile import kernel
 
 NEWTON_STEPS = 15
@@ -71,14 +71,14 @@ def power_map(tau, v, k, point):
 
 
 @kernel
-def newton(tau, v, k, point):
+def find_fixed_point(tau, v, k, point):
     """Find the fixed point of Π^k near (τ, v) by Newton's method, and return (found, τ, v)."""
     size, unit = 1.0, speed_unit(point.delta, point.epsilon, point.beta)
     for _ in range(NEWTON_STEPS):
         status, t1, v1, _time, _below, a00, a01, a10, a11, _ln = power_map(tau, v, k, point)
         if status != OK:
             return False, tau, v
-        r0, r1 = wrapped(t1 - tau), v1 - v
+        r0, r1 = wrap_phase_difference(t1 - tau), v1 - v
         determinant = (a00 - 1.0) * (a11 - 1.0) - a01 * a10
         if determinant == 0.0:
             return False, tau, v
@@ -87,7 +87,7 @@ def newton(tau, v, k, point):
         last, size = size, max(abs(d0), abs(d1) / unit)
         if not size < 0.1:
             return False, tau, v
-        tau = folded(tau + d0)
+        tau = fold_phase(tau + d0)
         v += d1
         if not v > 0.0:
             return False, tau, v
@@ -115,7 +115,7 @@ def shortest_return(tau, v, k, point):
         status, t, speed, _time, _below = step(t, speed, point)
         if status != OK:
             break
-        if k % d == 0 and abs(wrapped(t - tau)) < SAME and abs(speed - v) < SAME * unit:
+        if k % d == 0 and abs(wrap_phase_difference(t - tau)) < SAME and abs(speed - v) < SAME * unit:
             return d
     return k
 

@@ -16,7 +16,7 @@ from numpy.polynomial.polynomial import polyval
 from numpy.typing import NDArray
 
 from rattle.errors import RattleError, require
-from rattle.flight.law import folded
+from rattle.flight.law import fold_phase
 from rattle.orbits.images import images
 from rattle.orbits.periodic_motions import Periodic
 from rattle.orbits.return_map import power_map
@@ -87,7 +87,7 @@ class LocalManifold:
 
 def tangent_map(orbit: Periodic) -> Array:
     """Return the tangent map (2, 2) in (τ, v) of a periodic orbit over its period; at a graze it is infinite."""
-    product, tau, v = np.eye(2), float(folded(orbit.tau)), orbit.v
+    product, tau, v = np.eye(2), float(fold_phase(orbit.tau)), orbit.v
     for _ in range(orbit.label[1]):
         found = power_map(tau, v, 1, orbit.point)
         tau, v = found[1:3]

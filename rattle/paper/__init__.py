@@ -3,9 +3,9 @@
 A finding states where the paper is wrong or incomplete, with computed evidence.
 """
 
-from rattle.paper.document import RULE, difference, markdown, value, verdict
+from rattle.paper.document import RULE, difference, format_computed, markdown, verdict
 from rattle.paper.records import Finding, FindingEvidence, Number, Report, Statement
-from rattle.paper.report import one_finding, report
+from rattle.paper.report import compute_finding, report
 
 __all__ = [
     "RULE",
@@ -14,10 +14,10 @@ __all__ = [
     "Number",
     "Report",
     "Statement",
+    "compute_finding",
     "difference",
+    "format_computed",
     "markdown",
-    "one_finding",
     "report",
-    "value",
     "verdict",
 ]

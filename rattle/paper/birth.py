@@ -3,7 +3,7 @@
 from functools import cache
 from typing import NamedTuple
 
-from rattle.continuation.conditions import Kind
+from rattle.continuation.conditions import EventKind
 from rattle.errors import RattleError
 from rattle.impacting.bifurcations.branches import branch
 from rattle.impacting.bifurcations.cascade import cascade
@@ -55,7 +55,7 @@ def birth_of_chaos() -> Birth:
     orbit = periodic_orbit(DELTA, PERIODIC_EPSILON, seen.tau, seen.v, seen.n_plus)
     events = cascade(orbit, "epsilon", (PERIODIC_EPSILON, CHAOTIC_EPSILON))
     kinds = [event.kind for event in events]
-    if kinds != [Kind.FLIP, Kind.GRAZING] or events[1].wall != -1:
+    if kinds != [EventKind.FLIP, EventKind.GRAZING] or events[1].wall != -1:
         raise RattleError(
             f"P(2,2,1) must have a flip and then a graze on Σ⁻, but has {', '.join(kinds) or 'no event'}: report this "
             "as a bug"

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 import rattle
 from rattle.attractors.samples import Outcome
 from rattle.errors import RattleError
-from rattle.flight.law import wrapped
+from rattle.flight.law import wrap_phase_difference
 from rattle.impacting.attractors.classifier import attractors_of
 
 #: Number of initial conditions among which the chaotic attractor is searched.
@@ -40,7 +40,7 @@ def chaotic_states(delta: float, epsilon: float, count: int) -> States:
 def have_settled(delta: float, epsilon: float, tau: NDArray[np.float64], v: NDArray[np.float64]) -> NDArray[np.bool_]:
     """Return flags: True for a state with a speed v below 0.1, or with a motion that repeats within RETURNS impacts."""
     later = rattle.iterate(delta, epsilon, tau[:, None], v[:, None], np.arange(1, RETURNS + 1))
-    moved = np.hypot(wrapped(later.tau - tau[:, None]), later.v - v[:, None])
+    moved = np.hypot(wrap_phase_difference(later.tau - tau[:, None]), later.v - v[:, None])
     return (moved < CLOSED).any(axis=1) | (v < 0.1)
 
 

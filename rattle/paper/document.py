@@ -19,7 +19,7 @@ paper writes ≈. An interval agrees only as a whole. Computed values that are c
 """
 
 
-def value(number: Number) -> str:
+def format_computed(number: Number) -> str:
     """Return the computed number as text, such as "0.1234567890, proved". An interval has seven decimals."""
     if isinstance(number.computed, tuple):
         return "{:.7f} to {:.7f}".format(*number.computed)
@@ -44,7 +44,7 @@ def escaped_cell(text: str) -> str:
 def markdown(report: Report) -> str:
     """Return the whole report as a Markdown document."""
     numbers = [
-        f"| {x.where} | {x.what} | {x.paper} | {value(x)} | {difference(x)} | {verdict(report, x)} |"
+        f"| {x.where} | {x.what} | {x.paper} | {format_computed(x)} | {difference(x)} | {verdict(report, x)} |"
         for x in report.numbers
     ]
     statements = [

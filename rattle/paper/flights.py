@@ -15,10 +15,7 @@ INSTANTS = 201
 
 
 def smallest_acceleration(delta: float, epsilon: float, phase: float, velocity: float, time: float) -> float:
-    """Return the smallest Φ'' of a flight of duration `time` that leaves a wall at this phase and velocity.
-
-    Φ'' is computed at INSTANTS equally spaced times.
-    """
+    """Return the smallest Φ'' at INSTANTS equally spaced times of a flight that leaves a wall with `velocity`."""
     s = np.linspace(0.0, time, INSTANTS)
     decaying = delta * (DRIFT - TWO_PI * epsilon * np.sin(TWO_PI * phase) - velocity)
     values = decaying * np.exp(-delta * s) - TWO_PI**2 * epsilon * np.cos(TWO_PI * (phase + s))
@@ -37,7 +34,7 @@ class ReferenceImpacts(NamedTuple):
     smallest: float
 
 
-def reference_step(delta: float, epsilon: float, tau: float, v: float) -> ReferenceImpacts:
+def compute_reference_step(delta: float, epsilon: float, tau: float, v: float) -> ReferenceImpacts:
     """Compute one step of Π from (τ, v), impact by impact."""
     gear, wall, phase, velocity = Gear(delta, epsilon), 1, tau, -v
     walls: list[int] = []
@@ -76,7 +73,7 @@ def worst_flights(delta: Array, epsilon: Array, orbits: PeriodOne) -> tuple[Wors
         here = np.flatnonzero(orbits.exists[k])
         low = np.array(
             [
-                reference_step(*map(float, (delta[i], epsilon[i], orbits.tau[k, i], orbits.v[k, i]))).smallest
+                compute_reference_step(*map(float, (delta[i], epsilon[i], orbits.tau[k, i], orbits.v[k, i]))).smallest
                 for i in here
             ]
         )

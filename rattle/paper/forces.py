@@ -60,7 +60,7 @@ def _smallest_random_acceleration(delta: float, epsilon: float) -> float:
     """Return the smallest Φ'' during one step of Π from 500 random states."""
     random = np.random.default_rng(0)
     states = zip(random.random(500), 7 * random.random(500), strict=True)
-    return min(flights.reference_step(delta, epsilon, float(tau), float(v)).smallest for tau, v in states)
+    return min(flights.compute_reference_step(delta, epsilon, float(tau), float(v)).smallest for tau, v in states)
 
 
 def _find_jump(delta: float, epsilon: float, tau: float, low: float, high: float) -> tuple[float, float, float]:
@@ -84,7 +84,7 @@ def _find_jump(delta: float, epsilon: float, tau: float, low: float, high: float
 def impact_map_finding() -> Finding:
     """Return the finding on the impact map: a fourth case of flights, and a jump of Π."""
     v, below, above = _find_jump(*JUMP)
-    step = flights.reference_step(*EXAMPLE)
+    step = flights.compute_reference_step(*EXAMPLE)
     delta, epsilon = plane_cells(300, 150)
     random = np.random.default_rng(0)
     count = rattle.iterate(

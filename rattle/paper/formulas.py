@@ -51,7 +51,7 @@ def g(phase: Array, v: float, delta: float, epsilon: float) -> Array:
     return acceleration_by_formula(phase, v, delta, epsilon) ** 2
 
 
-class Orders(NamedTuple):
+class ErrorOrders(NamedTuple):
     """Measured orders of the errors of the paper's formulas: an error falls as h^order or as v^order.
 
     displacement, velocity: the orders of (3.6) for Φ and of (3.7) for Φ', as h → 0.
@@ -66,7 +66,7 @@ class Orders(NamedTuple):
     third: float
 
 
-def measure_orders() -> Orders:
+def measure_orders() -> ErrorOrders:
     """Measure the orders of the errors of the paper's formulas at (DELTA, EPSILON).
 
     Each order follows from two errors: of (3.6) and (3.7) at two times since the departure, of the other formulas at
@@ -79,7 +79,7 @@ def measure_orders() -> Orders:
     """
     expansions = np.array([_expansion_errors(h) for h in STEPS])
     bounces = np.array([_bounce_errors(v) for v in SPEEDS])
-    return Orders(*np.log2(expansions[0] / expansions[1]), *np.log2(bounces[0] / bounces[1]))
+    return ErrorOrders(*np.log2(expansions[0] / expansions[1]), *np.log2(bounces[0] / bounces[1]))
 
 
 def _expansion_errors(h: float) -> tuple[float, float]:

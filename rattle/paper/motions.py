@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 import rattle
 from rattle.attractors.samples import Outcome
 from rattle.attractors.table import KINDS, Attractor
-from rattle.continuation.conditions import Kind
+from rattle.continuation.conditions import EventKind
 from rattle.curves import codimension_two, trace
 from rattle.impacting.attractors.classifier import attractors_of
 from rattle.impacting.bifurcations.branches import branch
@@ -239,7 +239,7 @@ def region_one_finding() -> Finding:
     seen, also = here.attractors(count=1024), there.attractors(count=1024)
     two_bounces = next(a for a in also if label_of(a) == "P(1,2,0)")
     orbit = periodic_orbit(DELTA, 0.12, two_bounces.tau, two_bounces.v, 2)
-    born = next(e.epsilon for e in branch(orbit, "epsilon", (0.09, 0.13)).events if e.kind is Kind.SADDLE_NODE)
+    born = next(e.epsilon for e in branch(orbit, "epsilon", (0.09, 0.13)).events if e.kind is EventKind.SADDLE_NODE)
     kinds = ", ".join(sorted({KINDS[k] for k in found.kind[other & ~two]})) or "nothing"
     return Finding(
         "P(1,2,0)",

@@ -40,7 +40,7 @@ def compute_findings(panels: pictures.Panels) -> tuple[Finding, ...]:
     return tuple(compute() for compute in _finding_functions(lambda: panels))
 
 
-def one_finding(number: int) -> Report:
+def compute_finding(number: int) -> Report:
     """Compute one finding, by its number in the report, and the numbers that it explains.
 
     Returns

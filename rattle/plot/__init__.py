@@ -16,7 +16,16 @@ from rattle.plot.colours import KIND_COLOURS, REGION_COLOURS, Palette, colour, l
 from rattle.plot.crisis import crisis_figure
 from rattle.plot.diagram import branch_figure, curves_along, diagram_figure, impacts_at, parameter_axis, strokes
 from rattle.plot.drawing import FORMATS, HALO, Drawing, new_figure, save
-from rattle.plot.paper_figures import FIGURES, PaperFigure, Request, StiffRequest, draw, parse, request, stiff_request
+from rattle.plot.paper_figures import (
+    FIGURES,
+    PaperFigure,
+    Request,
+    StiffRequest,
+    draw,
+    parse_option,
+    request,
+    stiff_request,
+)
 from rattle.plot.paper_ranges import BETA, FIGURE_4, FIGURE_5, FIGURE_6, FIGURE_7, FIGURE_8, FIGURE_9
 from rattle.plot.plane import MARKERS, STYLES, draw_curve, draw_line, draw_points, polyline
 from rattle.plot.restitution import (
@@ -67,7 +76,7 @@ __all__ = [
     "new_figure",
     "panels",
     "parameter_axis",
-    "parse",
+    "parse_option",
     "polyline",
     "request",
     "restitution_figure",

@@ -18,13 +18,13 @@ from rattle.attractors.cell_map import Box
 from rattle.attractors.speeds import PAPER_SPEED, sampled_speed
 from rattle.attractors.table import Attractor
 from rattle.errors import RattleError, require
-from rattle.flight.law import wrapped
+from rattle.flight.law import wrap_phase_difference
 from rattle.impacting.gear import Gear
 from rattle.models import AnyGear, Capability, model_of, with_harmonics
 from rattle.orbits.manifolds import manifold
 from rattle.orbits.orbits_a_to_d import NAMES, Orbit
 from rattle.parameters import Harmonic
-from rattle.plot.colours import Palette, legend_name, legend_order
+from rattle.plot.colours import Palette, legend_name, legend_sort_key
 from rattle.plot.drawing import Drawing, add_outline, new_figure
 from rattle.plot.labels import ROOM, Labels
 from rattle.plot.paper_ranges import BETA
@@ -127,7 +127,7 @@ def _add_basin_legend(
     shown = sorted(largest, key=lambda label: -largest[label].fraction)[:MOST_NAMED]
     patches = [
         Patch(facecolor=palette.colour(largest[label]), edgecolor="0.3", linewidth=0.5, label=label)
-        for label in sorted(shown, key=lambda label: legend_order(largest[label]))
+        for label in sorted(shown, key=lambda label: legend_sort_key(largest[label]))
     ]
     if len(shown) < len(largest):
         patches.append(Patch(facecolor="none", label=f"and {len(largest) - len(shown)} more"))
@@ -230,7 +230,9 @@ def _set_few_ticks(axes: Axes, box: Box, first: bool, last: bool) -> None:
     axes.set_ylabel(DOWNWARDS if first else "", fontsize=9)
 
 
-def basins_with_manifolds(delta: float, epsilon: float, beta: float = BETA, resolution: int = RESOLUTION) -> Drawing:
+def draw_basins_with_manifolds(
+    delta: float, epsilon: float, beta: float = BETA, resolution: int = RESOLUTION
+) -> Drawing:
     """Draw Figure 6 of the paper: basins at one point, with A to D, the stable manifolds of the saddles A and B, and Γ.
 
     Parts that do not exist at this point are left out, with a note.
@@ -313,7 +315,7 @@ def manifold_line(
         also if `orbit` is None.
     """
     if orbit is None:
-        return np.empty((0, 2)), None  # no note: `basins_with_manifolds` has one for all missing orbits
+        return np.empty((0, 2)), None  # no note: `draw_basins_with_manifolds` has one for all missing orbits
     if orbit.stable:
         return np.empty((0, 2)), f"{name} is stable there: it has no {kind} manifold to draw"
     sides, why, v_max = [], None, largest_drawn_speed(gear)
@@ -376,6 +378,9 @@ def _basin_symbol(attractor: Attractor, orbits: dict[str, Orbit]) -> str | None:
     if attractor.kind == "chaotic":
         return r"$\Delta_{Ch}$"
     for name, orbit in orbits.items():
-        if abs(orbit.v - attractor.v) < SAME_ORBIT and abs(wrapped(orbit.tau - attractor.tau)) < SAME_ORBIT:
+        if (
+            abs(orbit.v - attractor.v) < SAME_ORBIT
+            and abs(wrap_phase_difference(orbit.tau - attractor.tau)) < SAME_ORBIT
+        ):
             return rf"$\Delta_{name}$"
     return None

@@ -112,7 +112,7 @@ def legend_name(motion: Motion, contacts: int | None = None) -> str:
     return f"P({','.join(map(str, label))}{f';{phases}' if phases else ''})"
 
 
-def legend_order(motion: Motion) -> tuple[int, tuple[int, ...]]:
+def legend_sort_key(motion: Motion) -> tuple[int, tuple[int, ...]]:
     """Return the sort key of a motion: quiet first, then periodic by (m, n₊, n₋), then chaotic, then undecided."""
     label = _type_of(motion)
     return (KINDS.index(label), ()) if isinstance(label, str) else (KINDS.index("periodic"), label)

@@ -6,7 +6,7 @@ from matplotlib.axes import Axes
 from rattle.crisis import Crisis, CrisisCurve, crisis_curve
 from rattle.curves import codimension_two, trace
 from rattle.impacting.orbits.limits import sn1_formula
-from rattle.impacting.orbits.periodic import period_one_saddle
+from rattle.impacting.orbits.periodic import period_one_orbit
 from rattle.orbits.manifolds import manifold
 from rattle.plot.drawing import Drawing, new_figure
 from rattle.plot.labels import Array, Labels
@@ -89,7 +89,7 @@ def _draw_manifolds(axes: Axes, crisis: Crisis) -> tuple[tuple[float, float], li
     tuple[tuple[float, float], list[Array]]
         The state (τ, v) of A, and the drawn lines.
     """
-    saddle = period_one_saddle("A", crisis.delta, crisis.epsilon, crisis.beta)
+    saddle = period_one_orbit("A", crisis.delta, crisis.epsilon, crisis.beta)
     unstable = manifold(saddle, "unstable", 1, UNSTABLE_LENGTH)
     lines = []
     for side in (1, -1):

@@ -13,12 +13,12 @@ from numpy.typing import NDArray
 
 from rattle.attractors.table import KINDS, AttractorTable
 from rattle.continuation.bifurcation_diagram import Diagram
-from rattle.continuation.conditions import Kind
+from rattle.continuation.conditions import EventKind
 from rattle.continuation.followed import FollowedBranch
 from rattle.continuation.motions import Segment
 from rattle.continuation.sweeps import SweepPoints
 from rattle.errors import require
-from rattle.flight.law import wrapped
+from rattle.flight.law import wrap_phase_difference
 from rattle.impacting.bifurcations.diagram import diagram
 from rattle.models import ADDED
 from rattle.numerics.complex_step import Array
@@ -29,8 +29,8 @@ from rattle.plot.labels import Labels
 from rattle.stiff.bifurcations.diagram import diagram as stiff_diagram
 
 FORWARD, BACKWARD = "#8fc7ee", "#e8862e"
-MARKS = {Kind.SADDLE_NODE: "o", Kind.FLIP: "D", Kind.GRAZING: "s"}
-MEANINGS = {Kind.SADDLE_NODE: "SN: saddle-node", Kind.FLIP: "PD: flip", Kind.GRAZING: "G: graze"}
+MARKS = {EventKind.SADDLE_NODE: "o", EventKind.FLIP: "D", EventKind.GRAZING: "s"}
+MEANINGS = {EventKind.SADDLE_NODE: "SN: saddle-node", EventKind.FLIP: "PD: flip", EventKind.GRAZING: "G: graze"}
 STYLES = {True: "-", False: (0, (4.0, 2.0))}
 #: Line width and colour: NAMED for the branches of A to D, OTHER[True] for stable parts of other branches and
 #: OTHER[False] for their unstable parts.
@@ -246,7 +246,7 @@ def curves_along(diagram: Diagram[Any, Any], branch: Any, scale: float, offset: 
                 if event.after == i and i + 1 < len(branch) and event.admissible:
                     at = offset + scale * float(diagram.positions(event))
                     there = impacts_at(event)
-                    off = np.abs(wrapped(there[0] - tau[i])) + np.abs(there[1] - v[i])
+                    off = np.abs(wrap_phase_difference(there[0] - tau[i])) + np.abs(there[1] - v[i])
                     state = there[1][np.argmin(off)], there[0][np.argmin(off)]
                     rows.append((at, *state, branch.stable[i + 1], branch.admissible[i + 1], name[i + 1]))
         columns = list(zip(*rows, strict=True))

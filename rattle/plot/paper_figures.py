@@ -10,7 +10,7 @@ from enum import Enum
 from typing import Any, NamedTuple
 
 from rattle.errors import require, require_number, require_one_of, require_pair
-from rattle.models import ADDED, Stiff, owner_of
+from rattle.models import ADDED, Stiff, model_of_parameter
 from rattle.plot import basins, diagram, plane, stiff
 from rattle.plot import paper_ranges as ranges
 from rattle.plot.drawing import Drawing
@@ -71,7 +71,7 @@ FIGURES: dict[int, PaperFigure] = {
         NUMBER,
         NUMBER,
         *ranges.FIGURE_6,
-        basins.basins_with_manifolds,
+        basins.draw_basins_with_manifolds,
     ),
     7: PaperFigure("bifurcation curves in the (δ, ε) plane", RANGE, RANGE, *ranges.FIGURE_7, plane.plane_figure),
     8: PaperFigure("the same curves around COD21 and COD22", RANGE, RANGE, *ranges.FIGURE_8, plane.plane_figure),
@@ -163,7 +163,7 @@ def request(
     given = {name: value for name, value in added.items() if value is not None}
     for name in given:
         require_one_of("a parameter", name, ADDED)
-        owner = owner_of(name).name
+        owner = model_of_parameter(name).name
         require(
             owner == Stiff.name,
             f"the paper's figures have no {name}, which the {owner} model adds: leave it out, or draw a "
@@ -225,7 +225,7 @@ def draw(number: int, delta: Given | None = None, epsilon: Given | None = None, 
     return request(number, delta, epsilon, beta).draw()
 
 
-def parse(option: str, texts: Sequence[str]) -> Given | None:
+def parse_option(option: str, texts: Sequence[str]) -> Given | None:
     """Parse the texts of an option: numbers, or a single range LOW:HIGH.
 
     Returns

@@ -4,7 +4,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from rattle.errors import require
-from rattle.flight.law import wrapped
+from rattle.flight.law import wrap_phase_difference
 from rattle.impacting.bifurcations.branches import branch
 from rattle.impacting.gear import Gear
 from rattle.impacting.orbits.limits import quiet_limit, sn1_formula
@@ -69,7 +69,7 @@ def _draw_motions(distances: Axes, multipliers: Axes, motions: dict[str, Periodi
         for kappa in STIFFNESSES[STIFFNESSES >= 1e3]:
             found = from_limit(limit, float(kappa))
             kappas.append(kappa)
-            off.append(np.hypot(wrapped(found.tau - limit.tau), found.v - limit.v))
+            off.append(np.hypot(wrap_phase_difference(found.tau - limit.tau), found.v - limit.v))
             change.append(abs(sum(found.multipliers) - sum(limit.multipliers)))
         distances.loglog(kappas, off, ".-", color=COLOURS[name], label=name)
         multipliers.loglog(kappas, change, ".-", color=COLOURS[name], label=name)

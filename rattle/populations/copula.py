@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rattle.errors import ParameterError, real_array, require
-from rattle.numerics.sampling import uniforms
+from rattle.numerics.sampling import draw_uniforms
 from rattle.populations.distributions import LEAST
 from rattle.populations.normal import ndtr, ndtri
 
@@ -48,7 +48,7 @@ class Copula:
             The correlated numbers (n, d).
         """
         root = self._root
-        free = ndtri(uniforms(seed, stream, rows, len(self.matrix)))
+        free = ndtri(draw_uniforms(seed, stream, rows, len(self.matrix)))
         # explicit sums, because the last bit of a matrix product may depend on the number of rows
         return np.stack([weighted_sum(root[i, : i + 1], free[:, : i + 1]) for i in range(len(root))], axis=1)
 

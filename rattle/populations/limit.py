@@ -27,7 +27,7 @@ from rattle.populations.tolerances import (
     is_machine,
     machine_of,
     model_of_numbers,
-    points_of,
+    points_of_numbers,
     require_known_names,
 )
 
@@ -155,7 +155,7 @@ def is_beyond_quiet_limit(at: Parameters) -> bool:
     return gear_at(at).quiet_limit <= float(at.epsilon[0])
 
 
-class Excess(NamedTuple):
+class ShareExcess(NamedTuple):
     """The share of quiet runs minus the required share: an estimate, and both ends of its 95 % interval."""
 
     value: float
@@ -206,7 +206,7 @@ class _Solver:
         scanned = np.linspace(low, high, SCANNED_VALUES + 1)[1:] if even else np.geomspace(low, high, SCANNED_VALUES)
         self.scanned = scanned if is_safe_if_small(of) else scanned[::-1]
         self._require_machine()
-        self.known: dict[tuple[float, int | None], Excess] = {}
+        self.known: dict[tuple[float, int | None], ShareExcess] = {}
 
     def _default_range(self) -> tuple[float, float]:
         """Return the default range of the scan, which goes from a safe end of the range to an unsafe end.
@@ -236,15 +236,15 @@ class _Solver:
                 least, most = edge / RANGE_RATIO, edge * RANGE_RATIO
                 return (least, min(edge, IMPOSSIBLE / (given["radius"] * RPM))) if of == "rpm" else (0.99 * edge, most)
         if of in ("epsilon", "eccentricity"):
-            points = points_of({**given, of: 0.0})
+            points = points_of_numbers({**given, of: 0.0})
             unit = 1.0 if points.units is None else points.units.length
             return 0.0, min(float(np.ravel(quiet_limit(points.parameters.delta))[0] * unit), self._largest_length())
         if of in ("beta", "backlash"):
-            points = points_of({**given, of: 1.0})
+            points = points_of_numbers({**given, of: 1.0})
             unit = 1.0 if points.units is None else 2.0 * points.units.length
             least = float(np.ravel(points.parameters.delta)[0]) * unit / RANGE_RATIO
             return least, min(least * RANGE_RATIO * RANGE_RATIO, self._largest_length())
-        points = points_of({**given, of: 1.0})
+        points = points_of_numbers({**given, of: 1.0})
         epsilon = float(np.ravel(points.parameters.epsilon)[0])
         require(epsilon > 0.0, "without an eccentricity all motions become quiet: give an eccentricity above 0")
         end = float(np.ravel(points.parameters.delta)[0]) / least_damping(epsilon)
@@ -263,7 +263,7 @@ class _Solver:
 
     def _is_contact_impossible(self, value: float) -> bool:
         """Return whether the teeth cannot stay in contact at this value of the number whose limit is sought."""
-        ((_, few),) = points_of({**self.given, self.of: np.array([value])}).split_by_harmonics()
+        ((_, few),) = points_of_numbers({**self.given, self.of: np.array([value])}).split_by_harmonics()
         return is_beyond_quiet_limit(few.parameters)
 
     def _last_possible_value(self, unit: float) -> float:
@@ -314,7 +314,7 @@ class _Solver:
             The numbers of quiet and of undecided samples. If rigid teeth cannot stay in contact at the value, no sample
             is followed and both are 0.
         """
-        points = points_of({**self.given, self.of: np.array([value])})
+        points = points_of_numbers({**self.given, self.of: np.array([value])})
         at = points.parameters
         if Capability.CLOSED_FORM in MODELS[at.model].has and not np.all(at.epsilon < quiet_limit(at.delta)):
             return 0, 0
@@ -329,7 +329,7 @@ class _Solver:
         kind = table.kind[row]
         return int((kind == Outcome.QUIET).sum()), int((kind == Outcome.UNDECIDED).sum())
 
-    def excess(self, value: float, count: int | None = None) -> Excess:
+    def excess(self, value: float, count: int | None = None) -> ShareExcess:
         """Return the share of quiet runs at a value of the sought number, minus the required share.
 
         count: the number of samples that are followed; None means all samples.
@@ -344,14 +344,14 @@ class _Solver:
             quiet, undecided = self.count_quiet_and_undecided(value, samples)
             (low, _), (_, high) = wilson_interval(quiet, samples), wilson_interval(quiet + undecided, samples)
             found = np.array([quiet / samples, low, high]) - self.share
-            known = self.known[value, count] = Excess(*map(float, found))
+            known = self.known[value, count] = ShareExcess(*map(float, found))
         return known
 
     def solve(self) -> Limit:
         """Solve for the limit and the ends of its 95 % interval."""
         last = self._first_unsafe_index()
         (inside, outside), (sure, _), (_, possible) = (
-            self._bracket_of_crossing(which, last) for which in Excess._fields
+            self._bracket_of_crossing(which, last) for which in ShareExcess._fields
         )
         low, high = (sure, possible) if is_safe_if_small(self.of) else (possible, sure)
         return Limit(0.5 * (inside + outside), low, high)
@@ -375,7 +375,7 @@ class _Solver:
         return self.scanned.size
 
     def _bracket_of_crossing(self, which: str, near: int) -> tuple[float, float]:
-        """Return two values, at most ACCURACY steps of the scan apart, between which a field of `Excess` falls below 0.
+        """Return two values, at most ACCURACY scan steps apart, between which a field of `ShareExcess` falls below 0.
 
         which: the name of the field. near: the index in the scan at which the search starts. Both values are NaN if the
         field does not fall below 0 within the scan.

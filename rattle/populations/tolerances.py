@@ -17,7 +17,7 @@ from rattle.machine.forcing import AMPLITUDES, PairForcing
 from rattle.machine.given import DRIVEN, RPM
 from rattle.machine.given import MAY_BE_ZERO as MACHINE_MAY_BE_ZERO
 from rattle.machine.point import machine_point
-from rattle.models import ADDED, OTHERS, Inelastic, Model, model_adding
+from rattle.models import ADDED, OTHERS, Inelastic, Model, model_with_parameters
 from rattle.parameters import BETA, Harmonic, Parameters
 from rattle.populations.copula import Copula, checked_correlation, normal_probabilities
 from rattle.populations.distributions import Distribution, Normal, distribution_of
@@ -103,7 +103,7 @@ class Tolerances:
         require_known_names(given)
         order = (*DIMENSIONLESS, *OF_MACHINE, "drive")
         names = [*(name for name in order if name in given), *sorted(set(given).difference(order))]
-        read = {name: _distribution_or_number(name, given[name]) for name in names}
+        read = {name: _read_distribution_or_number(name, given[name]) for name in names}
         object.__setattr__(self, "given", read)
         require(bool(self.names), "nothing varies: give a distribution for at least one number")
         matrix = checked_correlation(self.correlation, self.names)
@@ -162,10 +162,10 @@ class Tolerances:
 
     def points(self, values: Array) -> Points:
         """Return the gears with these values (n, d) of the varying numbers. Raises ParameterError."""
-        return points_of({**self.given, **dict(zip(self.names, values.T, strict=True))})
+        return points_of_numbers({**self.given, **dict(zip(self.names, values.T, strict=True))})
 
 
-def points_of(given: Mapping[str, Any]) -> Points:
+def points_of_numbers(given: Mapping[str, Any]) -> Points:
     """Return the parameter points of gears with these numbers.
 
     given: dimensionless numbers, or numbers of a machine, by name, as arrays that broadcast.
@@ -220,7 +220,7 @@ def model_of_numbers(given: Mapping[str, Any]) -> type[Model]:
     }
     if shaped or named & {each.name for each in Inelastic.added}:
         named |= {each.name for each in Inelastic.added}
-    return model_adding(named)
+    return model_with_parameters(named)
 
 
 def is_machine(given: Mapping[str, Any]) -> bool:
@@ -261,7 +261,7 @@ def _points_of_arrays(
     given = {name: value for name, value in numbers.items() if value is not None}
     if harmonics or any(each.name in given for each in Inelastic.added):
         given = {"restitution": 1.0, "load": 0.0, **given}
-    model = model_adding(name for name in given if name in ADDED)
+    model = model_with_parameters(name for name in given if name in ADDED)
     numbers_of = {name: given[name] for name in ("delta", "epsilon", "beta")}
     numbers_of |= {each.name: given[each.name] for each in model.added}
     at = Parameters.from_values(model.name, **numbers_of).take(...)
@@ -275,7 +275,7 @@ def _points_of_arrays(
     return Points(at, units, shapes)
 
 
-def _distribution_or_number(name: str, value: Any) -> Distribution | float | str:
+def _read_distribution_or_number(name: str, value: Any) -> Distribution | float | str:
     """Return a distribution or a checked number from a given value, which may be text.
 
     The value of `drive` ("torque" or "speed") is returned unchecked.

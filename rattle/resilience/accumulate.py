@@ -60,10 +60,10 @@ def accumulated(
         If an argument is outside its domain.
     """
     phases, speeds, _shape = checked_states(tau, v)
-    return accumulated_at(gear.parameters.repeat(phases.size), phases, speeds, accumulator, periods, impacts)
+    return accumulate_at_parameters(gear.parameters.repeat(phases.size), phases, speeds, accumulator, periods, impacts)
 
 
-def accumulated_at(
+def accumulate_at_parameters(
     parameters: Parameters, tau: Array, v: Array, accumulator: Accumulator, periods: float, impacts: int = 100_000
 ) -> Array:
     """Return an accumulated quantity of n samples, each at its own parameters.

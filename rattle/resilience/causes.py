@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rattle.errors import RattleError
-from rattle.flight.law import wrapped
+from rattle.flight.law import wrap_phase_difference
 from rattle.models import AnyGear, gear_at
 from rattle.parameters import Parameters
 from rattle.resilience.gears import SAME_POINT, speed_unit_of
@@ -120,7 +120,7 @@ def _orbit_near(gear: AnyGear, tracked: TrackedOrbit) -> Any:
         found = gear.orbit(tracked.tau, tracked.v, tracked.label[1])
     except RattleError:
         return None
-    far = np.hypot(wrapped(found.tau - tracked.tau), (found.v - tracked.v) / speed_unit_of(gear))
+    far = np.hypot(wrap_phase_difference(found.tau - tracked.tau), (found.v - tracked.v) / speed_unit_of(gear))
     label = found.m, found.n_plus, found.n_minus
     if (
         label != tracked.label
@@ -147,7 +147,7 @@ def distance_to_shorter_motion(gear: AnyGear, tracked: TrackedOrbit, motion: Any
     m, n_plus, n_minus = tracked.label
     parts = [n for n in range(2, m + 1) if not (m % n or n_plus % n or n_minus % n)]
     after = gear.iterate(motion.tau, motion.v, np.array([n_plus // n for n in parts], np.int64))
-    far = np.maximum(abs(wrapped(after.tau - motion.tau)), abs(after.v - motion.v) / speed_unit_of(gear))
+    far = np.maximum(abs(wrap_phase_difference(after.tau - motion.tau)), abs(after.v - motion.v) / speed_unit_of(gear))
     return float(far.min(initial=np.inf))
 
 

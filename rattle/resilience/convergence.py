@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from rattle.attractors.speeds import SpeedLimit
 from rattle.attractors.table import Attractor
 from rattle.errors import require, require_number
-from rattle.flight.law import wrapped
+from rattle.flight.law import wrap_phase_difference
 from rattle.models import AnyGear
 from rattle.numerics.sampling import wilson_interval
 from rattle.resilience.accumulate import accumulated
@@ -100,7 +100,7 @@ class _ArrivalAccumulator:
             if not len(points):
                 there[mine] = v[mine] < self.near * self.unit
             else:
-                x = wrapped(tau[mine, None] - points[:, 0])
+                x = wrap_phase_difference(tau[mine, None] - points[:, 0])
                 y = (v[mine, None] - points[:, 1]) / self.unit
                 there[mine] = (np.hypot(x, y) < self.near).any(axis=1)
             fresh = mine[there[mine]]

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rattle.errors import RattleError, require, require_integer, require_pair
-from rattle.flight.law import wrapped
+from rattle.flight.law import wrap_phase_difference
 from rattle.models import AnyGear
 from rattle.orbits.iterates import fold
 from rattle.resilience.gears import speed_unit_of
@@ -103,7 +103,7 @@ def edge_state(gear: AnyGear, one: ArrayLike, other: ArrayLike, turns: int = MOS
 
 def _distance_of_pair(pair: Array, unit: float) -> float:
     """Return the distance of two states (τ, v), with speeds in units of `unit`."""
-    return float(np.hypot(wrapped(pair[1, 0] - pair[0, 0]), (pair[1, 1] - pair[0, 1]) / unit))
+    return float(np.hypot(wrap_phase_difference(pair[1, 0] - pair[0, 0]), (pair[1, 1] - pair[0, 1]) / unit))
 
 
 def _bisect_to_boundary(gear: AnyGear, pair: Array, unit: float) -> Array:
@@ -118,7 +118,7 @@ def _bisect_to_boundary(gear: AnyGear, pair: Array, unit: float) -> Array:
     """
     share = np.arange(PARTS + 1) / PARTS
     while True:
-        step = np.array([wrapped(pair[1, 0] - pair[0, 0]), pair[1, 1] - pair[0, 1]])
+        step = np.array([wrap_phase_difference(pair[1, 0] - pair[0, 0]), pair[1, 1] - pair[0, 1]])
         line = pair[0] + share[:, None] * step
         line[:, 0] = fold(line[:, 0])
         which = gear.reached(line[:, 0], line[:, 1]).which
@@ -146,13 +146,13 @@ def _find_saddle(gear: AnyGear, state: Array, unit: float) -> tuple[Any, float] 
     best = None
     for n in range(1, MOST_SADDLE_IMPACTS + 1):
         after = gear.iterate(state[0], state[1], n)
-        if np.hypot(wrapped(after.tau - state[0]), (after.v - state[1]) / unit) > RETURN_DISTANCE:
+        if np.hypot(wrap_phase_difference(after.tau - state[0]), (after.v - state[1]) / unit) > RETURN_DISTANCE:
             continue
         try:
             orbit = gear.orbit(float(state[0]), float(state[1]), n)
         except RattleError:
             continue
-        near = float(np.hypot(wrapped(orbit.tau - state[0]), (orbit.v - state[1]) / unit))
+        near = float(np.hypot(wrap_phase_difference(orbit.tau - state[0]), (orbit.v - state[1]) / unit))
         if orbit.admissible and not orbit.stable and (best is None or near < REPLACING_RATIO * best[1]):
             best = orbit, near
     return best

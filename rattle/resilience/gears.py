@@ -11,7 +11,7 @@ from rattle.attractors.reached import checked_states
 from rattle.attractors.speeds import SampleSpec, SpeedLimit
 from rattle.attractors.table import Attractor
 from rattle.errors import real_array, require, require_integer
-from rattle.flight.law import speed_unit, wrapped
+from rattle.flight.law import speed_unit, wrap_phase_difference
 from rattle.models import DEFAULT_MODEL, MODELS, AnyGear, Model, model_of
 from rattle.parameters import Parameters
 
@@ -54,7 +54,7 @@ def is_same_attractor(one: Attractor, other: Attractor, unit: float) -> bool:
     """Return whether two attractors of a gear have the same kind and label and, if periodic, nearly the same state."""
     if (one.kind, one.m, one.n_plus, one.n_minus) != (other.kind, other.m, other.n_plus, other.n_minus):
         return False
-    near = abs(wrapped(one.tau - other.tau)) < SAME_POINT and abs(one.v - other.v) < SAME_POINT * unit
+    near = abs(wrap_phase_difference(one.tau - other.tau)) < SAME_POINT and abs(one.v - other.v) < SAME_POINT * unit
     return one.kind != "periodic" or bool(near)
 
 

@@ -15,11 +15,11 @@ from rattle.attractors.samples import Outcome
 from rattle.attractors.speeds import MOST_SAMPLES, SampleSpec, SpeedLimit
 from rattle.attractors.table import KINDS, Attractor, AttractorTable, tabulate_attractors
 from rattle.errors import require
-from rattle.flight.law import wrapped
+from rattle.flight.law import wrap_phase_difference
 from rattle.models import MODELS, AnyGear, gear_at, model_at
 from rattle.numerics.sampling import wilson_interval
 from rattle.parameters import Parameters
-from rattle.resilience.accumulate import Make, accumulated_at
+from rattle.resilience.accumulate import Make, accumulate_at_parameters
 from rattle.resilience.causes import (
     CONTINUES,
     CRISIS,
@@ -210,7 +210,7 @@ def global_continuation(
     which = np.flatnonzero(~entered)[row].reshape(-1, count)
     every = points.repeat(count)
     gathered = {
-        name: accumulated_at(every, tau.ravel(), v.ravel(), make(), periods).reshape(-1, count)
+        name: accumulate_at_parameters(every, tau.ravel(), v.ravel(), make(), periods).reshape(-1, count)
         for name, make in quantities.items()
     }
     found = _ChangeFinder(points, attractors, family).find_changes() if causes else ()
@@ -277,7 +277,7 @@ class _ChangeFinder:
             return self._change_from_end(
                 family, step, begins, OrbitEnd(QUIET_LIMIT if limited else SAMPLING, 0.0, 1.0), -1
             )
-        other = self._family_reached(row, away, *gears)
+        other = self._find_reached_family(row, away, *gears)
         if kind == Outcome.PERIODIC:
             orbit = TrackedOrbit(self.rows.label(row), float(self.rows.tau[row]), float(self.rows.v[row]))
             end = find_orbit_end(self.points.take([where]), self.points.take([away]), orbit)
@@ -308,7 +308,7 @@ class _ChangeFinder:
         low, high = (step + 1 - end.high, step + 1 - end.low) if begins else (step + end.low, step + end.high)
         return Change(family, step, begins, end.cause, float(low), float(high), other)
 
-    def _family_reached(self, row: int, step: int, gear: AnyGear, gear_there: AnyGear) -> int:
+    def _find_reached_family(self, row: int, step: int, gear: AnyGear, gear_there: AnyGear) -> int:
         """Return the family that motions on an attractor go to when the parameters jump to those of a step.
 
         A periodic attractor is represented by one of its states, a chaotic attractor by CHAOTIC_STATES states. The
@@ -324,7 +324,7 @@ class _ChangeFinder:
             motions could take too many impacts to become quiet.
         """
         tau, v = float(self.rows.tau[row]), float(self.rows.v[row])
-        if self.rows.kind[row] == Outcome.CHAOTIC and model_at(gear_there).rests_late(
+        if self.rows.kind[row] == Outcome.CHAOTIC and model_at(gear_there).becomes_quiet_late(
             gear_there.delta, gear_there.epsilon
         ):
             # at `step`, a motion can make so many impacts before it is quiet that it would be labelled chaotic
@@ -342,7 +342,7 @@ class _ChangeFinder:
         all_of_it = gear.iterate(orbit.tau, orbit.v, np.arange(orbit.label[1]))
         for family, row in self.row_by_family[step].items():
             if self.rows.label(row) == orbit.label:
-                far = abs(wrapped(all_of_it.tau - self.rows.tau[row]))
+                far = abs(wrap_phase_difference(all_of_it.tau - self.rows.tau[row]))
                 far = np.maximum(far, abs(all_of_it.v - self.rows.v[row]) / speed_unit_of(gear))
                 if far.min() < SAME_POINT:
                     return family
@@ -353,5 +353,5 @@ class _ChangeFinder:
         label = KINDS[self.rows.kind[row]], *self.rows.label(row)
         if label != (attractor.kind, attractor.m, attractor.n_plus, attractor.n_minus):
             return False
-        far = abs(wrapped(attractor.tau - self.rows.tau[row])), abs(attractor.v - self.rows.v[row]) / unit
+        far = abs(wrap_phase_difference(attractor.tau - self.rows.tau[row])), abs(attractor.v - self.rows.v[row]) / unit
         return bool(self.rows.kind[row] != Outcome.PERIODIC or max(far) < SAME_POINT)

@@ -11,7 +11,7 @@ from rattle.stiff.bifurcations.curves import NAMES, describe, trace
 from rattle.stiff.bifurcations.diagram import diagram
 from rattle.stiff.gear import MotionState, StiffGear
 from rattle.stiff.map.iterate import iterate, iterate_tangent
-from rattle.stiff.map.quiet import quiet_depth, quiet_limit, rests_late
+from rattle.stiff.map.quiet import becomes_quiet_late, quiet_depth, quiet_limit
 from rattle.stiff.orbits.period_one import period_one, regions, saddle_node_1
 from rattle.stiff.orbits.periodic import StiffOrbit, from_limit, stiff_orbit
 
@@ -23,6 +23,7 @@ __all__ = [
     "StiffGear",
     "StiffOrbit",
     "attractors_of",
+    "becomes_quiet_late",
     "describe",
     "diagram",
     "families_of",
@@ -33,7 +34,6 @@ __all__ = [
     "quiet_depth",
     "quiet_limit",
     "regions",
-    "rests_late",
     "saddle_node_1",
     "stiff_branch",
     "stiff_curve",

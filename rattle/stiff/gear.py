@@ -13,7 +13,7 @@ from rattle.attractors.reached import SampledGear
 from rattle.errors import RattleError, require, require_finite, require_number
 from rattle.flight import law
 from rattle.flight.first_impact import OK, SIGMA_MINUS, SIGMA_PLUS
-from rattle.intensity.rattling import Rattling
+from rattle.intensity.rattling import RattlingGear
 from rattle.orbits.iterates import Impact, Iterates, Trajectory
 from rattle.orbits.orbits_a_to_d import Orbit
 from rattle.stiff.attractors.classifier import StiffClassifier
@@ -42,7 +42,7 @@ class MotionState(NamedTuple):
 
 
 @dataclass(frozen=True)
-class StiffGear(SampledGear, Rattling):
+class StiffGear(SampledGear, RattlingGear):
     """The stiff gear model at one parameter point.
 
         Φ'' + δΦ' + 2κB(Φ) = 4πδ − 4π²ε cos 2πt − 2πδε sin 2πt,
@@ -223,4 +223,4 @@ class StiffGear(SampledGear, Rattling):
 
 def _folded_phase(phase: float) -> float:
     """Return a phase modulo 1, in [0, 1). Raises ParameterError unless it is a finite number."""
-    return float(law.folded(require_finite("phase", phase)))
+    return float(law.fold_phase(require_finite("phase", phase)))

@@ -44,7 +44,7 @@ def _page_after_login(request: Request) -> str:
     return public_path(wanted if wanted.startswith("/?") and wanted.isprintable() else "/")
 
 
-def _login_page(request: Request, problem: str = "", status: int = 200) -> Response:
+def _render_login_page(request: Request, problem: str = "", status: int = 200) -> Response:
     action = public_path(LOGIN) + (f"?{request.url.query}" if request.url.query else "")
     alert = f'<p role="alert">{escape(problem)}</p>' if problem else ""
     headers = {"Content-Security-Policy": CONTENT_SECURITY, "Cache-Control": "no-store"}
@@ -55,7 +55,7 @@ async def login(request: Request) -> Response:
     """Return the login form, or handle the submitted form."""
     if request.method == "GET":
         had = request.state.caller is None and not {COOKIE, OLD_COOKIE}.isdisjoint(request.cookies)
-        response = _login_page(request, "Your session has ended: sign in again." if had else "")
+        response = _render_login_page(request, "Your session has ended: sign in again." if had else "")
         _delete_cookie(request, response, OLD_COOKIE)
         return response
     if request.headers.get("content-type", "").partition(";")[0].strip().lower() != FORM_TYPE:
@@ -67,7 +67,7 @@ async def login(request: Request) -> Response:
     token = fields.get("key", [""])[0].strip()
     front = request.app.state.front
     if (key := await run_in_threadpool(find_key, front.database, token)) is None:
-        return _login_page(request, "This API key is unknown or was revoked.", 401)
+        return _render_login_page(request, "This API key is unknown or was revoked.", 401)
     session = await run_in_threadpool(begin_session, front.database, key, front.settings.session_seconds)
     response = RedirectResponse(_page_after_login(request), 303)
     here = public_path("/")  # the cookie's path, so that other programs of this host do not get the cookie

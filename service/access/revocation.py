@@ -23,7 +23,7 @@ CHECK_SECONDS = 0.5
 log = logging.getLogger(__name__)
 
 
-class Revocations:
+class RevocationWatcher:
     """A watcher that ends open streams and websockets when their callers lose authorisation.
 
     The watcher belongs to one event loop.

@@ -132,7 +132,7 @@ def _machine_point(plain: dict[str, Any], machine: dict[str, Any]) -> GivenPoint
         )
     curve, orders = machine.pop("transmission_error", None), machine.pop("orders", None)
     if curve is not None:
-        machine = {**machine, **_measured_harmonics(curve, orders, machine)}
+        machine = {**machine, **_read_measured_harmonics(curve, orders, machine)}
     elif orders is not None:
         raise typer.BadParameter("--orders needs a measured curve: give --transmission-error too")
     missing = [f"--{name}" for name in REQUIRED_NUMBERS if name not in machine]
@@ -145,7 +145,7 @@ def _machine_point(plain: dict[str, Any], machine: dict[str, Any]) -> GivenPoint
     return GivenPoint(found.gear, found, found.rpm)
 
 
-def _measured_harmonics(curve: Path, orders: int | None, machine: dict[str, Any]) -> dict[str, Any]:
+def _read_measured_harmonics(curve: Path, orders: int | None, machine: dict[str, Any]) -> dict[str, Any]:
     """Read a measured transmission error, print a summary, and return its harmonics as numbers of a machine."""
     from rattle import read_transmission_error
 

@@ -46,7 +46,9 @@ def diagram(
     from gear_rattle.service.commands.progress import compilation_messages
     from rattle.models import model_of
 
-    lows, highs = zip(_range_or_number("--delta", delta), _range_or_number("--epsilon", epsilon), strict=True)
+    lows, highs = zip(
+        _parse_range_or_number("--delta", delta), _parse_range_or_number("--epsilon", epsilon), strict=True
+    )
     if lows == highs:
         raise typer.BadParameter(
             "--delta or --epsilon must be a range, such as 0.4:1.0: give a range, or use `rattle orbits` for a point"
@@ -71,7 +73,7 @@ def diagram(
         write_figure(found.plot(), picture)
 
 
-def _range_or_number(option: str, text: str) -> tuple[float, float]:
+def _parse_range_or_number(option: str, text: str) -> tuple[float, float]:
     """Return both ends of a range LOW:HIGH, or a single number twice."""
     try:
         low, high = (float(part) for part in (text.split(":") if ":" in text else (text, text)))

@@ -150,7 +150,7 @@ def _check_certificates_in(path: Path) -> None:
     for number, line in enumerate(lines, 1):
         try:
             typer.echo(f"proved: {checkers.get(_theorem_of(line), check.check)(line)}")
-        except (check.Refused, areas.BlockRefused) as why:
+        except (check.Refused, areas.BlockRefusal) as why:
             refused = True
             typer.echo(f"NOT PROVED, line {number}: {why}")
     if refused:

@@ -58,7 +58,7 @@ def _write_file(store: str, out: Path, form: RowForm) -> None:
     place = place_of(store)
     with open_survey(place, as_stored=True) as dataset:
         require_readable(dataset, None if out.suffix == ".nc" else table_names(dataset, form))
-        with _replacing_file(out) as file:
+        with _open_replacement_file(out) as file:
             if out.suffix == ".csv":
                 file.writelines(line.encode() for line in csv_lines(dataset, form))
                 return
@@ -68,7 +68,7 @@ def _write_file(store: str, out: Path, form: RowForm) -> None:
 
 
 @contextmanager
-def _replacing_file(path: Path) -> Iterator[IO[bytes]]:
+def _open_replacement_file(path: Path) -> Iterator[IO[bytes]]:
     """Yield a temporary file that replaces `path` at the end of the context. A failure leaves no temporary file."""
     from gear_rattle.service.errors import ServiceError
 

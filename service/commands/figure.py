@@ -108,7 +108,7 @@ def _figure_requests(
     what: list[str], delta: list[str], epsilon: list[str], beta: float | None, added: Mapping[str, float]
 ) -> list[Request | StiffRequest]:
     """Return the requested figures. All requests are checked before the first figure is computed."""
-    from rattle.plot import BETA, FIGURES, parse, request, stiff_request
+    from rattle.plot import BETA, FIGURES, parse_option, request, stiff_request
 
     numbers: list[int] = []
     for each in what:
@@ -122,7 +122,7 @@ def _figure_requests(
             raise typer.BadParameter(
                 f"the figure stiff takes only delta, epsilon and beta: leave --{name} out", param_hint=f"--{name}"
             )
-    values = parse("--delta", delta), parse("--epsilon", epsilon)
+    values = parse_option("--delta", delta), parse_option("--epsilon", epsilon)
     beta = BETA if beta is None else beta
     requests: list[Request | StiffRequest] = [request(each, *values, beta, **added) for each in dict.fromkeys(numbers)]
     return [*requests, stiff_request(*values, beta)] if STIFF in what else requests

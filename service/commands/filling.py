@@ -40,7 +40,7 @@ def _compute_missing_parts(request: AnyRequest, out: str, scheduler: str | None,
     from gear_rattle import workers as survey
 
     alone = not (scheduler or workers)
-    if alone and survey.is_short(request, request.n_cells):
+    if alone and survey.takes_few_seconds(request, request.n_cells):
         with _stop_event(out) as stop:
             _compile_kernels(request, stop)
     survey.create_store(request, out)
@@ -49,7 +49,7 @@ def _compute_missing_parts(request: AnyRequest, out: str, scheduler: str | None,
     if missing or survey.is_incomplete(request, out):
         with _stop_event(out) as stop:
             try:
-                short = survey.is_short(request, sum(tile.n_cells for tile in missing) or request.n_cells)
+                short = survey.takes_few_seconds(request, sum(tile.n_cells for tile in missing) or request.n_cells)
                 here = short and alone
                 processes = workers or PROCESSES
                 cluster = (
@@ -78,9 +78,9 @@ def _stop_event(out: str) -> Iterator[threading.Event]:
 
 def _compile_kernels(request: AnyRequest, stop: threading.Event) -> None:
     """Compile the kernels that a request needs. Return when they are compiled, or when `stop` is set."""
-    from gear_rattle.workers import compile_for
+    from gear_rattle.workers import compile_kernels_for_request
 
-    compiling = threading.Thread(target=compile_for, args=(request,), name="kernels", daemon=True)
+    compiling = threading.Thread(target=compile_kernels_for_request, args=(request,), name="kernels", daemon=True)
     compiling.start()
     while compiling.is_alive() and not stop.is_set():
         compiling.join(CHECK_SECONDS)
@@ -161,16 +161,16 @@ def _complete_survey(request: AnyRequest, out: str, client: Client | None, shoul
     from gear_rattle import workers as survey
 
     if isinstance(request, survey.SurveyRequest):
-        for words in _steps_after_tiles(request):
+        for words in _messages_after_tiles(request):
             typer.echo(f"{words} …", err=True)
     if client is None:
         with survey.place_of(out).lock_for_writing():
             survey.complete(request, out)
     else:
-        survey.complete_on(client, request, out, should_stop)
+        survey.complete_on_cluster(client, request, out, should_stop)
 
 
-def _steps_after_tiles(request: SurveyRequest) -> Iterator[str]:
+def _messages_after_tiles(request: SurveyRequest) -> Iterator[str]:
     """Yield a message for each step after a survey's tiles.
 
     The pyramid levels have a message of their own only if no families are joined before.

@@ -60,7 +60,7 @@ def add(
 
     if not (name.isprintable() and 0 < len(name) <= LONGEST_NAME):
         raise typer.BadParameter(f"NAME must have 1 to {LONGEST_NAME} printable characters")
-    with _job_database(data, database_url, create=True) as database:
+    with _open_job_database(data, database_url, create=True) as database:
         key, token = add_key(database, name, Scope(scope), max_cells, max_running)
     typer.echo(f"Key {key.id} for {name}. Keep it in RATTLE_API_KEY; it cannot be shown again:", err=True)
     typer.echo(token)
@@ -73,7 +73,7 @@ def list_keys(data: Data = None, database_url: DatabaseUrl = None) -> None:
     from rich.table import Table
     from rich.text import Text
 
-    with _job_database(data, database_url) as database:
+    with _open_job_database(data, database_url) as database:
         keys = database.keys()
     table = Table("id", "scope", "max cells", "max running", "created", "revoked", "name", box=None)
     for key in keys:
@@ -91,13 +91,13 @@ def revoke(
     database_url: DatabaseUrl = None,
 ) -> None:
     """Revoke a key permanently. Its surveys stay and continue."""
-    with _job_database(data, database_url) as database:
+    with _open_job_database(data, database_url) as database:
         key = database.revoke_key(key_id)
     typer.echo(f"Key {key.id} for {key.name} is revoked.")
 
 
 @contextmanager
-def _job_database(data: Path | None, database_url: str | None, create: bool = False) -> Iterator[Database]:
+def _open_job_database(data: Path | None, database_url: str | None, create: bool = False) -> Iterator[Database]:
     """Yield the job database of a service. create: create its data directory if it does not exist."""
     from gear_rattle.service.commands.options import settings_of
     from gear_rattle.service.database import Database

@@ -28,7 +28,8 @@ NUMBERS: dict[str, tuple[str, str | bool]] = {
     "epsilon": ("Eccentricity.", False),
     "beta": ("Half-backlash.", "0.6"),
     **{
-        each.name: (f"{each.described} (selects the {each.model} model).", NONE) for each in added_parameters().values()
+        each.name: (f"{each.full_label} (selects the {each.model} model).", NONE)
+        for each in added_parameters().values()
     },
     "inertia": (
         "Moment of inertia of each gear and its shaft, in kg m²; of the first one if --driven-inertia is given.",

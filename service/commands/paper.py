@@ -33,7 +33,7 @@ def paper(
 
     if markdown and only is not None:
         raise typer.BadParameter("--markdown writes all findings: leave --only out", param_hint="--markdown")
-    report = checks.report() if only is None else checks.one_finding(only)
+    report = checks.report() if only is None else checks.compute_finding(only)
     if markdown:
         typer.echo(checks.markdown(report), nl=False)
     else:
@@ -48,7 +48,7 @@ def _print_report(report: Report) -> None:
     from rich.console import Console
     from rich.table import Table
 
-    from rattle.paper import RULE, difference, value, verdict
+    from rattle.paper import RULE, difference, format_computed, verdict
 
     console = Console(highlight=False, markup=False, width=WIDTH)
     numbers = Table(box=None)
@@ -56,7 +56,12 @@ def _print_report(report: Report) -> None:
         numbers.add_column(heading, no_wrap=heading != "what")
     for number in report.numbers:
         numbers.add_row(
-            number.where, number.what, number.paper, value(number), difference(number), verdict(report, number)
+            number.where,
+            number.what,
+            number.paper,
+            format_computed(number),
+            difference(number),
+            verdict(report, number),
         )
     statements = Table("where", "the paper says", "computed", "verdict", box=None)
     for statement in report.statements:

@@ -78,7 +78,7 @@ def watch(
     from gear_rattle.service.client import Client
 
     with Client(url) as client:
-        follow_job(_survey_or_population(client, job_id))
+        follow_job(_find_survey_or_population(client, job_id))
 
 
 def describe(
@@ -96,7 +96,7 @@ def describe(
     typer.echo(f"{shown['name']}\n{shown['notes']}".rstrip("\n"))
 
 
-def _survey_or_population(client: Client, job_id: str) -> Job:
+def _find_survey_or_population(client: Client, job_id: str) -> Job:
     """Return the survey or population with an id. Raises BadParameter if the service has neither."""
     from gear_rattle.service.errors import ResponseError
 

@@ -48,14 +48,14 @@ def sound(
     """
     if point.rpm is None:
         raise typer.BadParameter("a sound needs the speed of rotation: give --rpm", param_hint="--rpm")
-    chosen = _chosen_attractor(point, attractors_of_point(point, count, v_max, seed), attractor)
+    chosen = _choose_attractor(point, attractors_of_point(point, count, v_max, seed), attractor)
     samples = point.gear.sound(chosen, point.rpm, seconds, rate, ring, decay)
     _write_wav(out, samples, rate, full_scale)
     share = f"{100 * chosen.fraction:.3g} % of the initial conditions"
     typer.echo(f"{out}: {attractor_name(chosen)}, {share}" + ("" if samples.any() else ", is silent"))
 
 
-def _chosen_attractor(point: GivenPoint, found: tuple[Attractor, ...], number: int | None) -> Attractor:
+def _choose_attractor(point: GivenPoint, found: tuple[Attractor, ...], number: int | None) -> Attractor:
     """Return the attractor `number`, counted from 1; for None the attractor with the most energy.
 
     None chooses the entry of undecided samples only if there is no other entry.

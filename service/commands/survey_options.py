@@ -47,7 +47,7 @@ OPTIONS: dict[str, Any] = {
     **{
         name: _annotated_option(
             str,
-            f"{each.described}: one value{' or a third axis' if each.is_axis else ''} (the {each.model} model).",
+            f"{each.full_label}: one value{' or a third axis' if each.is_axis else ''} (the {each.model} model).",
             metavar=f"{name.upper()}|{AXIS}" if each.is_axis else name.upper(),
             show_default=NUMBERS[name][1],
         )
@@ -178,7 +178,7 @@ def survey_request(given: dict[str, Any]) -> SurveyRequest:
             if each.name in fields:
                 fields["model"] = each.model
         if "tile" in fields:
-            fields["tile"] = _tile_sides(fields["tile"])
+            fields["tile"] = _parse_tile_sides(fields["tile"])
         if harmonics := fields.pop("harmonic", None):
             from gear_rattle.service.harmonics import read_harmonics
 
@@ -207,7 +207,7 @@ def _number_or_axis(option: str, text: str) -> float | Axis:
         raise typer.BadParameter(f"{text!r} is no number: write a number, or {AXIS}", param_hint=option) from error
 
 
-def _tile_sides(text: str) -> dict[str, int]:
+def _parse_tile_sides(text: str) -> dict[str, int]:
     try:
         delta, epsilon = (int(size) for size in text.lower().split("x"))
     except ValueError as error:

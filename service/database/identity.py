@@ -42,7 +42,7 @@ class NewJob:
         return f"{self.owner} {self.idempotency_key}"  # unique, because neither part has a space
 
 
-def find_by_idempotency_key(session: Session, new: NewJob) -> JobRow | None:
+def find_job_by_idempotency_key(session: Session, new: NewJob) -> JobRow | None:
     """Return the job with the same idempotency key, or None. Raises ConflictError if that job had another body."""
     if new.stored_idempotency_key is None:
         return None

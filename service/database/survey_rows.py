@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 from sqlalchemy import bindparam, delete, func, select, text, update
 from sqlalchemy.orm import Session
 
-from gear_rattle.service.database.identity import NewJob, find_by_idempotency_key, find_identical_job
+from gear_rattle.service.database.identity import NewJob, find_identical_job, find_job_by_idempotency_key
 from gear_rattle.service.database.tables import (
     ACTIVE,
     EventRow,
@@ -89,7 +89,7 @@ class Surveys(Transactions):
             With this survey the owner would have more cells than its key allows.
         """
         with self._write() as (session, service):
-            known = find_by_idempotency_key(session, new) or (
+            known = find_job_by_idempotency_key(session, new) or (
                 has_results and find_identical_job(session, new, has_results)
             )
             if known:
@@ -214,7 +214,7 @@ class Surveys(Transactions):
             job = _find_active_job(session, survey_id)
             if job is None:
                 return False
-            job.state, job.message = state, _replace_unstorable(message)
+            job.state, job.message = state, _replace_unstorable_characters(message)
             if state == State.RUNNING and job.started is None:
                 job.started = timestamp()
             if state.is_final:
@@ -227,8 +227,8 @@ class Surveys(Transactions):
         """Give a survey another name or other notes. None leaves the present text unchanged."""
         with self._write() as (session, _):
             job = _find_job(session, survey_id)
-            job.name = job.name if name is None else _replace_unstorable(name)
-            job.notes = job.notes if notes is None else _replace_unstorable(notes)
+            job.name = job.name if name is None else _replace_unstorable_characters(name)
+            job.notes = job.notes if notes is None else _replace_unstorable_characters(notes)
         self._on_change(survey_id)
         return job
 
@@ -301,7 +301,7 @@ class Surveys(Transactions):
             total = select(func.sum(TileRow.seconds)).where(TileRow.job == _job_number(session, survey_id))
             return session.scalar(total) or 0.0
 
-    def keep_tiles(self, survey_id: str, kept: set[int]) -> int:
+    def keep_only_tiles(self, survey_id: str, kept: set[int]) -> int:
         """Delete the records of all tiles whose indices are not in ``kept``, because their chunks are lost.
 
         If records are deleted and the survey is active, an event with the new, lower counts is added for subscribers.
@@ -389,7 +389,7 @@ def _adjust_job_count(service: ServiceRow, job: JobRow, change: int) -> None:
 
 
 def _find_job(session: Session, survey_id: str, kind: JobKind | None = None) -> JobRow:
-    job = session.scalars(select(JobRow).where(JobRow.id == _replace_unstorable(survey_id))).one_or_none()
+    job = session.scalars(select(JobRow).where(JobRow.id == _replace_unstorable_characters(survey_id))).one_or_none()
     if job is None:
         raise UnknownSurveyError(survey_id, kind or JobKind.SURVEY)
     return job
@@ -403,7 +403,9 @@ def _find_ended_job(session: Session, survey_id: str) -> JobRow:
 
 
 def _job_number(session: Session, survey_id: str) -> int:
-    number = session.scalars(select(JobRow.number).where(JobRow.id == _replace_unstorable(survey_id))).one_or_none()
+    number = session.scalars(
+        select(JobRow.number).where(JobRow.id == _replace_unstorable_characters(survey_id))
+    ).one_or_none()
     if number is None:
         raise UnknownSurveyError(survey_id)
     return number
@@ -443,7 +445,7 @@ def _wait_message(job: JobRow) -> str:
     return f"{WAITS_FOR_TURN}{job.display_name} is computed now"
 
 
-def _replace_unstorable(value: str) -> str:
+def _replace_unstorable_characters(value: str) -> str:
     """Replace the characters that PostgreSQL cannot store: NUL, and unpaired surrogates."""
     return value.replace("\0", "\ufffd").encode("utf-8", "replace").decode()
 

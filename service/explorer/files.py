@@ -11,19 +11,19 @@ TOUR = Path(__file__).parents[1] / "documents" / "tour.md"
 
 
 @cache
-def asset(name: str) -> str:
+def read_asset(name: str) -> str:
     """Return the text of a file in the folder `assets`, such as "page.css"."""
     return (ASSETS / name).read_text()
 
 
 @cache
-def tour_html() -> str:
+def help_html() -> str:
     """Return the help of the page as HTML."""
     return document_body(TOUR)
 
 
 @cache
-def tour_rows(heading: str) -> dict[str, str]:
+def help_table_rows(heading: str) -> dict[str, str]:
     """Return the table below a heading of the help: {first cell of a row: second cell}, without the table's head."""
     section = TOUR.read_text(encoding="utf-8").partition(f"## {heading}\n")[2].partition("\n## ")[0]
     _head, *rows = re.findall(r"^\| (.+?) \| (.+?) \|$", section, re.MULTILINE)

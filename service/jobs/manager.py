@@ -17,20 +17,20 @@ from gear_rattle.service.database import Database, DoneTile
 from gear_rattle.service.database.tables import UNREADABLE, JobRow, State
 from gear_rattle.service.errors import ConflictError, DirectoryAwayError, ServiceError, UnavailableError
 from gear_rattle.service.jobs.directory import DataDirectory
-from gear_rattle.service.jobs.turns import Turns
-from gear_rattle.service.observability.logs import survey_in_logs
+from gear_rattle.service.jobs.turns import TurnScheduler
+from gear_rattle.service.observability.logs import log_survey_id
 from gear_rattle.workers import (
     ClusterLostError,
     RunState,
     StoppedError,
     StorageError,
-    complete_on,
+    complete_on_cluster,
+    compute_template_on,
     create_store,
     finish_store,
     is_incomplete,
     request_of,
     run_tiles,
-    template_on,
     tiles_done,
     tiles_of,
 )
@@ -84,10 +84,10 @@ class JobManager:
         directory: DataDirectory,
         cluster: Callable[[Callable[[], bool]], AbstractContextManager[Client]],
         on_tile: Callable[[TileRecord], None] = lambda _: None,
-        turns: Turns | None = None,
+        turns: TurnScheduler | None = None,
     ) -> None:
         self._on_tile = on_tile
-        self._turns = turns or Turns()
+        self._turns = turns or TurnScheduler()
         # {id of a survey that waits for its next turn: {index: missing tile}}.
         self._missing_tiles: dict[str, dict[int, AnyTile]] = {}
         # {id of a survey that runs or waits for its next turn: state of its run}.
@@ -254,7 +254,7 @@ class JobManager:
             self._current = job.id
             self._dismissed.clear()
         try:
-            with survey_in_logs(job.id):
+            with log_survey_id(job.id):
                 self._run_and_record_failure(job.id, client)
         finally:
             self._predicted_ends = {}
@@ -341,7 +341,9 @@ class JobManager:
         if self._is_interrupted():
             return
         if not is_paused and is_incomplete(request, path):
-            complete_on(client, request, path, self._is_interrupted, self._progress_writer(survey_id), must_pause)
+            complete_on_cluster(
+                client, request, path, self._is_interrupted, self._progress_writer(survey_id), must_pause
+            )
         goes_on = is_paused and (left or is_incomplete(request, path))
         if not goes_on:
             finish_store(path)
@@ -367,14 +369,14 @@ class JobManager:
 
         # The cluster computes the template of the store, because the bifurcation curves in it may take minutes.
         def compute_template(request: AnyRequest, created: str | None) -> Template:
-            return template_on(client, request, created, self._is_interrupted)
+            return compute_template_on(client, request, created, self._is_interrupted)
 
         create_store(request, path, compute_template)
         if job.content_hash != request.content_hash():
             self._database.set_content_hash(job.id, request.content_hash())
         # A tile counts as done only if the database has its failures and the store has its values.
         done = self._database.tiles_done(job.id) & tiles_done(request, path, self._is_interrupted)
-        lost = self._database.keep_tiles(job.id, done)
+        lost = self._database.keep_only_tiles(job.id, done)
         return {tile.index: tile for tile in tiles_of(request) if tile.index not in done}, bool(lost)
 
     def _must_pause(self, survey_id: str) -> bool:

@@ -24,7 +24,7 @@ class _KeyTurns:
     is_smallest_next: bool = True
 
 
-class Turns:
+class TurnScheduler:
     """The scheduler of several surveys. It belongs to one thread, and its state is lost with the process.
 
     Keys take turns one after the other. A key alternates between its survey with the fewest remaining cells and its

@@ -29,7 +29,7 @@ log = logging.getLogger(__name__)
 
 
 @contextmanager
-def survey_in_logs(survey_id: str) -> Iterator[None]:
+def log_survey_id(survey_id: str) -> Iterator[None]:
     """Add a survey's id to every log record of this thread or task during this context."""
     token = _survey.set(survey_id)
     try:

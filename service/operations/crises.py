@@ -25,7 +25,7 @@ def _crisis_points(beta: float) -> np.ndarray:
     return np.column_stack([curve.delta, curve.epsilon])
 
 
-class Crises:
+class CrisisCurves:
     """The crisis curves that pages and pictures request. The latest curves are kept, one for each half-backlash."""
 
     def __init__(self, front: Front) -> None:

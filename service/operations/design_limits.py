@@ -23,7 +23,7 @@ Key = tuple[Model, Pair, float]
 Array = NDArray[np.float64]
 
 
-def limit_at(model: Model, delta: float, share: float) -> Limit:
+def search_design_limit(model: Model, delta: float, share: float) -> Limit:
     """Return the ε up to which a gear runs quietly with at least the probability `share`, with a 95 % interval.
 
     The limit and each end of its interval are NaN if they lie outside the searched range.
@@ -74,7 +74,7 @@ class DesignLimits:
     async def _find_limit(self, model: Model, delta: float, share: float) -> Limit:
         return await compute_in_process(
             self._front,
-            limit_at,
+            search_design_limit,
             *(model, delta, share),
             model=model.name,
             what="The design limit",

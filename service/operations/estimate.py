@@ -32,14 +32,14 @@ class CostEstimate:
     """The estimated cost of a survey on this service.
 
     seconds: duration of the survey from the moment when it runs. workers: assumed number of workers. basis: the basis
-    of the estimate in words. is_most: True if `seconds` is the time for computing all cells of a refined survey, which
-    will compute an unknown number of them; then `seconds` is an upper bound.
+    of the estimate in words. is_upper_bound: True if `seconds` is the time for computing all cells of a refined survey,
+    which will compute an unknown number of them; then `seconds` is an upper bound.
     """
 
     seconds: float
     workers: int
     basis: str
-    is_most: bool = False
+    is_upper_bound: bool = False
 
 
 async def estimate(front: Front, request: AnyRequest) -> CostEstimate:
@@ -59,8 +59,8 @@ async def estimate(front: Front, request: AnyRequest) -> CostEstimate:
     """
     workers = await run_in_threadpool(front.manager.thread_count) or front.settings.workers
     found = await run_in_threadpool(_seconds_by_similar_survey, front, request)
-    is_most = found is None and isinstance(request, SurveyRequest) and request.refine is not None
-    if is_most:
+    is_upper_bound = found is None and isinstance(request, SurveyRequest) and request.refine is not None
+    if is_upper_bound:
         request = request.model_copy(update={"refine": None})
         found = await run_in_threadpool(_seconds_by_similar_survey, front, request)
     if found:
@@ -68,7 +68,7 @@ async def estimate(front: Front, request: AnyRequest) -> CostEstimate:
     else:
         seconds = await compute_in_process(
             front,
-            cell_seconds,
+            measure_cell_seconds,
             request,
             model=request.model,
             what="The cost",
@@ -77,7 +77,10 @@ async def estimate(front: Front, request: AnyRequest) -> CostEstimate:
         few = "gears of the population" if isinstance(request, PopulationRequest) else "cells of the survey"
         basis = f"measured now on {MEASURED_SIDE * MEASURED_SIDE} {few}"
     return CostEstimate(
-        seconds * request.n_cells / workers, workers, f"{basis}{IF_ALL_COMPUTED if is_most else ''}", is_most
+        seconds * request.n_cells / workers,
+        workers,
+        f"{basis}{IF_ALL_COMPUTED if is_upper_bound else ''}",
+        is_upper_bound,
     )
 
 
@@ -155,7 +158,7 @@ def _is_similar_sample(request: SurveyRequest, other: SurveyRequest) -> bool:
     return same and 1.0 / SIMILAR_FACTOR <= ratio <= SIMILAR_FACTOR
 
 
-def cell_seconds(request: AnyRequest) -> float:
+def measure_cell_seconds(request: AnyRequest) -> float:
     """Return the seconds that one process takes for a cell (or gear), measured on a few of the request's cells."""
     few = _request_for_few_gears(request) if isinstance(request, PopulationRequest) else _request_for_few_cells(request)
     for _ in range(2):
@@ -176,11 +179,11 @@ def _request_for_few_gears(request: PopulationRequest) -> PopulationRequest:
 
 def _request_for_few_cells(request: SurveyRequest) -> SurveyRequest:
     request = request.slice_request(next(islice(request.slices, request.n_slices // 2, None)))
-    axes = {"delta": _typical_values(request.delta), "epsilon": _typical_values(request.epsilon)}
+    axes = {"delta": _coarsen_axis(request.delta), "epsilon": _coarsen_axis(request.epsilon)}
     return request.model_copy(update={**axes, "tile": TileShape()})
 
 
-def _typical_values(axis: Axis) -> Axis:
+def _coarsen_axis(axis: Axis) -> Axis:
     """Return an axis of at most MEASURED_SIDE values: the centres of equal parts of the given axis."""
     num = min(axis.num, MEASURED_SIDE)
     half = (axis.stop - axis.start) / (2 * num)

@@ -62,7 +62,7 @@ def _notebook_cells(gear: AnyGear, machine: Machine | None, ends: tuple[Pair, Pa
     version = rattle.__version__
     made = TITLE.format(gear=gear, kind=type(gear).__name__, model=model_at(gear), package=PACKAGE, version=version)
     yield "title", "markdown", made
-    yield "point", "code", _point_code(gear, machine)
+    yield "point", "code", _python_code_of_point(gear, machine)
     yield "fineness", "code", FINENESS.format(starts=POINT_SAMPLES, side=BASIN_CELLS, steps=STEPS, count=COUNT)
     region = "" if gear.parameters.harmonics else "print('region', rattle.REGIONS[gear.region()])\n"
     yield "orbits", "code", f"{region}gear.orbits()"
@@ -73,7 +73,7 @@ def _notebook_cells(gear: AnyGear, machine: Machine | None, ends: tuple[Pair, Pa
         yield "events", "code", "diagram.events"
 
 
-def _point_code(gear: AnyGear, machine: Machine | None) -> str:
+def _python_code_of_point(gear: AnyGear, machine: Machine | None) -> str:
     if machine is not None:
         numbers = ", ".join(f"{each.name}={getattr(machine, each.name)!r}" for each in fields(machine))
         return (

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from gear_rattle.service.errors import ServiceError, UnavailableError
-from gear_rattle.service.operations.crises import Crises
+from gear_rattle.service.operations.crises import CrisisCurves
 from gear_rattle.service.operations.design_limits import DesignLimits
-from gear_rattle.service.operations.windows import Windows, clip_to_plane, is_coarse
+from gear_rattle.service.operations.windows import WindowCache, clip_to_plane, is_coarse
 from gear_rattle.service.state import Front
 from gear_rattle.workers import ClusterLostError, SurveyError, SurveyRequest
-from gear_rattle.workers.pictures.look import CRISIS, LIMIT, FinerCells, Look, OverlayData, is_survey_only
+from gear_rattle.workers.pictures.look import CRISIS, LIMIT, FinerCells, OverlayData, PictureLook, is_survey_only
 from gear_rattle.workers.pictures.planes import drawn_numbers
 from rattle import RattleError
 from rattle.models import Model
@@ -33,7 +33,7 @@ class PictureOptions:
     variable: str
     index: int
     slice: int | None
-    look: Look
+    look: PictureLook
     share: float
     pixels: tuple[int, int] | None
     has_caption: bool
@@ -43,7 +43,7 @@ class Overlays:
     """The overlays of all maps of an application: crisis curves, design limits, and finer windows."""
 
     def __init__(self, front: Front) -> None:
-        self.crises, self.limits, self.windows = Crises(front), DesignLimits(front), Windows(front)
+        self.crises, self.limits, self.windows = CrisisCurves(front), DesignLimits(front), WindowCache(front)
 
     async def overlays_of(self, request: SurveyRequest, options: PictureOptions) -> OverlayData:
         """Return the overlays of a map. request: the request of the survey or slice that the map shows.
@@ -62,8 +62,8 @@ class Overlays:
         if CRISIS in lines and (crisis := await self._crisis_line(request.gear_model)) is not None:
             found[CRISIS] = crisis
         if LIMIT in lines:
-            found[LIMIT], band = await self._limit_line_and_band(request, options.share)
-        return OverlayData(found, band, await self._finer_window(request, options))
+            found[LIMIT], band = await self._design_limit_line_and_band(request, options.share)
+        return OverlayData(found, band, await self._compute_finer_window(request, options))
 
     async def _crisis_line(self, model: Model) -> Line | None:
         try:
@@ -73,13 +73,13 @@ class Overlays:
         except RattleError:  # the model has no crisis curve, or it was not found
             return None
 
-    async def _limit_line_and_band(self, request: SurveyRequest, share: float) -> tuple[Line, Band]:
+    async def _design_limit_line_and_band(self, request: SurveyRequest, share: float) -> tuple[Line, Band]:
         span = request.delta.start, request.delta.stop
         found = [each async for each in self.limits.limits_over(request.gear_model, span, share)]
         delta, limits = found[-1]  # the last result has all dampings
         return limit_line(delta, limits), limit_band(delta, limits)
 
-    async def _finer_window(self, request: SurveyRequest, options: PictureOptions) -> FinerCells | None:
+    async def _compute_finer_window(self, request: SurveyRequest, options: PictureOptions) -> FinerCells | None:
         look, pixels = options.look, options.pixels
         if look.delta is None or look.epsilon is None or pixels is None or is_survey_only(options.variable, request):
             return None

@@ -50,7 +50,7 @@ def is_coarse(delta: np.ndarray, epsilon: np.ndarray, window: tuple[Pair, Pair],
     return False
 
 
-class Windows:
+class WindowCache:
     """Computation of windows of maps with smaller cells than the survey has. The latest windows are kept in memory.
 
     One object serves all pages and pictures of a service.
@@ -126,7 +126,7 @@ async def refine_window(
     turn = object()
     await front.window_limiter.acquire_on_behalf_of(turn)
     try:
-        refinement = _Refinement(front, survey, variable, index)
+        refinement = _RefinementThread(front, survey, variable, index)
         try:
             while (frame := await refinement.wait_for_newest_frame()) is not None:
                 yield frame
@@ -136,7 +136,7 @@ async def refine_window(
         front.window_limiter.release_on_behalf_of(turn)
 
 
-class _Refinement:
+class _RefinementThread:
     """A thread that waits for frames of a window from the workers, and passes them to the event loop."""
 
     def __init__(self, front: Front, survey: SurveyRequest, variable: str, index: int) -> None:

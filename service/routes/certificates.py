@@ -13,7 +13,7 @@ from starlette.exceptions import HTTPException
 from gear_rattle.service.database.tables import UNREADABLE, JobRow, State
 from gear_rattle.service.errors import ConflictError, MissingError
 from gear_rattle.service.routes.documents import SurveyId, path_of
-from gear_rattle.service.routes.store import FILES, KEY, file_at
+from gear_rattle.service.routes.store import FILES, KEY, file_response
 from gear_rattle.service.state import Front, FrontState
 from gear_rattle.service.web.conditional import HOUR, NOT_MODIFIED, REVALIDATE, json_answer
 from gear_rattle.service.web.problems import declare_problems
@@ -88,7 +88,7 @@ async def read_certificates(
         raise MissingError(f"The certificates of survey {survey_id} have no key {key!r}.")
     is_unchanging = job.state == State.SUCCESSFUL
     try:
-        response = await file_at(out, key, request, is_unchanging)
+        response = await file_response(out, key, request, is_unchanging)
     except OSError as error:
         raise HTTPException(404) from error
     response.headers["cache-control"] = HOUR if is_unchanging else REVALIDATE

@@ -14,7 +14,7 @@ from starlette.types import Receive, Scope, Send
 
 from gear_rattle.service.access.keys import Caller
 from gear_rattle.service.access.middleware import CallerState
-from gear_rattle.service.access.revocation import Revocations
+from gear_rattle.service.access.revocation import RevocationWatcher
 from gear_rattle.service.database.tables import JobKind, State
 from gear_rattle.service.errors import UnknownSurveyError
 from gear_rattle.service.jobs.broadcast import encode_events
@@ -86,7 +86,7 @@ async def event_stream(front: Front, caller: Caller, survey_id: str, kind: JobKi
 class _RevocableStream(EventSourceResponse):
     """A stream that ends when its caller is no longer authorised, even while the client reads nothing."""
 
-    def __init__(self, revocations: Revocations, caller: Caller, *arguments: Any, **named: Any) -> None:
+    def __init__(self, revocations: RevocationWatcher, caller: Caller, *arguments: Any, **named: Any) -> None:
         super().__init__(*arguments, **named)
         self._revocations, self._caller = revocations, caller
 

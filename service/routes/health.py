@@ -26,7 +26,7 @@ class Health(BaseModel):
     running: int | None = Field(description="number of running surveys; null without a key or job database")
 
 
-class Ready(BaseModel):
+class ReadyDocument(BaseModel):
     """The answer of a service that can compute surveys now."""
 
     status: str = Field(description="ready")
@@ -80,7 +80,7 @@ def health(front: FrontState, request: Request) -> Health:
 
 
 @router.get("/ready", summary="Whether the service can do its work now")
-def ready(front: FrontState) -> Ready:
+def ready(front: FrontState) -> ReadyDocument:
     """Answer 200 if the service can compute surveys now. No key is needed.
 
     The status is 503 with Retry-After until kernels are compiled and workers have connected, and while nothing can be
@@ -90,4 +90,4 @@ def ready(front: FrontState) -> Ready:
         raise KernelsError
     if (front.manager.cluster_state, _storage_state(front)) != (READY, OK):
         raise UnavailableError("The service is not ready: GET /v1/health says why. Try again in a few seconds.")
-    return Ready(status=READY)
+    return ReadyDocument(status=READY)

@@ -25,8 +25,18 @@ from gear_rattle.service.web.conditional import NOT_MODIFIED, REVALIDATE, is_not
 from gear_rattle.service.web.problems import declare_problems
 from gear_rattle.workers import QUANTITIES, Bucket, SurveyRequest, open_survey
 from gear_rattle.workers.cluster.window import MOST_PIXELS
-from gear_rattle.workers.pictures.look import LARGEST, LINES, SHARE, USUAL_SHARE, Form, Look, OverlayData, Pair, Span
-from gear_rattle.workers.storage.store import has_added
+from gear_rattle.workers.pictures.look import (
+    LARGEST,
+    LINES,
+    SHARE,
+    USUAL_SHARE,
+    Form,
+    OverlayData,
+    Pair,
+    PictureLook,
+    Span,
+)
+from gear_rattle.workers.storage.store import has_added_node
 from gear_rattle.workers.survey.levels.grid import GROUP as LEVELS
 from gear_rattle.workers.survey.request import MAX_SLICES
 from gear_rattle.workers.survey.slices import require_slice
@@ -52,7 +62,7 @@ WindowEnd = Annotated[
 ColourEnd = Annotated[float | None, Query(ge=-LARGEST_END, le=LARGEST_END, description="an end of the colours' range")]
 
 
-async def look_of_query(
+async def parse_look(
     delta_min: WindowEnd = None,
     delta_max: WindowEnd = None,
     epsilon_min: WindowEnd = None,
@@ -74,14 +84,14 @@ async def look_of_query(
     family: Annotated[
         int | None, Query(ge=0, le=10**9, description="number of a family; cells without it are dimmed")
     ] = None,
-) -> Look:
+) -> PictureLook:
     """Return the window, colours and lines of a picture that a query describes. Raises LimitError for wrong values."""
     chosen = None if lines is None else tuple(name for name in lines.split(",") if name)
     if unknown := set(chosen or ()) - set(LINES):
         raise LimitError("query.lines", f"there is no line {min(unknown)!r}: choose from {', '.join(LINES)}.")
     if log and low is not None and 0 < low < 1 / LARGEST_END:
         raise LimitError("query.low", f"for logarithmic colours, low must not lie between 0 and {1 / LARGEST_END:g}.")
-    return Look(
+    return PictureLook(
         _range_of_query("delta", delta_min, delta_max),
         _range_of_query("epsilon", epsilon_min, epsilon_max),
         _range_of_query("colours", low, high, ("low", "high")) or span,
@@ -99,7 +109,7 @@ def _range_of_query(
     ends: names of the two parameters for messages; None for the names `name`_min and `name`_max.
     """
     first, last = ends or (f"{name}_min", f"{name}_max")
-    both = _both_or_none(first, low, last, high)
+    both = _require_both_or_none(first, low, last, high)
     if both is None:
         return None
     low, high = both
@@ -111,7 +121,7 @@ def _range_of_query(
     return both
 
 
-def _both_or_none(first_name: str, first: T | None, second_name: str, second: T | None) -> tuple[T, T] | None:
+def _require_both_or_none(first_name: str, first: T | None, second_name: str, second: T | None) -> tuple[T, T] | None:
     """Return two parameters that belong together, or None if neither is given. Raises LimitError if only one is."""
     if first is None and second is None:
         return None
@@ -133,7 +143,7 @@ Pixels = Annotated[
 
 
 async def options_of_query(
-    look: Annotated[Look, Depends(look_of_query)],
+    look: Annotated[PictureLook, Depends(parse_look)],
     variable: Annotated[str, Query(max_length=64, json_schema_extra={"enum": MAPS})] = "region",
     index: Index = 0,
     slice_: Annotated[
@@ -149,7 +159,7 @@ async def options_of_query(
     caption: Annotated[bool, Query(description="name the survey, its address and the version below the map")] = False,
 ) -> PictureOptions:
     """Return the options of a picture that the query describes. Raises LimitError for wrong numbers of pixels."""
-    pixels = _both_or_none("pixels_delta", pixels_delta, "pixels_epsilon", pixels_epsilon)
+    pixels = _require_both_or_none("pixels_delta", pixels_delta, "pixels_epsilon", pixels_epsilon)
     if pixels and math.prod(pixels) > MOST_WINDOW_PIXELS:
         raise LimitError(
             "query.pixels_delta",
@@ -253,5 +263,5 @@ def _draw_map(store: Path | Bucket, options: PictureOptions, form: Form, overlay
     opened = partial(open_survey, store)
     with_families = SHARE if options.look.family is not None else options.variable
     with open_maps(opened, with_families, options.slice) as dataset:
-        levels = level_opener(opened, options.slice, has_added(store, LEVELS))
+        levels = level_opener(opened, options.slice, has_added_node(store, LEVELS))
         return map_picture(dataset, options.variable, options.index, levels, options.look, form, overlays)

@@ -79,7 +79,7 @@ async def stored_file(front: Front, survey_id: str, kind: JobKind, key: str, req
         raise MissingError(f"The store of {kind} {survey_id} has no key {key!r}.")
     is_unchanging = job.state == State.SUCCESSFUL
     try:
-        response = await file_at(store, key, request, is_unchanging)
+        response = await file_response(store, key, request, is_unchanging)
     except (HTTPException, OSError) as error:  # OSError: for example, the file is a link to itself
         if getattr(error, "status_code", 404) not in MISSING_STATUSES:
             raise
@@ -87,7 +87,7 @@ async def stored_file(front: Front, survey_id: str, kind: JobKind, key: str, req
             raise HTTPException(404) from error
         try:
             # The file is tried again, because a tile may have been written since the first try.
-            response = await file_at(store, key, request, is_unchanging)
+            response = await file_response(store, key, request, is_unchanging)
         except (HTTPException, OSError):
             raise DamageError(
                 f"{key} of {kind} {survey_id} was computed but cannot be read now. "
@@ -99,7 +99,7 @@ async def stored_file(front: Front, survey_id: str, kind: JobKind, key: str, req
     return response
 
 
-async def file_at(store: pathlib.Path | Bucket, key: str, request: Request, is_unchanging: bool) -> Response:
+async def file_response(store: pathlib.Path | Bucket, key: str, request: Request, is_unchanging: bool) -> Response:
     """Return the file with this key in a store. Raises HTTPException or OSError if there is no such file.
 
     is_unchanging: False if files may still change; then the time of a client's copy (If-Modified-Since) does not count.
@@ -107,9 +107,9 @@ async def file_at(store: pathlib.Path | Bucket, key: str, request: Request, is_u
     if isinstance(store, Bucket):
         return await object_response(store, key, request)
     files = StaticFiles(directory=store, check_dir=False)
-    return await files.get_response(key, request.scope if is_unchanging else _without_modified_since(request.scope))
+    return await files.get_response(key, request.scope if is_unchanging else _drop_modified_since(request.scope))
 
 
-def _without_modified_since(scope: Scope) -> Scope:
+def _drop_modified_since(scope: Scope) -> Scope:
     """Return a request's scope without If-Modified-Since, because a file may change twice within one second."""
     return {**scope, "headers": [each for each in scope["headers"] if each[0] != b"if-modified-since"]}

@@ -34,7 +34,7 @@ async def object_response(store: Bucket, key: str, request: Request) -> Response
 
 def _answer_with_object(store: Bucket, key: str, request: Request) -> Response:
     try:
-        body, tag = store.read_tagged(key)
+        body, tag = store.read_with_etag(key)
     except FileNotFoundError:
         raise HTTPException(404) from None
     headers = {"ETag": tag, "Accept-Ranges": "bytes"}

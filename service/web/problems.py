@@ -152,10 +152,10 @@ def install_handlers(app: FastAPI) -> None:
         app.add_exception_handler(kind, _on_known_error)
     app.add_exception_handler(Exception, _on_unknown_error)
     # This is FastAPI's documented way to extend the schema, although mypy reports it as an error.
-    app.openapi = partial(_openapi_with_problem, app.openapi)  # type: ignore[method-assign]
+    app.openapi = partial(_generate_openapi_with_problem, app.openapi)  # type: ignore[method-assign]
 
 
-def _openapi_with_problem(generate: Callable[[], dict[str, Any]]) -> dict[str, Any]:
+def _generate_openapi_with_problem(generate: Callable[[], dict[str, Any]]) -> dict[str, Any]:
     # The schema is added here, because FastAPI would declare the wrong media type, application/json.
     document = generate()
     schemas = document.setdefault("components", {}).setdefault("schemas", {})

@@ -61,7 +61,7 @@ def run_server(app: FastAPI, settings: Settings, log_config: dict[str, Any], ask
     AddressError
         The address cannot be bound. Nothing has been started.
     """
-    return_large_blocks()
+    make_malloc_return_memory()
     sockets = bind_sockets(settings.host, settings.port)
     server = uvicorn.Server(
         uvicorn.Config(
@@ -100,7 +100,7 @@ def run_server(app: FastAPI, settings: Settings, log_config: dict[str, Any], ask
     return server.started
 
 
-def return_large_blocks() -> None:
+def make_malloc_return_memory() -> None:
     """Make glibc return the memory of freed arrays to the system. Do nothing with other C libraries."""
     with suppress(OSError, AttributeError, TypeError):
         ctypes.CDLL(None).mallopt(M_MMAP_THRESHOLD, LARGE_BLOCK)

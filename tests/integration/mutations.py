@@ -300,7 +300,7 @@ PROTECTIONS = (
         "a damaged root is mended",
         f"{SERVICE}::test_a_damaged_root_is_mended_on_request",
         "workers/storage/integrity.py",
-        "    lost = [ROOT] if whole_root(place, manifest) is None else []\n",
+        "    lost = [ROOT] if read_undamaged_root(place, manifest) is None else []\n",
         "    lost = list[str]()\n",
     ),
     _one(

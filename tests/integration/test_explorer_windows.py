@@ -24,7 +24,7 @@ import gear_rattle.workers.cluster.refinement
 from gear_rattle.service.app import create_app
 from gear_rattle.service.errors import UnavailableError
 from gear_rattle.service.operations import windows as service_windows
-from gear_rattle.service.operations.windows import Windows, refine_window
+from gear_rattle.service.operations.windows import WindowCache, refine_window
 from gear_rattle.service.settings import Settings
 from gear_rattle.service.state import Front
 from gear_rattle.workers import (
@@ -284,7 +284,7 @@ def test_a_picture_of_a_window_has_its_finer_cells_computed_once(
 
 
 def test_so_many_windows_are_kept_and_so_many_cells() -> None:
-    windows = Windows(None)  # type: ignore[arg-type]  # which is asked for nothing
+    windows = WindowCache(None)  # type: ignore[arg-type]  # which is asked for nothing
 
     def keep(number: int, cells: int) -> None:
         frame = Frame(np.zeros(1), np.zeros(1), np.zeros((1, cells)), 1.0, 0)

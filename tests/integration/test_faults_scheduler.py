@@ -71,7 +71,7 @@ def test_another_cluster_goes_on_where_one_was_lost(
             on_tile(compute_and_write(request, str(path), tile))
 
     monkeypatch.setattr(manager, "run_tiles", run_tiles)
-    monkeypatch.setattr(manager, "template_on", lambda _, request, created, __: template_of(request, created))
+    monkeypatch.setattr(manager, "compute_template_on", lambda _, request, created, __: template_of(request, created))
     monkeypatch.setattr(manager, "FIRST_PAUSE", 0.01)
     app = create_app(Settings(data=tmp_path, explorer=False, preload=False), cluster.opened)
     with local_client(app) as client:

@@ -41,7 +41,7 @@ from gear_rattle.workers import (
     SurveyRequest,
     TileRecord,
     complete,
-    complete_on,
+    complete_on_cluster,
     connect,
     create_store,
     embedded_cluster,
@@ -346,9 +346,9 @@ def test_families_are_joined_on_the_cluster(cluster: Client, tmp_path: Path, mon
     run_tiles(request, there, tiles_of(request), cluster, lambda _: None, lambda: False)
     shutil.copytree(there, here)
     with pytest.raises(StoppedError):
-        complete_on(cluster, request, there, lambda: True)
+        complete_on_cluster(cluster, request, there, lambda: True)
     assert lacks_families(request, there)
-    complete_on(cluster, request, there, lambda: False)
+    complete_on_cluster(cluster, request, there, lambda: False)
     join_survey(request, here)
     assert not lacks_families(request, there)
     files = [path.relative_to(here) for path in here.rglob("*") if path.is_file()]
@@ -369,7 +369,7 @@ def test_attractors_are_proved_on_the_cluster(
     shutil.copytree(there, here)
     told: list[tuple[int, int]] = []
     with pytest.raises(StoppedError):
-        complete_on(cluster, request, there, lambda: bool(told[1:]), lambda *numbers: told.append(numbers))
+        complete_on_cluster(cluster, request, there, lambda: bool(told[1:]), lambda *numbers: told.append(numbers))
 
     def tell(done: int, number: int) -> None:
         if kill and not told:
@@ -378,7 +378,7 @@ def test_attractors_are_proved_on_the_cluster(
 
     resumed = told.pop()[0]
     told.clear()
-    complete_on(cluster, request, there, lambda: False, tell)
+    complete_on_cluster(cluster, request, there, lambda: False, tell)
     assert told[0][0] == resumed > 0
     assert told[-1][0] == told[-1][1]
     complete(request, here)

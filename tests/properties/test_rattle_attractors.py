@@ -239,14 +239,14 @@ def test_nothing_is_measured_before_the_tangent_vector_is_aligned():
         followed.samples.limit[:] = impacts
         sums, prints = np.zeros((1, chaos.BATCHES, 3)), np.zeros((1, samples.GRID), np.uint64)
         which = np.zeros(1, np.int64)
-        settle.measure(
+        settle.follow_probes(
             followed._block,
             which,
             np.full(1, 2000.0),
             np.full(1, 1000.0),
             cells,
-            followed.samples.for_kernels(),
-            followed.balls.for_kernels(),
+            followed.samples.to_kernel_tuple(),
+            followed.balls.to_kernel_tuple(),
             sums,
             prints,
             followed.paths,

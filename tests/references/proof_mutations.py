@@ -119,8 +119,8 @@ MUTATIONS = {
     ),
     "a graze that is compared with the wrong edge": (
         "areas/two_impacts",
-        "self.square_plus_speed(-1) < -high",
-        "self.square_plus_speed(-1) < -low",
+        "self.bound_square_plus_speed(-1) < -high",
+        "self.bound_square_plus_speed(-1) < -low",
     ),
     "one motion counted for none": ("areas/two_impacts", "return sides == [", "return sides != ["),
     "quiet beyond its limit": (

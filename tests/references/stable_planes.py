@@ -17,11 +17,11 @@ from pathlib import Path
 import numpy as np
 
 from rattle.flight.first_impact import OK
-from rattle.flight.law import wrapped
-from rattle.impacting.map.impact_map import Point
+from rattle.flight.law import wrap_phase_difference
+from rattle.impacting.map.impact_map import ImpactingPoint
 from rattle.impacting.orbits.limits import quiet_limit
 from rattle.numerics.compile import kernel
-from rattle.orbits.return_map import fastest_point, newton, power_map, shortest_return, step
+from rattle.orbits.return_map import fastest_point, find_fixed_point, power_map, shortest_return, step
 
 FILE = Path(__file__).parents[1] / "reference" / "stable_planes.json"
 SIDE, STARTS = 64, 1024
@@ -47,7 +47,7 @@ def cells_of(name):
 @kernel
 def solved(tau, v, k, point):
     """The orbit of k impacts on Σ⁺ in one period near a state: (found, Σ⁻ impacts, τ, v of the fastest, trace)."""
-    found, tau, v = newton(tau, v, k, point)
+    found, tau, v = find_fixed_point(tau, v, k, point)
     if not found:
         return False, 0, tau, v, 0.0
     status, _t, _v, time, n_minus, a00, _b, _c, a11, _ln = power_map(tau, v, k, point)
@@ -62,7 +62,7 @@ def met(n_plus, n_minus, tau, v, orbits, n):
     """Return whether these rows have the orbit."""
     for i in range(n):
         label = orbits[i, 0] == n_plus and orbits[i, 1] == n_minus
-        if label and abs(wrapped(orbits[i, 2] - tau)) < SAME and abs(orbits[i, 3] - v) < SAME * v:
+        if label and abs(wrap_phase_difference(orbits[i, 2] - tau)) < SAME and abs(orbits[i, 3] - v) < SAME * v:
             return True
     return False
 
@@ -104,7 +104,7 @@ def continued(n_plus, n_minus, tau, v, start, end, steps):
     ok, below, trace = False, 0, 0.0
     for i in range(1, steps + 1):
         x = i / steps
-        point = Point(
+        point = ImpactingPoint(
             start.delta + x * (end.delta - start.delta),
             start.epsilon + x * (end.epsilon - start.epsilon),
             start.beta + x * (end.beta - start.beta),
@@ -132,7 +132,7 @@ def sampled(cell, point):
 
 def existing(name):
     """For each cell of a plane the orbits that exist, with a mark if its own starts found them."""
-    points = [Point(*map(float, x), 0.0) for x in zip(*cells_of(name), strict=True)]
+    points = [ImpactingPoint(*map(float, x), 0.0) for x in zip(*cells_of(name), strict=True)]
     with ThreadPoolExecutor() as pool:
         known = [[(*row, True) for row in rows] for rows in pool.map(sampled, range(len(points)), points)]
     front = [(cell, row) for cell, rows in enumerate(known) for row in rows]

@@ -38,7 +38,7 @@ class ComponentEdges(NamedTuple):
     on: np.ndarray
 
 
-def edges_in_part(
+def find_edges_in_part(
     part: Rectangle, columns: int, cell: np.ndarray, component: np.ndarray, crossings: Sequence[Crossings]
 ) -> ComponentEdges:
     """Return the edges between the cells of a part of a grid and the next cells along δ and ε.
@@ -82,7 +82,7 @@ def edges_in_part(
     return ComponentEdges(ids, number, on)
 
 
-def edges_of(
+def count_edges(
     parts: Iterable[ComponentEdges], family: np.ndarray, table: FamilyTable, names: Sequence[str]
 ) -> FamilyEdges:
     """Count the edges of each family (see `FamilyEdges`) in the whole survey, from the edges in the parts of its grid.

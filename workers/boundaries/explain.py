@@ -14,11 +14,11 @@ import numpy as np
 import xarray as xr
 
 from gear_rattle.workers.boundaries.labels import QUIET_LABEL, Label, labels_at_bifurcation, labels_on_curve
-from gear_rattle.workers.boundaries.pairs import KINDS, CellAttractor, CellGrid, Pairs, crossed_pairs, label_name
+from gear_rattle.workers.boundaries.pairs import KINDS, CellAttractor, CellGrid, Pairs, are_pairs_crossed, label_name
 from gear_rattle.workers.errors import SurveyError
 from rattle import REGIONS, Event, PeriodicOrbit, RattleError, curves, fate, period_one, periodic_orbit, quiet_limit
 from rattle.curves import Curve
-from rattle.models import DEFAULT_MODEL, MODELS, Capability, lacking
+from rattle.models import DEFAULT_MODEL, MODELS, Capability, missing_capability_error
 
 CHAOTIC = KINDS.index("chaotic")
 MOST_CURVES = 100  # default of the largest number of computed curves of motions of higher period
@@ -106,7 +106,7 @@ def explain(dataset: xr.Dataset, most_curves: int = MOST_CURVES, families: xr.Da
     """
     model = MODELS[dataset.attrs.get("model", DEFAULT_MODEL)]
     if Capability.BOUNDARIES not in model.has:
-        raise SurveyError(str(lacking(Capability.BOUNDARIES, model)))
+        raise SurveyError(str(missing_capability_error(Capability.BOUNDARIES, model)))
     search = _CurveSearch(CellGrid(dataset, families), most_curves)
     why = dict(search.run())
     region = search.is_region_explained()
@@ -294,7 +294,7 @@ class _CurveSearch:
         return found
 
     def _add_curve(self, curve: Curve, labels: frozenset[Label], bounds_regions: bool) -> None:
-        self.known.append(KnownCurve(curve, labels, bounds_regions, crossed_pairs(curve, self.grid, self.pairs)))
+        self.known.append(KnownCurve(curve, labels, bounds_regions, are_pairs_crossed(curve, self.grid, self.pairs)))
 
 
 def _labels_at_event(event: Event) -> frozenset[Label]:

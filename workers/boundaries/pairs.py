@@ -163,7 +163,7 @@ class _CellFamilies:
         return listed | self.entered.get((i, j), set()) | ({0} if is_quiet else set())
 
 
-def crossed_pairs(curve: Curve, grid: CellGrid, pairs: Pairs) -> np.ndarray:
+def are_pairs_crossed(curve: Curve, grid: CellGrid, pairs: Pairs) -> np.ndarray:
     """Return for each pair (n,) whether a curve passes between its cells, from exact crossings with the grid lines."""
     found = np.zeros(len(pairs), bool)
     beside = pairs.first[:, 0] == pairs.second[:, 0]

@@ -92,7 +92,7 @@ class KernelLoader(WorkerPlugin):
         gc.freeze()
 
 
-def version_check(versions: Mapping[str, str | None], module: str, topic: str) -> WorkerPlugin:
+def create_version_check(versions: Mapping[str, str | None], module: str, topic: str) -> WorkerPlugin:
     """Return a plugin that closes a worker before its first task if the worker's software differs from `versions`.
 
     In all other workers the plugin loads the kernels.
@@ -355,7 +355,7 @@ def connect(url: str) -> Iterator[Client]:
         try:
             versions = require_compatible(client)
             client.subscribe_topic(REFUSED_TOPIC, lambda event: logger.warning("%s", event[1]))
-            client.register_plugin(version_check(versions, __name__, REFUSED_TOPIC))
+            client.register_plugin(create_version_check(versions, __name__, REFUSED_TOPIC))
         except SurveyError:
             raise
         except Exception as error:

@@ -58,7 +58,7 @@ class RunState:
         self._cells_per_tile = min(max(LEAST_MEASURED // max(len(tiles), 1), 1), MOST_PER_TILE)
         return spread_evenly(new, columns)[: MOST_MEASURED_TILES - len(self.seconds_per_cell)]
 
-    def record_measured(self, tile: AnyTile) -> bool:
+    def record_measured_cell(self, tile: AnyTile) -> bool:
         """Record a tile's cost after one of its cells was measured. Return whether to measure another of its cells."""
         part = self.partial[tile.index]
         self.seconds_per_cell[tile.index] = part.record.seconds / part.record.cells
@@ -68,7 +68,7 @@ class RunState:
             del self.partial[tile.index]
         return False
 
-    def record_ended(self, record: TileRecord) -> None:
+    def record_finished_tile(self, record: TileRecord) -> None:
         """Record the measured cost of a finished tile."""
         seconds = self._expected.pop(record.index)
         self._remaining -= seconds

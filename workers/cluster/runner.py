@@ -105,7 +105,9 @@ def _always_false() -> bool:
     return False
 
 
-def template_on(client: Client, request: AnyRequest, created: str | None, should_stop: Callable[[], bool]) -> Template:
+def compute_template_on(
+    client: Client, request: AnyRequest, created: str | None, should_stop: Callable[[], bool]
+) -> Template:
     """Compute the files of an empty store with `template_of` on a cluster, because some curves take minutes to trace.
 
     Parameters
@@ -154,7 +156,7 @@ def _compute_template(
         future.release()
 
 
-def complete_on(
+def complete_on_cluster(
     client: Client,
     request: AnyRequest,
     where: str | Path | Place,
@@ -265,7 +267,7 @@ def run_tiles(
 
             def on_ended(record: TileRecord) -> None:
                 note({record.index: record.files})
-                run_state.record_ended(record)
+                run_state.record_finished_tile(record)
                 del left[record.index]
                 on_tile(record)
                 report_time_left()
@@ -280,7 +282,7 @@ def run_tiles(
                     measuring = deque(run_state.tiles_to_measure(tiles, columns))
 
                     def on_measured(tile: AnyTile) -> None:
-                        if run_state.record_measured(tile):
+                        if run_state.record_measured_cell(tile):
                             measuring.append(tile)
 
                     submission.seconds = 0.0  # with 0 seconds, a task computes just one cell

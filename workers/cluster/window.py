@@ -131,7 +131,7 @@ class WindowGrid:
         self.failed = 0
         whole = math.gcd(*(number - 1 for number in survey.shape))
         halvings = min(HALVINGS, (whole & -whole).bit_length() - 1)
-        at_once = survey.in_closed_form and quantity.group in CLOSED_FORM
+        at_once = survey.has_closed_forms and quantity.group in CLOSED_FORM
         self.levels = (0,) if at_once else tuple(range(halvings, -1, -1))
 
     def blocks(self, level: int) -> tuple[WindowPart, ...]:

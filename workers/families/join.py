@@ -10,10 +10,10 @@ from typing import Any, TypeVar
 import numpy as np
 import zarr
 
-from gear_rattle.workers.boundaries.edges import FamilyEdges, edges_of
+from gear_rattle.workers.boundaries.edges import FamilyEdges, count_edges
 from gear_rattle.workers.errors import report_damage, storage_error
 from gear_rattle.workers.families.blocks import COMPONENTS, TARGETS, Block, blocks_of, extend_by_rim, is_within
-from gear_rattle.workers.families.move import move_tile
+from gear_rattle.workers.families.move import move_attractors_to_slots
 from gear_rattle.workers.families.tasks import (
     BlockComponents,
     BlockSummary,
@@ -26,11 +26,16 @@ from gear_rattle.workers.families.tasks import (
 from gear_rattle.workers.storage.added import RunForEach, run_in_process
 from gear_rattle.workers.storage.location import Place, place_of
 from gear_rattle.workers.storage.manifest import require_manifest, tile_recorder
-from gear_rattle.workers.storage.store import add_to_store, has_added
+from gear_rattle.workers.storage.store import add_to_store, has_added_node
 from gear_rattle.workers.survey.crossings import Crossings, Polyline, crossings_of
 from gear_rattle.workers.survey.manifest import group_path
 from gear_rattle.workers.survey.request import Along, SurveyRequest
-from gear_rattle.workers.survey.stored_families import FAMILY, JoinedFamilies, files_of_families, slots_of_families
+from gear_rattle.workers.survey.stored_families import (
+    FAMILY,
+    JoinedFamilies,
+    assign_slots_to_families,
+    files_of_families,
+)
 from gear_rattle.workers.survey.tiles import Tile, tiles_of_slice
 from gear_rattle.workers.survey.values.schema import Group
 from rattle import Attractors
@@ -38,11 +43,11 @@ from rattle.families import (
     NO_FAMILY,
     QUIET_FAMILY,
     add_sums,
-    in_order,
+    argsort_attractors,
+    assign_family_numbers,
+    concat_tables,
     no_attractors,
-    numbers_of,
     tabulate_families,
-    together,
 )
 
 #: Names of a stored curve's variables: δ and ε of its points, and for each point the number of the curve's piece.
@@ -53,7 +58,7 @@ Rows = TypeVar("Rows", Attractors, BorderAttractors)
 
 def lacks_families(request: SurveyRequest, where: str | Path | Place) -> bool:
     """Return whether a survey, whose tiles are all computed, requests families and does not have them yet."""
-    return Group.FAMILIES in request.quantities and not has_added(where, FAMILY)
+    return Group.FAMILIES in request.quantities and not has_added_node(where, FAMILY)
 
 
 def join_survey(
@@ -79,7 +84,7 @@ def join_survey(
         The store cannot be written now.
     """
     place = place_of(where)
-    joins = [_Join(request, place, each, at_once, along) for along in request.slices]
+    joins = [_FamilyJoiner(request, place, each, at_once, along) for along in request.slices]
     try:
         found = {join.along: join.run() for join in joins}
         files = files_of_families(request, joins[0].blocks[0].side, {along: x[:2] for along, x in found.items()})
@@ -92,7 +97,7 @@ def join_survey(
         raise refusal from error
 
 
-class _Join:
+class _FamilyJoiner:
     """Computation that joins the attractors of one slice to families.
 
     It keeps only a summary and the border of each block in memory.
@@ -121,16 +126,16 @@ class _Join:
         component = self._connect_components(parts)
         summaries = self._summarize_blocks(entered, parts, component, curves)
         sums = add_sums(each.sums for each in summaries)
-        family = numbers_of(sums)
+        family = assign_family_numbers(sums)
         delta, epsilon = self._request.delta.values(), self._request.epsilon.values()
         table = tabulate_families(delta, epsilon, self._request.initial_conditions.count, sums)
         slots = self._slots_of_families(summaries, family, table.cells.size)
         chunks = self._write_families(entered, [family[each] for each in component], slots)
-        orbits = together(*entered)
-        order = in_order(orbits)
+        orbits = concat_tables(*entered)
+        order = argsort_attractors(orbits)
         numbers = np.concatenate([family[of[part.entered]] for of, part in zip(component, parts, strict=True)])
         joined = JoinedFamilies(table, orbits.take(order), numbers[order], self._columns)
-        edges = edges_of((each.edges for each in summaries), family, table, list(curves))
+        edges = count_edges((each.edges for each in summaries), family, table, list(curves))
         return joined, edges, chunks
 
     def _run_on_blocks(self, task: Callable[..., Any], arguments: Iterable[tuple[Any, ...]]) -> list[Any]:
@@ -194,7 +199,7 @@ class _Join:
             for i, found in zip(
                 again, self._each(continue_into_block, self._request, str(self._place), items), strict=True
             ):
-                new[i], entered[i] = found, together(entered[i], found)
+                new[i], entered[i] = found, concat_tables(entered[i], found)
 
     def _connect_components(self, parts: Sequence[BlockComponents]) -> list[np.ndarray]:
         """Connect the components of all blocks to components of the survey.
@@ -263,7 +268,7 @@ class _Join:
         if not self._request.slots_follow_families:
             return np.full(families + 1, -1, np.int8)
         pairs = np.unique(np.sort(np.concatenate([family[each.pairs] for each in summaries]), axis=1), axis=0)
-        return np.append(slots_of_families(pairs, families, self._request.n_slots), np.int8(-1))
+        return np.append(assign_slots_to_families(pairs, families, self._request.n_slots), np.int8(-1))
 
     def _write_families(
         self, entered: Sequence[Attractors], family: Sequence[np.ndarray], slots: np.ndarray
@@ -286,7 +291,7 @@ class _Join:
         with tile_recorder(self._place) as record_tiles:
             while some := list(islice(tiles, self._at_once)):
                 items = [(tile, self._blocks_of_tile(tile), known.digests_of(tile.index)) for tile in some]
-                moved = self._each(move_tile, self._survey, str(self._place), items)
+                moved = self._each(move_attractors_to_slots, self._survey, str(self._place), items)
                 record_tiles({tile.index: files for tile, files in zip(some, moved, strict=True)})
 
 

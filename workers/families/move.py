@@ -17,7 +17,7 @@ from gear_rattle.workers.survey.values.schema import SLOT
 from rattle.families import Rectangle
 
 
-def move_tile(
+def move_attractors_to_slots(
     request: SurveyRequest, path: str, tile: Tile, blocks: Sequence[Block], known: Mapping[str, str]
 ) -> Mapping[str, str]:
     """Move the attractors of a tile to their slots, and write the tile if this changes it.

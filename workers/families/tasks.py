@@ -14,7 +14,7 @@ import zarr
 from zarr.abc.buffer import Buffer
 from zarr.storage import MemoryStore
 
-from gear_rattle.workers.boundaries.edges import ComponentEdges, edges_in_part
+from gear_rattle.workers.boundaries.edges import ComponentEdges, find_edges_in_part
 from gear_rattle.workers.families.blocks import (
     COMPONENTS,
     TARGETS,
@@ -38,11 +38,11 @@ from rattle.families import (
     QUIET_FAMILY,
     Rectangle,
     Sums,
+    argsort_attractors,
+    concat_tables,
     connect_attractors,
     continue_into_piece,
-    in_order,
     sums_of,
-    together,
 )
 from rattle.numerics import StructOfArrays
 
@@ -113,8 +113,8 @@ def continue_into_block(
     table = read_attractors(request, place_of(path), cells if tried else frame, block.along).attractors
     inside = is_within(table.cell, cells, columns)
     beside = beside or table.take(~inside)
-    table = together(table.take(inside), entered)
-    order = in_order(table)
+    table = concat_tables(table.take(inside), entered)
+    order = argsort_attractors(table)
     tables = table.take(order), beside
     here, there = (renumber_in_rectangle(each, frame, columns) for each in tables)
     top, left = frame.top, frame.left
@@ -140,8 +140,8 @@ def connect_block(
     frame = extend_by_rim(block.cells, request.shape, before=0)
     found = read_attractors(request, place, frame, block.along).attractors
     n = found.cell.size
-    table = together(found, entered, beside)
-    order = in_order(table)
+    table = concat_tables(found, entered, beside)
+    order = argsort_attractors(table)
     table = table.take(order)
     shape = frame.bottom - frame.top, frame.right - frame.left
     component = connect_attractors(renumber_in_rectangle(table, frame, columns), shape, _kernel_cells(request, frame))
@@ -193,7 +193,7 @@ def summarize_block(
     table, of, is_listed = _block_attractors(place, block, found, entered)
     of, columns = component[of], request.shape[1]
     cell, each = np.append(table.cell, beyond.cell), np.append(of, beyond.component)
-    edges = edges_in_part(block.cells, columns, cell, each, crossings)
+    edges = find_edges_in_part(block.cells, columns, cell, each, crossings)
     pairs = _pairs_in_cells(table.cell[is_listed], of[is_listed])
     return BlockSummary(sums_of(table, of, columns), edges, pairs)
 
@@ -248,8 +248,8 @@ def _block_attractors(
     tuple[Attractors, np.ndarray, np.ndarray]
         The attractors; for each attractor the number of its component in the block, and whether a slot lists it.
     """
-    table = together(found.attractors, entered)
-    order = in_order(table)
+    table = concat_tables(found.attractors, entered)
+    order = argsort_attractors(table)
     listed = order < found.attractors.cell.size
     return table.take(order), read_components(place, block), listed
 

@@ -57,12 +57,12 @@ def survey_figure(dataset: xr.Dataset) -> Figure:
 
 def _name_regions(axes: Axes, dataset: xr.Dataset) -> None:
     """Write each region's name where the region is widest."""
-    places = region_places(*(np.asarray(dataset[name]) for name in ("region", "delta", "epsilon")))
+    places = widest_region_points(*(np.asarray(dataset[name]) for name in ("region", "delta", "epsilon")))
     for name, where in places.items():
         axes.text(*where, name, ha="center", va="center", fontsize=13, weight="bold", path_effects=HALO, zorder=5)
 
 
-def region_places(region: np.ndarray, delta: np.ndarray, epsilon: np.ndarray) -> dict[str, tuple[float, float]]:
+def widest_region_points(region: np.ndarray, delta: np.ndarray, epsilon: np.ndarray) -> dict[str, tuple[float, float]]:
     """Return the names of the regions of a map (epsilon, delta), each with the (δ, ε) where it is widest."""
     widest = widest_cells(region, range(1, len(REGIONS)))
     return {REGIONS[code]: (float(delta[j]), float(epsilon[i])) for code, (i, j, _) in widest.items()}

@@ -72,10 +72,10 @@ def open_maps(
             f"this survey has {cells:,} cells, and families can be drawn for at most {limit:,}: save a window of the "
             "survey"
         )
-    return with_families(survey, opened(slice_group_path(number, GROUP)))
+    return add_family_maps(survey, opened(slice_group_path(number, GROUP)))
 
 
-def with_families(survey: xr.Dataset, table: xr.Dataset) -> xr.Dataset:
+def add_family_maps(survey: xr.Dataset, table: xr.Dataset) -> xr.Dataset:
     """Add the maps of families to a survey or to a slice of it. table: the group `families` of the survey or slice.
 
     Returns
@@ -118,7 +118,7 @@ def family_names(survey: xr.Dataset, table: xr.Dataset, most: int = OTHERS) -> l
         A name for each family, by the family's number.
     """
     of = {name: np.asarray(table[name][:most]).tolist() for name in ("kind", "m", "n_plus", "n_minus")}
-    letters = LETTERS if surveyed_model(survey).in_closed_form else {}
+    letters = LETTERS if surveyed_model(survey).has_closed_forms else {}
     found = []
     for number, (kind, *label) in enumerate(zip(*of.values(), strict=True)):
         motion = (label[0], label[1], label[2])

@@ -55,7 +55,7 @@ class LevelPart:
     at: tuple[slice, slice]
 
 
-def level_part_for(levels: Sequence[Level], first: Pair, end: Pair, room: Pair) -> LevelPart:
+def finest_level_part(levels: Sequence[Level], first: Pair, end: Pair, room: Pair) -> LevelPart:
     """Return the finest pyramid level on which a window has at most `room` cells along (epsilon, delta).
 
     first, end: the first cell of the window, and the cell after the last one, as (row, column) of the map. If no level
@@ -157,7 +157,7 @@ def reduce_map(dataset: xr.Dataset, variable: str, index: int, room: Pair, opene
     """
     plane = plane_of(dataset, variable, index)
     shape = plane.shape[0], plane.shape[1]
-    part = level_part_for(possible_levels(shape), (0, 0), shape, room)
+    part = finest_level_part(possible_levels(shape), (0, 0), shape, room)
     if (level := part.level) is None:
         return dataset
     stored = opened(level.path) if opened and level in levels_of(shape) else None
@@ -218,10 +218,7 @@ def _reduced_status(states: reduce.LevelCodes) -> np.ndarray:
 
 
 def _covered_cells(size: int, cells: int, at: slice) -> np.ndarray:
-    """Return the number of map cells along an axis that each of the cells `at` of a level covers.
-
-    size: the number of map cells along the axis. A level cell covers `cells` of them, the last one perhaps fewer.
-    """
+    """Return how many of the `size` map cells of an axis each level cell in `at` covers: `cells`, the last fewer."""
     begins = np.arange(0, size, cells)[at]
     found: np.ndarray = np.minimum(size - begins, cells)
     return found

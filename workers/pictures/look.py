@@ -46,18 +46,18 @@ def is_survey_only(variable: str, request: SurveyRequest) -> bool:
     return variable in SURVEY_ONLY or (variable in IN_SLOTS and request.slots_follow_families)
 
 
-def variable_words(name: str) -> str:
+def variable_in_words(name: str) -> str:
     """Return the name of a variable in words. "velocity" becomes "speed", because stores hold only sizes of Φ'."""
     return name.replace("_", " ").replace("velocity", "speed")
 
 
-def in_revolutions(text: str) -> str:
+def replace_periods_with_revolutions(text: str) -> str:
     """Return a text about a machine with "revolution" in place of "forcing period", because both last equally long."""
     return text.replace("forcing period", "revolution").replace("watched periods", "watched revolutions")
 
 
 @dataclass(frozen=True)
-class Look:
+class PictureLook:
     """Options of a picture.
 
     delta, epsilon: (low, high) of the window, None for all cells. span: the range of the colours: "auto" (the usual
@@ -79,7 +79,7 @@ class Look:
         windows = {"delta": self.delta, "epsilon": self.epsilon}
         return dataset.isel({axis: _cells_around(dataset[axis].values, *at) for axis, at in windows.items() if at})
 
-    def with_caption(self, caption: str) -> Look:
+    def with_caption(self, caption: str) -> PictureLook:
         """Return a copy with another caption."""
         return replace(self, caption=caption)
 
@@ -94,7 +94,7 @@ class Look:
         return (LogNorm if log else Normalize)(low, high)
 
 
-USUAL_LOOK = Look()
+USUAL_LOOK = PictureLook()
 
 
 @dataclass(frozen=True)
@@ -138,7 +138,7 @@ def _cells_around(axis: np.ndarray, low: float, high: float) -> slice:
 def colour_limits(shown: np.ndarray, auto: Pair, span: Span | Pair) -> tuple[float, float, str]:
     """Return the range (low, high) of the colours for the shown values, and a note for the viewer, "" for no note.
 
-    auto: the usual range of the variable. span: as in `Look`.
+    auto: the usual range of the variable. span: as in `PictureLook`.
 
     Returns
     -------

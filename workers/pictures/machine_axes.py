@@ -31,9 +31,9 @@ def draw_machine_axes(axes: Axes, dataset: xr.Dataset) -> bool:
     (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
     axes.set_xlim(right, left)
     slowest, fastest = rpm_at_unit_damping / right, rpm_at_unit_damping / max(left, 1e-3 * right)
-    speeds = [each for each in round_numbers(slowest, fastest) if slowest <= each <= fastest]
+    speeds = [each for each in tick_values(slowest, fastest) if slowest <= each <= fastest]
     speeds = _choose_ticks(speeds, np.array([(right - rpm_at_unit_damping / each) / (right - left) for each in speeds]))
-    sizes = round_numbers(per_epsilon * bottom, per_epsilon * top)
+    sizes = tick_values(per_epsilon * bottom, per_epsilon * top)
     axes.set_xticks([rpm_at_unit_damping / each for each in speeds], [f"{each:.7g}" for each in speeds])
     axes.set_yticks([each / per_epsilon for each in sizes], [f"{each:.7g}" for each in sizes])
     axes.set(xlabel=LABELS[0], ylabel=LABELS[1])
@@ -43,7 +43,7 @@ def draw_machine_axes(axes: Axes, dataset: xr.Dataset) -> bool:
     return True
 
 
-def round_numbers(low: float, high: float) -> list[float]:
+def tick_values(low: float, high: float) -> list[float]:
     """Return about STEPS round numbers from low to high; over a wide range, 1, 2 and 5 times the powers of ten."""
     if low > 0 and high > 10 * low:
         powers = range(int(np.floor(np.log10(low))), int(np.ceil(np.log10(high))) + 1)

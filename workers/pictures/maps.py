@@ -19,7 +19,7 @@ from matplotlib.figure import Figure
 
 from gear_rattle.workers.errors import SurveyError, report_damage
 from gear_rattle.workers.pictures.largest import FLAG_COLOURS
-from gear_rattle.workers.pictures.levels import OpenGroup, level_part_for, reduce_map
+from gear_rattle.workers.pictures.levels import OpenGroup, finest_level_part, reduce_map
 from gear_rattle.workers.pictures.look import (
     AMONG,
     COVERED,
@@ -31,16 +31,16 @@ from gear_rattle.workers.pictures.look import (
     WHICH,
     FinerCells,
     Form,
-    Look,
     OverlayData,
-    in_revolutions,
-    variable_words,
+    PictureLook,
+    replace_periods_with_revolutions,
+    variable_in_words,
 )
 from gear_rattle.workers.pictures.machine_axes import draw_machine_axes
 from gear_rattle.workers.pictures.overlay import CURVES_ON, draw_curves, draw_points_over
 from gear_rattle.workers.pictures.planes import SLOT_ORDER, UNJOINED, drawn_numbers, mask_nonperiodic, plane_of
 from gear_rattle.workers.survey.levels.grid import level_centres, possible_levels
-from gear_rattle.workers.survey.levels.reduce import pooled_cells
+from gear_rattle.workers.survey.levels.reduce import pool_cells
 from gear_rattle.workers.survey.request import BY_FAMILY, BY_FRACTION
 from gear_rattle.workers.survey.slices import third_axis_value
 from gear_rattle.workers.survey.values.evaluate import FAILED
@@ -110,7 +110,7 @@ def map_picture(
     variable: str,
     index: int = 0,
     opened: OpenGroup | None = None,
-    look: Look = USUAL_LOOK,
+    look: PictureLook = USUAL_LOOK,
     form: Form = "png",
     over: OverlayData = NO_OVERLAYS,
 ) -> bytes:
@@ -142,7 +142,7 @@ def map_figure(
     variable: str,
     index: int = 0,
     opened: OpenGroup | None = None,
-    look: Look = USUAL_LOOK,
+    look: PictureLook = USUAL_LOOK,
     over: OverlayData = NO_OVERLAYS,
 ) -> Figure:
     """Draw a variable of an open survey, finished or not.
@@ -190,9 +190,9 @@ def map_figure(
     third = "".join(f", {name} = {value:g}" for name, value in third_axis_value(dataset).items())
     axes.set_title(title_of(plane) + third, fontsize=11)
     if is_machine:
-        axes.set_title(in_revolutions(axes.get_title()), fontsize=11)
+        axes.set_title(replace_periods_with_revolutions(axes.get_title()), fontsize=11)
         for each in figure.axes[1:]:  # all axes after the map's own, such as those of the colour bar
-            each.set_ylabel(in_revolutions(each.get_ylabel()))
+            each.set_ylabel(replace_periods_with_revolutions(each.get_ylabel()))
     usual = (*CURVES_ON.get(variable, ()), *([POINTS] if variable == "region" else []))
     lines = usual if look.lines is None else look.lines
     curves = draw_curves(axes, dataset, lines, over)
@@ -206,7 +206,7 @@ def map_figure(
 
 def bar_label(plane: xr.DataArray) -> str:
     """Return the label of a colour bar: the variable, with its unit if it has one."""
-    name = variable_words(str(plane.name))
+    name = variable_in_words(str(plane.name))
     unit = "" if "flag_meanings" in plane.attrs else next((UNITS[word] for word in UNITS if word in name), "")
     return f"{name}, {unit}" if unit else name
 
@@ -238,7 +238,7 @@ def _orbit_or_slot_in_words(dim: str, value: object, plane: xr.DataArray) -> str
 INFINITE_VALUE = {each.name: "quiet: no impacts" for each in QUANTITIES if each.name.endswith("_level")}
 
 
-def words_without_value(plane: xr.DataArray) -> str:
+def words_for_missing_value(plane: xr.DataArray) -> str:
     """Return the words with which the legend explains computed cells that have no value."""
     words = (words for dim, words in WITHOUT_VALUE_OF.items() if dim in plane.coords)
     return WITHOUT_VALUE.get(str(plane.name)) or next(words, "no value")
@@ -259,7 +259,7 @@ def draw_map(
     dataset: xr.Dataset,
     plane: xr.DataArray,
     nothing: str = "",
-    look: Look = USUAL_LOOK,
+    look: PictureLook = USUAL_LOOK,
     finer: FinerCells | None = None,
 ) -> None:
     """Draw a map with its colour bar.
@@ -270,7 +270,7 @@ def draw_map(
     Parameters
     ----------
     nothing : str
-        Words in the legend for computed cells without a value; "": the words of `words_without_value(plane)`.
+        Words in the legend for computed cells without a value; "": the words of `words_for_missing_value(plane)`.
     look : Look
         Window, and range of the colours.
     finer : FinerCells | None
@@ -288,7 +288,7 @@ def draw_map(
         )
     values = drawn_numbers(plane)
     layers = valueless_layers(
-        str(plane.name), values, np.asarray(dataset["status"]), nothing or words_without_value(plane)
+        str(plane.name), values, np.asarray(dataset["status"]), nothing or words_for_missing_value(plane)
     )
     valueless = np.logical_or.reduce([mask for mask, _ in layers.values()])
     for mask, colour in layers.values():
@@ -364,12 +364,12 @@ def _dim_cells_without_family(axes: Axes, dataset: xr.Dataset, family: int) -> N
     with report_damage(f"the map of {SHARE}"):
         values = drawn_numbers(share)
     shape = values.shape[0], values.shape[1]
-    level = level_part_for(possible_levels(shape), (0, 0), shape, MOST_DRAWN_CELLS).level
+    level = finest_level_part(possible_levels(shape), (0, 0), shape, MOST_DRAWN_CELLS).level
     along, across = level.cells if level else (1, 1)
     shown = FinerCells(
         level_centres(dataset["delta"].values, across),
         level_centres(dataset["epsilon"].values, along),
-        pooled_cells(np.nan_to_num(values), (along, across), np.maximum),
+        pool_cells(np.nan_to_num(values), (along, across), np.maximum),
     )
     others = np.where(shown.values > 0, np.nan, 1.0)
     _draw_cells(axes, shown, others, ListedColormap(["white"]), Normalize(0, 1)).set_alpha(COVERED)

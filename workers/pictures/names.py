@@ -36,7 +36,7 @@ class PlacedName(NamedTuple):
     leader: tuple[float, float] | None
 
 
-def place_names(
+def arrange_names(
     marks: Sequence[tuple[float, float]],
     sizes: Sequence[tuple[float, float]],
     frame: tuple[float, float],

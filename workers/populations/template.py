@@ -27,7 +27,7 @@ def template_of(request: PopulationRequest, created: str | None = None) -> Templ
     return complete_template(kept, request, created, _chunk_key_patterns(variables))
 
 
-def empty_arrays(request: PopulationRequest) -> tuple[dict[str, Buffer], dict[str, zarr.Array], dict[str, str]]:
+def create_empty_arrays(request: PopulationRequest) -> tuple[dict[str, Buffer], dict[str, zarr.Array], dict[str, str]]:
     """Create the arrays of a population's store in memory, without values. They serve to encode tiles.
 
     Returns

@@ -90,9 +90,9 @@ class Bucket:
 
     def read(self, key: str) -> bytes:
         """Return the content of an object. Raises FileNotFoundError, and the errors of `translate_errors`."""
-        return self.read_tagged(key)[0]
+        return self.read_with_etag(key)[0]
 
-    def read_tagged(self, key: str) -> tuple[bytes, str]:
+    def read_with_etag(self, key: str) -> tuple[bytes, str]:
         """Return the content and the ETag of an object. Raises as `read` does."""
         import obstore
 

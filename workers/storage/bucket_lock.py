@@ -14,7 +14,7 @@ def process_identity() -> dict[str, Any]:
     """Return the identity of this process. With it, another process can ask `has_died` whether this process ended."""
     return {
         "host": socket.gethostname(),
-        "boot": _boot_id(),
+        "boot": _read_boot_id(),
         "process": os.getpid(),
         "started": psutil.Process().create_time(),
         "since": datetime.now(UTC).isoformat(timespec="seconds"),
@@ -22,7 +22,7 @@ def process_identity() -> dict[str, Any]:
     }
 
 
-def _boot_id() -> str:
+def _read_boot_id() -> str:
     try:
         return Path("/proc/sys/kernel/random/boot_id").read_text().strip()
     except OSError:
@@ -40,7 +40,7 @@ def has_died(holder: dict[str, Any]) -> bool:
         False if the process runs. False also if nothing is known about it, for example because it began on another
         machine, or before the last restart of this machine.
     """
-    if not _boot_id() or (holder["host"], holder["boot"]) != (socket.gethostname(), _boot_id()):
+    if not _read_boot_id() or (holder["host"], holder["boot"]) != (socket.gethostname(), _read_boot_id()):
         return False
     try:
         process = psutil.Process(int(holder["process"]))

@@ -107,7 +107,7 @@ def copy_store(
         with _refuse_unwritable(Path(target)):
             return _copy_to_icechunk(files, manifest, Path(target), on_file)
     place = place_of(target)
-    before = _earlier_manifest(place)
+    before = _read_earlier_manifest(place)
     if before is not None and before.content_hash != manifest.content_hash:
         raise SurveyError(f"{place} holds another survey or population: choose another location, or remove that store")
     if before is None and place.is_occupied():
@@ -147,7 +147,7 @@ def _read_manifest(files: FileSource) -> tuple[Manifest, bytes]:
     return manifest, content
 
 
-def _earlier_manifest(place: Place) -> Manifest | None:
+def _read_earlier_manifest(place: Place) -> Manifest | None:
     """Return the manifest that an earlier copy left at the target; None if there is none that can be read."""
     with suppress(FileNotFoundError, NotADirectoryError):
         return Manifest.from_bytes(place.read(MANIFEST))

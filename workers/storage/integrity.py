@@ -20,7 +20,7 @@ from zarr.errors import ZarrUserWarning
 from gear_rattle.workers.apart import CalledProcessError, call_in_subprocess
 from gear_rattle.workers.errors import StoppedError, SurveyError
 from gear_rattle.workers.storage.location import Place, place_of
-from gear_rattle.workers.storage.manifest import manifest_of, read_file, unchecked_attributes, whole_root
+from gear_rattle.workers.storage.manifest import manifest_of, read_file, read_undamaged_root, unchecked_attributes
 from gear_rattle.workers.survey.manifest import MANIFEST, ROOT, Manifest, digest
 from gear_rattle.workers.survey.version import code_version
 
@@ -244,7 +244,7 @@ def _is_whole(place: Place, key: str, known: str | None) -> bool:
 
 def damaged_template_files(place: Place, manifest: Manifest) -> tuple[str, ...]:
     """Return the keys of lost or damaged files of a store, except the chunks of tiles."""
-    lost = [ROOT] if whole_root(place, manifest) is None else []
+    lost = [ROOT] if read_undamaged_root(place, manifest) is None else []
     with ThreadPoolExecutor(READERS) as readers:
         whole = _map_in_batches(readers, lambda key: _is_whole(place, key, manifest.files[key]), manifest.files)
         return (*lost, *(key for key, is_whole in zip(manifest.files, whole, strict=True) if not is_whole))

@@ -125,7 +125,7 @@ def unchecked_attributes(place: Place) -> dict[str, Any]:
     return attributes if isinstance(attributes, dict) else {}
 
 
-def whole_root(place: Place, manifest: Manifest) -> bytes | None:
+def read_undamaged_root(place: Place, manifest: Manifest) -> bytes | None:
     """Return the content of a store's root file zarr.json, or None if this file is lost or damaged."""
     content = read_file(place, ROOT)
     return content if content is not None and digest(content) in manifest.root else None
@@ -274,7 +274,7 @@ def replace_root(place: Place, before: Manifest, root: bytes, after: Manifest) -
 
 def _read_root(place: Place, manifest: Manifest) -> bytes:
     """Return the content of a store's root. Raises SurveyError if it is damaged, StorageError if the store is gone."""
-    if (root := whole_root(place, manifest)) is None:
+    if (root := read_undamaged_root(place, manifest)) is None:
         require_store(place)
         raise SurveyError(f"{ROOT} of {place} is lost or damaged: compute the same request again to repair it")
     return root

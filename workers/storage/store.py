@@ -13,7 +13,7 @@ import zarr
 from zarr.buffer import cpu
 
 from gear_rattle.workers.errors import StorageError, SurveyError, storage_error
-from gear_rattle.workers.kinds import AnyRequest, AnyTile, empty_arrays, template_of, tiles_of
+from gear_rattle.workers.kinds import AnyRequest, AnyTile, create_empty_arrays, template_of, tiles_of
 from gear_rattle.workers.storage.bucket import SCHEME
 from gear_rattle.workers.storage.encoding import prepare_for_writing
 from gear_rattle.workers.storage.integrity import COMPLETED, STATUS, damaged_template_files, examine_tiles
@@ -22,6 +22,7 @@ from gear_rattle.workers.storage.manifest import (
     attributes_of,
     manifest_of,
     read_file,
+    read_undamaged_root,
     replace_attributes,
     replace_root,
     require_manifest,
@@ -29,7 +30,6 @@ from gear_rattle.workers.storage.manifest import (
     set_attributes,
     unchecked_attributes,
     update_metadata,
-    whole_root,
 )
 from gear_rattle.workers.survey.levels.grid import GROUP as LEVELS
 from gear_rattle.workers.survey.manifest import MANIFEST, ROOT, Manifest, chunk_key, file_digests
@@ -56,7 +56,7 @@ if TYPE_CHECKING:
 
 TemplateMaker = Callable[[AnyRequest, str | None], Template]
 KEPT = COMPLETED, ROUNDS  # attributes that a repaired root keeps, because the template does not contain them
-_blank = lru_cache(maxsize=16)(empty_arrays)
+_blank = lru_cache(maxsize=16)(create_empty_arrays)
 
 
 def create_store(request: AnyRequest, where: str | Path | Place, make: TemplateMaker | None = None) -> None:
@@ -100,7 +100,7 @@ def _repair_store(request: AnyRequest, place: Place, make: TemplateMaker) -> Non
     if not _is_damaged(place, manifest):
         return  # another run has repaired the store meanwhile
     said = unchecked_attributes(place)
-    trusted = said if manifest is None or whole_root(place, manifest) else {}
+    trusted = said if manifest is None or read_undamaged_root(place, manifest) else {}
     created = manifest.date_created if manifest else trusted.get("date_created")
     template = make(request, created)
     for key in template.keys() - {ROOT, MANIFEST}:
@@ -324,7 +324,7 @@ def finish_store(where: str | Path | Place) -> None:
             raise refusal from error
 
 
-def has_added(where: str | Path | Place, name: str) -> bool:
+def has_added_node(where: str | Path | Place, name: str) -> bool:
     """Return whether the group or variable `name` was added to a survey's store after its tiles."""
     manifest = manifest_of(place_of(where))
     return manifest is not None and f"{name}/{ROOT}" in manifest.files
@@ -362,7 +362,7 @@ def prepare_for_tiles(request: AnyRequest, place: Place) -> None:
     try:
         if AUDIT_ATTRIBUTES[-1] in unchecked_attributes(place):
             set_attributes(place, dict.fromkeys(AUDIT_ATTRIBUTES))
-        if isinstance(request, SurveyRequest) and request.slots_follow_families and has_added(place, FAMILY):
+        if isinstance(request, SurveyRequest) and request.slots_follow_families and has_added_node(place, FAMILY):
             update_metadata(place, {}, {}, _is_of_families_or_levels)
     except OSError as error:
         refusal = storage_error(f"{place} cannot be written", error)

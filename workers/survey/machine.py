@@ -14,7 +14,7 @@ from pydantic import Field, SerializerFunctionWrapHandler, ValidationError, mode
 
 from gear_rattle.workers.survey.axes import Axis, Real, StrictRecord, first_message
 from rattle import Machine
-from rattle.machine import RPM, Reduced, machine_point
+from rattle.machine import RPM, ReducedPair, machine_point
 
 Part = TypeVar("Part", bound=StrictRecord)
 Positive = Annotated[Real, Field(gt=0)]
@@ -53,7 +53,7 @@ class SurveyedMachine(StrictRecord):
         return Machine(**given, eccentricity=eccentricity, rpm=rpm)
 
     @property
-    def _reduced_pair(self) -> Reduced:
+    def _reduced_pair(self) -> ReducedPair:
         """The two gears reduced to one coordinate. The speed is 1 rad/s; the fields used here do not depend on it."""
         return machine_point({**self.model_dump(), "eccentricity": 0.0}, 1.0).pair
 
@@ -81,7 +81,7 @@ def model_range(machine: SurveyedMachine, name: str, axis: Axis) -> tuple[float,
     return low, high
 
 
-def fields_in_model(given: Mapping[str, Any]) -> dict[str, Any]:
+def convert_fields_to_model(given: Mapping[str, Any]) -> dict[str, Any]:
     """Return the fields of a survey request, with the machine's speeds, eccentricities and backlash as δ, ε and β.
 
     Returns

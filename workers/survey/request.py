@@ -20,12 +20,21 @@ from pydantic import (
 
 from gear_rattle.workers.errors import SurveyError
 from gear_rattle.workers.survey.axes import Axis, Name, NumberOrAxis, Real, StrictRecord
-from gear_rattle.workers.survey.machine import SurveyedMachine, fields_in_model
-from gear_rattle.workers.survey.refined.asked import BLOCK, Refine, RefineOrNot, require_refinable
+from gear_rattle.workers.survey.machine import SurveyedMachine, convert_fields_to_model
+from gear_rattle.workers.survey.refined.asked import BLOCK, RefineOptions, RefineOrNot, require_refinable
 from gear_rattle.workers.survey.values.quantities import BOUNDED, REFINED, groups_of, stored_variables
 from gear_rattle.workers.survey.values.schema import DEFAULT, FIXED, NEEDS, SAMPLED, Group, Quantity
 from gear_rattle.workers.survey.version import code_version
-from rattle.attractors import BUDGET, LARGEST_BUDGET, NATURAL, PAPER_SPEED, PERIODS, WATCH, SampleSpec, in_paper_plane
+from rattle.attractors import (
+    BUDGET,
+    LARGEST_BUDGET,
+    NATURAL,
+    PAPER_SPEED,
+    PERIODS,
+    WATCH,
+    SampleSpec,
+    are_in_paper_plane,
+)
 from rattle.models import (
     ADDED,
     BETA,
@@ -35,7 +44,7 @@ from rattle.models import (
     Model,
     Parameter,
     model_of,
-    owner_of,
+    model_of_parameter,
     with_harmonics,
 )
 
@@ -183,7 +192,7 @@ class SurveyRequest(_ModelFields):
     seed: Annotated[int, Field(strict=True, ge=0, lt=2**32)] = 0
     harmonics: tuple[tuple[int, Real, Real], ...] = ()
     machine: SurveyedMachine | None = None
-    refine: Annotated[Refine | None, RefineOrNot] = None
+    refine: Annotated[RefineOptions | None, RefineOrNot] = None
     certify: Annotated[bool, Field(strict=True)] = False
 
     @model_validator(mode="before")
@@ -191,7 +200,7 @@ class SurveyRequest(_ModelFields):
     def _convert_machine(cls, given: Any) -> Any:
         """Compute β and the axes of δ and ε from a machine's dimensions, speeds and eccentricities."""
         if isinstance(given, dict) and isinstance(given.get("machine"), dict):
-            return fields_in_model(given)
+            return convert_fields_to_model(given)
         return given
 
     @field_validator("delta")
@@ -260,9 +269,9 @@ class SurveyRequest(_ModelFields):
         for name, each in ADDED.items():
             value = getattr(self, name)
             if name in own and value is None:
-                raise ValueError(f"the {self.model} model needs {name}, the {each.described}: give one, {each.advice}")
+                raise ValueError(f"the {self.model} model needs {name}, the {each.full_label}: give one, {each.advice}")
             if name not in own and value is not None:
-                owner = owner_of(name).name
+                owner = model_of_parameter(name).name
                 raise ValueError(f'only the {owner} model has {name}: set model to "{owner}", or leave {name} out')
         with_harmonics(MODELS[self.model](), self.harmonics)  # raises an error if the model refuses the harmonics
         if len(self.third_axis) > 1:
@@ -360,7 +369,7 @@ class SurveyRequest(_ModelFields):
         return with_harmonics(model_of(**self.other_parameters), self.harmonics)
 
     @property
-    def in_closed_form(self) -> bool:
+    def has_closed_forms(self) -> bool:
         """True if regions and orbits are known in closed form."""
         return Capability.CLOSED_FORM in MODELS[self.model].has
 
@@ -446,7 +455,7 @@ class SurveyRequest(_ModelFields):
             np.array([axis.start, axis.stop] if isinstance(axis, Axis) else [axis, axis])
             for axis in (self.delta, self.epsilon, self.beta)
         )
-        return PAPER_SPEED if in_paper_plane(delta, epsilon, beta).all() else NATURAL
+        return PAPER_SPEED if are_in_paper_plane(delta, epsilon, beta).all() else NATURAL
 
     @property
     def n_slots(self) -> int:

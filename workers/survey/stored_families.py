@@ -21,7 +21,7 @@ from gear_rattle.workers.survey.template import (
 )
 from gear_rattle.workers.survey.values.schema import CELL, SLOT
 from rattle import KINDS, Attractors, FamilyTable
-from rattle.families import NO_FAMILY, in_order
+from rattle.families import NO_FAMILY, argsort_attractors
 
 #: Names of the stored variables from which a survey's attractors are read.
 ATTRACTOR_VARIABLES = (
@@ -162,7 +162,7 @@ def attractors_in_slots(values: Mapping[str, np.ndarray], count: int) -> ListedA
         impacts=nothing,
         watched=unknown,
     )
-    order = in_order(table)
+    order = argsort_attractors(table)
     return ListedAttractors(table.take(order), slot[order])
 
 
@@ -189,7 +189,7 @@ def complete_sources(source: np.ndarray) -> np.ndarray:
     return whole
 
 
-def slots_of_families(pairs: np.ndarray, families: int, slots: int) -> np.ndarray:
+def assign_slots_to_families(pairs: np.ndarray, families: int, slots: int) -> np.ndarray:
     """Assign to each family one slot for all its cells.
 
     pairs (k, 2): the numbers of each two families that occur in the same cell, the smaller number first. families,

@@ -91,7 +91,7 @@ def complete_template(files: dict[str, Buffer], request: Any, created: str, chun
     return template | {MANIFEST: manifest.to_bytes()}
 
 
-def empty_arrays(request: SurveyRequest) -> tuple[dict[str, Buffer], dict[str, zarr.Array], dict[str, str]]:
+def create_empty_arrays(request: SurveyRequest) -> tuple[dict[str, Buffer], dict[str, zarr.Array], dict[str, str]]:
     """Create the per-cell arrays of a store in memory, without values.
 
     Writing a tile to these arrays encodes its chunks as the store has them, without reading the store's metadata.
@@ -104,7 +104,7 @@ def empty_arrays(request: SurveyRequest) -> tuple[dict[str, Buffer], dict[str, z
     kept: dict[str, Buffer] = {}
     root = zarr.create_group(MemoryStore(kept), zarr_format=3)
     quantities = [quantity for quantity in request.variables if quantity.per_cell]
-    arrays = {quantity.name: _create_per_cell(root, request, quantity) for quantity in quantities}
+    arrays = {quantity.name: _create_cell_array(root, request, quantity) for quantity in quantities}
     return kept, arrays, _chunk_key_patterns(request, quantities)
 
 
@@ -240,14 +240,14 @@ def coordinate_values(values: tuple[int, ...] | tuple[str, ...]) -> np.ndarray:
 
 def _create_array(root: zarr.Group, request: SurveyRequest, quantity: Quantity) -> None:
     if quantity.per_cell:
-        _create_per_cell(root, request, quantity)
+        _create_cell_array(root, request, quantity)
     else:
         found = [np.asarray(quantity.evaluate(cells_of_tile(each))) for each in request.slices.values()]
         values = (np.stack(found) if request.third_axis_name else found[0]).astype(quantity.dtype)
         write_array(root, quantity.name, (*request.third_axis, *quantity.dims), values, quantity.attributes)
 
 
-def _create_per_cell(root: zarr.Group, request: SurveyRequest, quantity: Quantity) -> zarr.Array:
+def _create_cell_array(root: zarr.Group, request: SurveyRequest, quantity: Quantity) -> zarr.Array:
     lengths = [axis.num for axis in request.third_axis.values()]
     return root.create_array(
         quantity.name,

@@ -8,7 +8,7 @@ from types import EllipsisType
 import numpy as np
 
 from gear_rattle.workers.survey.plane_curves import traced_crossings
-from gear_rattle.workers.survey.refined.fill import FillingPlan, RefinedCells, refined_cells
+from gear_rattle.workers.survey.refined.fill import FillingPlan, RefinedCells, refine_cells
 from gear_rattle.workers.survey.refined.rounds import AuditRound, first_round
 from gear_rattle.workers.survey.request import Along, SurveyRequest
 from gear_rattle.workers.survey.values.cells import Cells
@@ -157,12 +157,12 @@ def _refined_tile_cells(request: SurveyRequest, tile: Tile) -> RefinedCells:
     """Return the cells of a refined tile, of which only some are computed."""
     whole = cells_of_tile(request.slice_request(tile.along))
     # If a model has no closed form, its curves take minutes to trace, so its tiles are refined without curves.
-    curves = traced_crossings(whole.model, request.delta, request.epsilon) if whole.model.in_closed_form else ()
+    curves = traced_crossings(whole.model, request.delta, request.epsilon) if whole.model.has_closed_forms else ()
     # A bound combines the audits of all slices, so no two slices audit the same positions of the grid. Without a bound,
     # a slice audits the same cells, and so has the same values, as a survey of this plane alone.
     seed = request.seed + (sum(tile.along) << 32) * request.has_bound
     plan = FillingPlan((first_audit_round(request), *tile.rounds), request.quantities, curves, seed)
-    return refined_cells(whole, *tile.spans, plan)
+    return refine_cells(whole, *tile.spans, plan)
 
 
 def first_audit_round(request: SurveyRequest) -> AuditRound:

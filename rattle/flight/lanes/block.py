@@ -10,7 +10,7 @@ import numpy as np
 from numpy import float32 as f32
 
 from rattle.flight.contact_phase import ENDLESS, MOST_BOUNCES
-from rattle.flight.forcing import DRIFT, NegativeArc, add_slope, has_swing_beyond, negative_arc, phase_at
+from rattle.flight.forcing import DRIFT, NegativeArc, add_slope, has_swing_beyond, negative_arc, sine_cosine_at
 from rattle.flight.law import Flight
 from rattle.numerics.compile import inline, kernel
 
@@ -18,7 +18,7 @@ LANES, GROUP = 192, 16  # numbers of lanes of a block, and of a group; only grou
 #: Numbers of groups: all, none, one. They are np.int64, because Python integers would compile further kernel variants.
 GROUPS, NONE, ONCE = np.array([LANES // GROUP, 0, 1])
 SMOOTH, ROUGH, ARCS = range(3)
-ROUGHNESS = 0.75  # the first guess is improved on lanes where `relative_swing` exceeds this number
+ROUGHNESS = 0.75  # the first guess is improved on lanes where `relative_force_amplitude` exceeds this number
 LARGEST_GROWTH = 1e100  # a tangent vector is reset when it has grown by this factor
 ZERO, ONE = f32(0.0), f32(1.0)
 
@@ -74,7 +74,7 @@ TABLES = {
 }
 
 
-def _layout() -> np.dtype[np.void]:
+def _block_dtype() -> np.dtype[np.void]:
     """Return the dtype of one block: all FIELDS in order, each on whole cache lines, and TABLES in the same memory."""
     ends = accumulate((np.dtype(of).itemsize * LANES for of in FIELDS.values()), initial=0)
     offsets = dict(zip([*FIELDS, ""], ends, strict=True))
@@ -84,7 +84,7 @@ def _layout() -> np.dtype[np.void]:
     return np.dtype({"names": names, "formats": formats, "offsets": starts, "itemsize": offsets[""]})
 
 
-BLOCK = _layout()
+BLOCK = _block_dtype()
 
 
 @inline
@@ -109,7 +109,7 @@ def flight64(b, i):
 
 
 @inline
-def arc32(b, i):
+def negative_arc32(b, i):
     """Return the arc of negative contact force of lane i, in single precision."""
     k = np.uint64(i)
     return NegativeArc(not b.no_arc[k] > ZERO, b.arc_exit[k], b.arc_length[k], b.sin_entry[k], b.sin_exit[k])
@@ -200,7 +200,7 @@ def clear_block(b):
 
 
 @inline
-def has_ended(b, i):
+def check_lane_limits(b, i):
     """Stop lane i if it made too many impacts on Σ⁻. Return whether it is stopped or at its limit of impacts on Σ⁺."""
     if b.n_minus[i] > MOST_BOUNCES * (b.n_plus[i] + 1.0):
         b.stuck[i], b.limit[i] = ENDLESS, -1.0
@@ -211,7 +211,7 @@ def has_ended(b, i):
 def recompute_phases(b, groups):
     """Recompute the sine and cosine of all phases, which drift by rounding when updated from flight to flight."""
     for i in range(GROUP * groups):
-        b.sin0[i], b.cos0[i] = phase_at(b.tau[i])
+        b.sin0[i], b.cos0[i] = sine_cosine_at(b.tau[i])
 
 
 @inline
@@ -233,7 +233,7 @@ def prepare_flights(b, groups, is_queue_empty):
 
 
 @inline
-def force_kind(b, groups):
+def classify_force(b, groups):
     """Return the kind of the contact force on the lanes in use; the kind decides which stages the lanes need.
 
     Returns
@@ -256,7 +256,7 @@ def new_block() -> np.ndarray:
     Returns
     -------
     np.ndarray
-        (1,); its record has the dtype that `_layout` returns.
+        (1,); its record has the dtype that `_block_dtype` returns.
     """
     raw = np.zeros(BLOCK.itemsize + 64, np.uint8)
     start = -raw.ctypes.data % 64

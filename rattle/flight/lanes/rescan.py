@@ -13,7 +13,7 @@ from rattle.flight.guess import (
     SCAN_STEPS,
     UNBOUNDED,
     Minimum,
-    Scan,
+    ScanState,
     advance_scan,
     estimated_minimum,
     refine_time,
@@ -41,9 +41,9 @@ def prove_by_scan(b, groups, force, paths):
     scan_flights(b, n, padded)
     locate_impacts(b, padded)
     if force == ARCS:
-        prove_scanned_turns(b, padded)
+        prove_scanned_flights_with_arcs(b, padded)
     else:
-        prove_scanned(b, padded)
+        prove_scanned_flights(b, padded)
     for k in range(n):
         i = b.todo[k]
         b.s_[i], b.falls[i], b.proved[i] = b.z_s[k], b.z_falls[k], b.z_proved[k]
@@ -90,7 +90,7 @@ def scan_flights(b, n, padded):
         s0, s1 = SCAN_STEP * f32(j), SCAN_STEP * f32(j + 1)
         for k in range(padded):
             turned, ended, falls = b.z_turned[k] > ZERO, b.z_ended[k] > ZERO, b.z_falls[k] > ZERO
-            before = Scan(b.z_f[k], b.z_g[k], turned, b.z_turn[k], ended, falls, b.z_end[k])
+            before = ScanState(b.z_f[k], b.z_g[k], turned, b.z_turn[k], ended, falls, b.z_end[k])
             now = advance_scan(s0, s1, b.z_wall[k], b.z_gap[k], before, compacted_flight(b, k))
             b.z_f[k], b.z_g[k], b.z_turn[k], b.z_end[k] = now.f, now.g, now.turn, now.end
             b.z_turned[k], b.z_ended[k], b.z_falls[k] = (
@@ -132,10 +132,11 @@ def locate_impacts(b, n):
 
 
 @inline
-def prove_scanned(b, n):
+def prove_scanned_flights(b, n):
     """Withdraw the flag `z_proved` of scanned flights that may have met Σ⁻ before their impact.
 
-    Use this function if the contact force changes sign on no lane of the block, otherwise `prove_scanned_turns`.
+    Use this function if the contact force changes sign on no lane of the block, otherwise
+    `prove_scanned_flights_with_arcs`.
     """
     for k in range(n):
         rising, minimum = b.z_falls[k] == ZERO, Minimum(b.z_f[k], b.z_g[k], b.z_turn[k])
@@ -144,10 +145,10 @@ def prove_scanned(b, n):
 
 
 @inline
-def prove_scanned_turns(b, n):
+def prove_scanned_flights_with_arcs(b, n):
     """Withdraw the flag `z_proved` of scanned flights that may have met Σ⁻ before their impact.
 
-    Use this function if the contact force changes sign on some lane of the block, otherwise `prove_scanned`.
+    Use this function if the contact force changes sign on some lane of the block, otherwise `prove_scanned_flights`.
     """
     for k in range(n):
         wall, gap, rising, tau, s = b.z_wall[k], b.z_gap[k], b.z_falls[k] == ZERO, b.z_tau[k], b.z_s[k]

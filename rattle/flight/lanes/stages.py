@@ -25,9 +25,9 @@ from rattle.flight.guess import (
     wall_level,
 )
 from rattle.flight.impact_law import reflected_velocity
-from rattle.flight.lanes.block import ARCS, GROUP, ROUGH, ZERO, arc32, flag_as_float, flight32, flight64
+from rattle.flight.lanes.block import ARCS, GROUP, ROUGH, ZERO, flag_as_float, flight32, flight64, negative_arc32
 from rattle.flight.lanes.rescan import SAFE, prove_by_scan
-from rattle.flight.law import evaluate_short, folded, second_derivative
+from rattle.flight.law import evaluate_short, fold_phase, second_derivative
 from rattle.flight.proof import clears_the_gap, has_single_turn, is_within_one_step
 from rattle.flight.tangent import carried_tangent
 from rattle.numerics.compile import inline, kernel
@@ -126,7 +126,7 @@ def prove_turns(b, groups):
     """
     for i in range(GROUP * groups):
         flight, rising = flight32(b, i), b.falls[i] == ZERO
-        certain = has_single_turn(b.wall_[i], rising, b.tau_[i], b.s_[i], b.turn[i], flight, arc32(b, i))
+        certain = has_single_turn(b.wall_[i], rising, b.tau_[i], b.s_[i], b.turn[i], flight, negative_arc32(b, i))
         b.proved[i] = b.proved[i] if certain else ZERO
 
 
@@ -165,7 +165,7 @@ def select_number(go, new, old):
     return new if go else max(old, MOST_NEGATIVE)
 
 
-def _build_land(tangent):
+def _build_landing_stage(tangent):
     """Build the stage that moves lanes to their impacts. With `tangent` this stage also prepares `carry_tangents`."""
 
     @inline
@@ -189,7 +189,7 @@ def _build_land(tangent):
                 b.bend[i], b.lost[i], b.w1[i] = bend, lost, w1
                 b.s[i] = s if go else 0.0
                 b.sin1[i], b.cos1[i] = flight.sin0, flight.cos0
-            later, back = folded(tau + s), b.restitution[i] * reflected_velocity(w1)
+            later, back = fold_phase(tau + s), b.restitution[i] * reflected_velocity(w1)
             plus, minus = 0.5 + 0.5 * target, 0.5 - 0.5 * target
             b.tau[i] = select_number(go, later, tau)
             b.w[i] = select_number(go, back, flight.w)
@@ -204,7 +204,7 @@ def _build_land(tangent):
     return land_lanes
 
 
-land_plain, land_tangent = _build_land(False), _build_land(True)
+land_plain, land_tangent = _build_landing_stage(False), _build_landing_stage(True)
 
 
 @inline
@@ -255,7 +255,7 @@ def stop_completing_chatters(b, groups):
 
 
 @kernel
-def search_lane(b, i, paths):
+def advance_lane_safely(b, i, paths):
     """Move lane i, with its tangent vector, to its next impact, as `safe_impact` finds it.
 
     A lane that is in lasting contact, or whose flight has no impact, is stopped instead.
@@ -277,7 +277,7 @@ def search_lane(b, i, paths):
     b.determinant[i] *= r * det
     b.time[i] += s
     b.tau[i], b.w[i], b.wall[i], b.sin0[i], b.cos0[i] = (
-        folded(b.tau[i] + s),
+        fold_phase(b.tau[i] + s),
         r * reflected_velocity(w1),
         target,
         sin1,
@@ -289,10 +289,10 @@ def search_lane(b, i, paths):
 
 @kernel
 def compute_unproved(b, groups, paths):
-    """Compute the flights of the lanes whose impact is not proved, one by one with `search_lane`."""
+    """Compute the flights of the lanes whose impact is not proved, one by one with `advance_lane_safely`."""
     for i in range(GROUP * groups):
         if not b.sure[i] > 0.0 and b.n_plus[i] < b.limit[i]:
-            search_lane(b, i, paths)
+            advance_lane_safely(b, i, paths)
 
 
 @kernel
@@ -300,8 +300,8 @@ def advance(memory, groups, flights, force, tangent, paths):
     """Compute the next `flights` flights of every lane that has made fewer impacts on Σ⁺ than its limit.
 
     memory: the block, as `new_block` returns it. groups: number of groups of lanes in use. force: the result of
-    `force_kind`. tangent: whether tangent vectors are carried along. paths: two counters, of the flights that need a
-    scan and of the flights that also need the safe search.
+    `classify_force`. tangent: whether tangent vectors are carried along. paths: two counters, of the flights that need
+    a scan and of the flights that also need the safe search.
     """
     b = memory[0]
     lossy = has_lossy_lane(b, groups)

@@ -12,7 +12,7 @@ import math
 import numpy as np
 
 from rattle.attractors.ball import DIRECTIONS, LARGEST, SMALLEST, is_contraction, state_on_ellipse
-from rattle.flight.forcing import DRIFT, phase_at
+from rattle.flight.forcing import DRIFT, sine_cosine_at
 from rattle.flight.impact_law import velocity_before_reflection
 from rattle.flight.lanes.block import (
     GROUP,
@@ -21,9 +21,9 @@ from rattle.flight.lanes.block import (
     NONE,
     ONCE,
     SMOOTH,
+    check_lane_limits,
+    classify_force,
     clear_block,
-    force_kind,
-    has_ended,
     load_trajectory,
 )
 from rattle.flight.lanes.stages import advance
@@ -83,7 +83,7 @@ def load_states(b, work, group, i, level, few, centres):
         lane = group * GROUP + j
         direction, halvings = direction_and_halvings(j, few)
         tau, v = state_on_ellipse(centres, i, direction, math.ldexp(LARGEST, -level - halvings))
-        b.sin0[lane], b.cos0[lane] = phase_at(tau)
+        b.sin0[lane], b.cos0[lane] = sine_cosine_at(tau)
         b.tau[lane], b.w[lane], b.wall[lane] = tau, -v, 1.0
         b.n_plus[lane], b.n_minus[lane], b.stuck[lane] = 0.0, 0.0, 0.0
         b.limit[lane] = centres.n_plus[i] if v > 0.0 else -1.0
@@ -94,9 +94,9 @@ def load_states(b, work, group, i, level, few, centres):
 def fly_once(memory, work, groups, force, paths):
     """Advance the state of every unfinished lane by one flight, and multiply the lane's tangent matrix by the flight's.
 
-    force: the result of `force_kind`, SMOOTH, ROUGH or ARCS, which decides how first impacts are guessed and proved.
-    `work` holds the tangent matrices. `paths` (2,) counts flights whose first impact needs a scan, and flights whose
-    first impact needs the slower safe search.
+    force: the result of `classify_force`, SMOOTH, ROUGH or ARCS, which decides how first impacts are guessed and
+    proved. `work` holds the tangent matrices. `paths` (2,) counts flights whose first impact needs a scan, and flights
+    whose first impact needs the slower safe search.
     """
     b = memory[0]
     for i in range(GROUP * groups):
@@ -126,7 +126,7 @@ def stop_lost_lanes(b, group, most):
     for lane in range(group * GROUP, (group + 1) * GROUP):
         if b.n_minus[lane] > most:
             b.limit[lane] = -1.0
-        left |= not has_ended(b, lane)
+        left |= not check_lane_limits(b, lane)
     return left
 
 
@@ -207,7 +207,7 @@ def write_radii(memory, work, centres, cells, paths):
         if groups == 0:
             break
         if begun:
-            force = force_kind(b, groups)
+            force = classify_force(b, groups)
         fly_once(memory, work, groups, force, paths)
 
 

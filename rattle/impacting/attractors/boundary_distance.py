@@ -20,10 +20,10 @@ from rattle.attractors.samples import Outcome
 from rattle.attractors.speeds import MOST_SAMPLES, SpeedLimit, sampled_speeds
 from rattle.errors import broadcast_parameters, require
 from rattle.flight.first_impact import OK
-from rattle.flight.law import wrapped
+from rattle.flight.law import wrap_phase_difference
 from rattle.impacting.attractors.classifier import ImpactingClassifier
 from rattle.impacting.map.impact_map import inverse_impact
-from rattle.impacting.map.quiet import LONGEST_REST, capture_speeds, most_impacts_to_rest, rests_late
+from rattle.impacting.map.quiet import LONGEST_REST, becomes_quiet_late, capture_speeds, most_impacts_until_quiet
 from rattle.impacting.orbits.limits import quiet_limit
 from rattle.numerics.compile import kernel
 from rattle.numerics.sampling import sobol_points
@@ -109,7 +109,7 @@ class _QuietCells:
         self.floor = np.clip(capture_speeds(delta, epsilon, beta), LOWEST * usual, 0.5 * v_max)
         self.v_max, self.ceiling = v_max, CEILING * usual
         # factors by which the cells' limits of impacts are larger than at strong damping
-        self.longer = most_impacts_to_rest(delta) / LONGEST_REST
+        self.longer = most_impacts_until_quiet(delta) / LONGEST_REST
         self.tau, self.v = np.full((n, STARTS), np.nan), np.full((n, STARTS), np.inf)
         self.balls = np.zeros(n, np.int64)  # number of capture regions whose preimages are already computed
         self.sampled = self.first_states(n)
@@ -179,7 +179,7 @@ class _QuietCells:
         for i in range(STARTS):
             each, one = np.arange(v.shape[0]), np.argmin(v, axis=1)
             self.tau[:, i], self.v[:, i] = tau[each, one], v[each, one]
-            v = np.where(np.abs(wrapped(tau - self.tau[:, i, None])) < APART, np.inf, v)
+            v = np.where(np.abs(wrap_phase_difference(tau - self.tau[:, i, None])) < APART, np.inf, v)
 
     def states_at_new_edges(self) -> tuple[NDArray[np.int64], Array, Array]:
         """Return states (cell, τ, v) at the edges of the capture regions that were found since the last call."""
@@ -297,7 +297,7 @@ def boundary_distances(
     highest = sampled_speeds(v_max, d, e, b)
     found = BoundaryDistance(np.zeros(d.size), np.full(d.size, np.nan), np.full(d.size, np.inf))
     below = e < quiet_limit(d)
-    late = below & rests_late(d, e, b)
+    late = below & becomes_quiet_late(d, e, b)
     found.v[late], found.undecided[late] = np.nan, 0.0
     quiet = np.flatnonzero(below & ~late)
     if quiet.size:

@@ -15,7 +15,7 @@ from rattle.attractors.speeds import SampleSpec, SpeedLimit
 from rattle.attractors.table import AttractorTable, attractors_of_samples
 from rattle.flight.forcing import Forcing
 from rattle.impacting.attractors.balls import find_radii_in_lanes
-from rattle.impacting.attractors.settle import CHUNK, LONG_CHUNK, ImpactingCells, measure, settle
+from rattle.impacting.attractors.settle import CHUNK, LONG_CHUNK, ImpactingCells, follow_probes, settle
 from rattle.impacting.map.iterate import iterate, working_block
 from rattle.impacting.map.quiet import capture_invariant, capture_invariants
 from rattle.impacting.orbits.stable import find_stable_orbits
@@ -44,10 +44,10 @@ def cells_of(parameters: Parameters) -> ImpactingCells:
     return elastic_cells(delta, epsilon, beta, capture_invariants(delta, epsilon, beta))
 
 
-def roughness_of(cells: Any) -> NDArray[np.float64]:
+def relative_force_amplitudes(cells: Any) -> NDArray[np.float64]:
     """Return, for each cell (n_cells,), the amplitude of the contact force divided by the force's mean."""
     with np.errstate(over="ignore"):  # the ratio overflows for a subnormal δ
-        return np.asarray(Forcing(cells.epsilon).relative_swing(cells.delta))
+        return np.asarray(Forcing(cells.epsilon).relative_force_amplitude(cells.delta))
 
 
 def sorted_by_roughness(
@@ -91,7 +91,7 @@ class ImpactingClassifier(Classifier):
         """
         self.paths = np.zeros(2, np.int64)
         self._block = working_block()
-        self._roughness = roughness_of(cells)
+        self._roughness = relative_force_amplitudes(cells)
         super().__init__(cells, tau, v, budget)
 
     model = "impacting"
@@ -122,7 +122,7 @@ class ImpactingClassifier(Classifier):
         """Flags of the cells (n_cells,) that have a quiet motion."""
         return np.asarray(self.cells.quiet_invariant > 0)
 
-    def enter_known_orbits(self) -> None:
+    def add_known_orbits(self) -> None:
         """Add the stable orbits of period one, which are found without samples, to the tables of the cells."""
         delta, epsilon, beta = self.cells[:3]
         found = find_stable_orbits(delta, epsilon, beta, ROOM)
@@ -131,8 +131,8 @@ class ImpactingClassifier(Classifier):
             found = find_stable_orbits(delta, epsilon, beta, most)
             self.make_room(most)
         n, label, state = found.n, (found.n_plus, found.n_minus), (found.tau, found.v)
-        append_period_one(n, *label, *state, found.trace, self.cells, self.orbits.for_kernels())
-        self.grow_balls()
+        append_period_one(n, *label, *state, found.trace, self.cells, self.orbits.to_kernel_tuple())
+        self.grow_capture_regions()
 
     def find_radii(self, centres: Centres) -> None:
         """Compute in lanes the radii of the capture regions around `centres`, and write them to `centres.radius`."""
@@ -146,7 +146,7 @@ class ImpactingClassifier(Classifier):
         flights = CHUNK if early else LONG_CHUNK
         which, tables = (
             sorted_by_roughness(which, samples, self._roughness),
-            (samples.for_kernels(), self.balls.for_kernels()),
+            (samples.to_kernel_tuple(), self.balls.to_kernel_tuple()),
         )
         settle(self._block, which, flights, self.cells, *tables, self.paths)
 
@@ -154,8 +154,8 @@ class ImpactingClassifier(Classifier):
         self, which: NDArray[np.int64], least: NDArray[np.float64], periods: NDArray[np.float64], seen: ProbeRecord
     ) -> None:
         """Follow samples with a tangent vector (`Classifier.follow_with_tangent`), and write observations to `seen`."""
-        tables = self.samples.for_kernels(), self.balls.for_kernels()
-        measure(self._block, which, least, periods, self.cells, *tables, seen.sums, seen.prints, self.paths)
+        tables = self.samples.to_kernel_tuple(), self.balls.to_kernel_tuple()
+        follow_probes(self._block, which, least, periods, self.cells, *tables, seen.sums, seen.prints, self.paths)
 
 
 def attractors_of(

@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike
 from rattle.attractors.classify import BUDGET
 from rattle.attractors.speeds import SampleSpec, SpeedLimit
 from rattle.families.family_table import Families
-from rattle.families.join import families_over
+from rattle.families.join import compute_families
 from rattle.impacting.attractors.classifier import ImpactingClassifier
 
 
@@ -41,4 +41,4 @@ def families_of(
     ParameterError
         If an argument is outside its domain.
     """
-    return families_over(ImpactingClassifier, delta, epsilon, {"beta": beta}, SampleSpec(count, v_max, seed, budget))
+    return compute_families(ImpactingClassifier, delta, epsilon, {"beta": beta}, SampleSpec(count, v_max, seed, budget))

@@ -13,25 +13,33 @@ status RECURRENT, with the value CONTACT in its field `pause` and the wall in it
 from typing import Any, NamedTuple
 
 from rattle.attractors.chaos import BATCHES
-from rattle.attractors.samples import ALIGNMENT, CONTACT, RECURRENCE, Outcome, capturing_orbit, mark, top_speed
+from rattle.attractors.samples import (
+    ALIGNMENT,
+    CONTACT,
+    RECURRENCE,
+    Outcome,
+    bitmap_top_speed,
+    capturing_orbit,
+    mark_visited_cell,
+)
 from rattle.flight.contact_phase import IN_CONTACT, is_captured
 from rattle.flight.forcing import DRIFT, contact_force
 from rattle.flight.lanes.block import (
     GROUP,
     GROUPS,
     NONE,
+    check_lane_limits,
+    classify_force,
     clear_block,
-    force_kind,
-    has_ended,
     is_near_overflow,
     load_trajectory,
     normalise_tangent,
     prepare_flights,
 )
 from rattle.flight.lanes.stages import advance
-from rattle.flight.law import speed_unit, wrapped
-from rattle.impacting.map.impact_map import Point
-from rattle.numerics.compile import for_type, inline, kernel
+from rattle.flight.law import speed_unit, wrap_phase_difference
+from rattle.impacting.map.impact_map import ImpactingPoint
+from rattle.numerics.compile import implement_for_type, inline, kernel
 from rattle.orbits.return_map import point_between, point_of
 
 # number of flights between two checks, at first and for long trajectories; both are prime, so that the checks of a
@@ -116,7 +124,7 @@ def has_recurred(b, i, k, samples):
         Whether the state recurs.
     """
     tau, v, n = b.tau[i], -b.w[i], b.n_plus[i]
-    near = abs(v - b.at_v[i]) < RECURRENCE * b.unit[i] and abs(wrapped(tau - b.at_tau[i])) < RECURRENCE
+    near = abs(v - b.at_v[i]) < RECURRENCE * b.unit[i] and abs(wrap_phase_difference(tau - b.at_tau[i])) < RECURRENCE
     b.looks[i] += 1.0
     if near and samples.impacts[k] + n >= samples.pause[k]:
         samples.gap[k] = int(n - b.at_n[i])
@@ -136,7 +144,7 @@ def check_lane(b, i, k, cells, samples, balls):
         The status, UNRESOLVED if there is no outcome; the number of the orbit that captures the state, or −1; and
         whether the sample ends here, because it has an outcome or has reached its limit of impacts.
     """
-    over = has_ended(b, i)
+    over = check_lane_limits(b, i)
     if b.wall[i] > 0.0:
         status, orbit = outcome_of_lane(b, i, samples.cell[k], cells, balls)
         if status != Outcome.UNRESOLVED:
@@ -189,7 +197,7 @@ def settle(memory, which, flights, cells, samples, balls, paths):
     while groups > 0:
         fresh = check_lanes(b, groups, fresh, which, cells, samples, balls)
         groups = prepare_flights(b, groups, fresh == which.size)
-        advance(memory, groups, flights, force_kind(b, groups), False, paths)
+        advance(memory, groups, flights, classify_force(b, groups), False, paths)
 
 
 @inline
@@ -267,11 +275,11 @@ def mark_visited_cells(b, groups, footprints):
     """Mark the state of each lane on Σ⁺ in the visited-cell bitmap of its probe."""
     for i in range(GROUP * groups):
         if b.who[i] >= 0 and b.wall[i] > 0.0:
-            mark(b.tau[i], -b.w[i], top_speed(b.epsilon[i], b.unit[i]), footprints[b.who[i]])
+            mark_visited_cell(b.tau[i], -b.w[i], bitmap_top_speed(b.epsilon[i], b.unit[i]), footprints[b.who[i]])
 
 
 @kernel
-def measure(memory, which, least, periods, cells, samples, balls, sums, footprints, paths):
+def follow_probes(memory, which, least, periods, cells, samples, balls, sums, footprints, paths):
     """Follow the probes `which` (k,) in lanes, each with a tangent vector.
 
     Probe j goes on for at least least[j] impacts and periods[j] forcing periods, unless it has an outcome or reaches
@@ -285,20 +293,20 @@ def measure(memory, which, least, periods, cells, samples, balls, sums, footprin
     while groups > 0:
         fresh = check_probes(b, groups, fresh, which, cells, samples, balls, watch)
         groups = prepare_flights(b, groups, fresh == which.size)
-        force = force_kind(b, groups)
+        force = classify_force(b, groups)
         for flights in STRIDES:
             advance(memory, groups, flights, force, True, paths)
             mark_visited_cells(b, groups, footprints)
 
 
-@for_type(point_of, ImpactingCells)
+@implement_for_type(point_of, ImpactingCells)
 def _point_of(cell, cells):
-    return Point(cells.delta[cell], cells.epsilon[cell], cells.beta[cell], cells.quiet_invariant[cell])
+    return ImpactingPoint(cells.delta[cell], cells.epsilon[cell], cells.beta[cell], cells.quiet_invariant[cell])
 
 
-@for_type(point_between, Point)
+@implement_for_type(point_between, ImpactingPoint)
 def _point_between(share, one, other):
-    return Point(
+    return ImpactingPoint(
         one.delta + share * (other.delta - one.delta),
         one.epsilon + share * (other.epsilon - one.epsilon),
         one.beta,

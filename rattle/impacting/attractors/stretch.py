@@ -14,8 +14,8 @@ from rattle.flight.lanes.block import (
     LANES,
     NONE,
     ONCE,
+    classify_force,
     clear_block,
-    force_kind,
     load_trajectory,
     prepare_flights,
 )
@@ -82,7 +82,7 @@ def fly_and_sum(memory, lanes, cell, tau, v, checks, cells, sums, paths):
                 b.who[i] = fresh
                 fresh += 1
         groups = prepare_flights(b, groups, fresh == cell.size)
-        force = force_kind(b, groups)
+        force = classify_force(b, groups)
         lanes[:] = 0.0
         for _ in range(CHUNK):
             advance(memory, groups, ONCE, force, False, paths)

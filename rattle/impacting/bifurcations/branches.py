@@ -9,8 +9,16 @@ from functools import partial
 
 import numpy as np
 
-from rattle.continuation.arclength import CLOSED, Bound, Follower, Path, longest_step, newton_on_curve, plane_scale
-from rattle.continuation.conditions import Kind
+from rattle.continuation.arclength import (
+    CLOSED,
+    Bound,
+    Follower,
+    OneWayPath,
+    longest_step,
+    newton_on_curve,
+    plane_scale,
+)
+from rattle.continuation.conditions import EventKind
 from rattle.continuation.followed import FollowedBranch, start_of_doubled_branch
 from rattle.continuation.line import (
     FIRST_OF_DOUBLED,
@@ -35,7 +43,7 @@ from rattle.impacting.orbits.equations import Itinerary, equations_on_line
 from rattle.impacting.orbits.periodic import PeriodicOrbit, as_periodic, orbit_of
 from rattle.numerics.complex_step import Array
 from rattle.orbits.orbits_a_to_d import Orbit
-from rattle.orbits.periodic_motions import solve_at_parameters, twins
+from rattle.orbits.periodic_motions import equivalent_unknowns, solve_at_parameters
 
 LONGEST = 0.05  # longest continuation step, in the Euclidean norm of times and parameter
 FEW_POINTS = 6  # least number of points of a branch from one parameter point to another
@@ -158,7 +166,7 @@ def doubled(
         If the event is not a flip.
     """
     require(isinstance(event, Event), f"event must be an Event of a branch, got {type(event).__name__}")
-    if event.kind is not Kind.FLIP:
+    if event.kind is not EventKind.FLIP:
         raise RattleError(f"event must be a flip (PD), where the period doubles, got {event.kind}")
     line = line_through(event.delta, event.epsilon, parameter, span, resolution)
     itinerary = event.itinerary.with_doubled_period()
@@ -236,7 +244,7 @@ def fate(orbit: PeriodicOrbit | Orbit, delta: float, epsilon: float) -> Periodic
     here = branch(orbit, (delta - orbit.delta, epsilon - orbit.epsilon), (0.0, 1.0), FEW_POINTS)
     for event in here.events:
         before, after = ((here.admissible[i], here.stable[i]) for i in (event.after, event.after + 1))
-        turns = event.kind is Kind.SADDLE_NODE or event.itinerary.m < here.itinerary.m
+        turns = event.kind is EventKind.SADDLE_NODE or event.itinerary.m < here.itinerary.m
         if event.after >= here.start and (turns or before != after):
             return event
     arrived = np.allclose([here.delta[-1], here.epsilon[-1]], [delta, epsilon], rtol=1e-12, atol=0)
@@ -255,7 +263,11 @@ def _follower(itinerary: Itinerary, line: ParameterLine) -> Follower:
     longest = longest_step(line.span, line.resolution, LONGEST)
     bounds = (Bound(-1, *line.span),)
     return Follower(
-        problem, bounds, lambda y: _why_degenerate(itinerary, y) is None, longest, partial(twins, itinerary)
+        problem,
+        bounds,
+        lambda y: _why_degenerate(itinerary, y) is None,
+        longest,
+        partial(equivalent_unknowns, itinerary),
     )
 
 
@@ -275,7 +287,7 @@ def _follow_both_ways(itinerary: Itinerary, line: ParameterLine, start: Array) -
     return _build_branch(itinerary, line, followed.points, followed.tangents, followed.start, ends)
 
 
-def _reason_of_end(itinerary: Itinerary, path: Path) -> str:
+def _reason_of_end(itinerary: Itinerary, path: OneWayPath) -> str:
     """Return in words why a path ends; "span" means that it reached the end of the span of parameters."""
     if path.outside is None:
         return (

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from rattle.continuation.conditions import Kind
+from rattle.continuation.conditions import EventKind
 from rattle.continuation.line import Parameter, Span, line_through
 from rattle.errors import require_integer
 from rattle.impacting.bifurcations.branches import Branch, branch, doubled
@@ -30,10 +30,10 @@ def cascade(
     here, found = branch(orbit, parameter, span), list[Event]()
     last = orbit.delta, orbit.epsilon
     while True:
-        event = _loss_of_stability(here)
+        event = _find_loss_of_stability(here)
         if event is not None:
             found.append(event)
-        if event is None or event.kind is not Kind.FLIP or len(found) >= doublings:
+        if event is None or event.kind is not EventKind.FLIP or len(found) >= doublings:
             return tuple(found)
         gap = np.hypot(event.delta - last[0], event.epsilon - last[1])
         last = event.delta, event.epsilon
@@ -50,7 +50,7 @@ def _line_near(
     return (float(line.direction[0]), float(line.direction[1])), (low, high)
 
 
-def _loss_of_stability(branch: Branch) -> Event | None:
+def _find_loss_of_stability(branch: Branch) -> Event | None:
     """Return the first event after a branch's start at which the motion loses stability; None if there is none."""
     stable = [*branch.stable[branch.start :], False]
     if True not in stable:

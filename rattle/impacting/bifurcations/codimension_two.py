@@ -151,7 +151,7 @@ def _cached_points(beta: float) -> tuple[CodimensionTwo, ...]:
             delta, epsilon = _point_on_grazing_curve(name, definition.residual, beta)
         except RattleError:
             continue
-        tangency = _tangency(definition.curves, delta, epsilon, beta)
+        tangency = _tangency_orders(definition.curves, delta, epsilon, beta)
         found.append(CodimensionTwo(name, definition.meaning, delta, epsilon, tuple(definition.curves), tangency))
     return tuple(found)
 
@@ -174,7 +174,7 @@ def _point_on_grazing_curve(name: str, residual: Residual, beta: float) -> tuple
     return delta, float(closed_form.grazing_cosine(delta, beta)[1])
 
 
-def _tangency(curves: dict[str, int], delta: float, epsilon: float, beta: float) -> dict[tuple[str, str], float]:
+def _tangency_orders(curves: dict[str, int], delta: float, epsilon: float, beta: float) -> dict[tuple[str, str], float]:
     """Return the measured order of contact of each pair of curves at a codimension-two point.
 
     curves: for each name the side of the point on which the curve exists, −1 for smaller and +1 for larger δ. A pair is

@@ -12,14 +12,14 @@ from rattle.continuation.curve_continuation import (
     PlaneWindow,
     interior_points,
     quiet_limit_curve,
+    require_window_range,
     trace_problem,
-    window_range,
 )
 from rattle.errors import RattleError, require, require_integer, require_number, require_one_of
 from rattle.flight.forcing import Forcing, phase_of_least_force
 from rattle.impacting.bifurcations.codimension_two import codimension_two
 from rattle.impacting.bifurcations.events import Event
-from rattle.impacting.bifurcations.registry import CURVES, NAMES, Definition
+from rattle.impacting.bifurcations.registry import CURVES, NAMES, CurveDefinition
 from rattle.impacting.orbits.equations import Itinerary, smooth_multipliers
 from rattle.impacting.orbits.limits import quiet_limit
 from rattle.impacting.orbits.periodic import why_virtual
@@ -68,14 +68,14 @@ def trace(
     """
     require_one_of("name", name, NAMES)
     beta = require_number("beta", beta, positive=True)
-    window = PlaneWindow(window_range("delta", delta, positive=True), window_range("epsilon", epsilon))
+    window = PlaneWindow(require_window_range("delta", delta, positive=True), require_window_range("epsilon", epsilon))
     require(window.delta[1] >= LEAST_DELTA, f"delta must reach above {LEAST_DELTA:g}, got {delta!r}")
     dampings = _dampings_to_search(window, beta)
     try:
         return (
             _quiet_limit(beta, window, dampings)
             if name == QUIET_LIMIT
-            else _trace_registered(name, beta, window, dampings)
+            else _trace_registered_curve(name, beta, window, dampings)
         )
     except np.linalg.LinAlgError as error:
         raise RattleError(
@@ -83,7 +83,7 @@ def trace(
         ) from error
 
 
-def _trace_registered(name: str, beta: float, window: PlaneWindow, dampings: Array) -> Curve:
+def _trace_registered_curve(name: str, beta: float, window: PlaneWindow, dampings: Array) -> Curve:
     """Return a curve of the registry in a window. Its starting points are searched at these dampings."""
     definition = CURVES[name]
     itinerary = definition.itinerary(beta)
@@ -134,7 +134,9 @@ def bifurcation_curve(
     """
     require(isinstance(event, Event), f"event must be an Event of a branch, got {type(event).__name__}")
     resolution = require_integer("resolution", resolution, 1, MOST_ACROSS)
-    window = PlaneWindow(window_range("delta", delta, positive=True), window_range("epsilon", epsilon), resolution)
+    window = PlaneWindow(
+        require_window_range("delta", delta, positive=True), require_window_range("epsilon", epsilon), resolution
+    )
     require(
         window.why_outside(event.unknowns) is None,
         f"the window of delta and epsilon must contain the event at ({event.delta}, {event.epsilon})",
@@ -161,7 +163,7 @@ def _rotate_to_sigma_plus(event: Event) -> tuple[Itinerary, Array, int | None]:
     return itinerary.with_first_impact(begin), unknowns_from_impact(itinerary, event.unknowns, begin), impact
 
 
-def _why_off_curve(definition: Definition, itinerary: Itinerary, x: Array) -> str | None:
+def _why_off_curve(definition: CurveDefinition, itinerary: Itinerary, x: Array) -> str | None:
     """Return the reason why a solution is not on a curve, None if it is on the curve."""
     return definition.belongs(x) or why_virtual(itinerary, x, definition.impact)
 

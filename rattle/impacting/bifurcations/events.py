@@ -13,13 +13,13 @@ from numpy.typing import NDArray
 
 from rattle.continuation.arclength import (
     ContinuationProblem,
-    last_inside,
+    bracket_admissible_edge,
     newton_on_curve,
     root_between,
     solution_above_chord,
     tangent_at,
 )
-from rattle.continuation.conditions import Kind, condition
+from rattle.continuation.conditions import EventKind, condition
 from rattle.continuation.line import ParameterLine
 from rattle.impacting.orbits.equations import Itinerary, smooth_multipliers
 from rattle.impacting.orbits.periodic import PeriodicOrbit, first_failure, is_admissible, orbit_of
@@ -36,7 +36,7 @@ NEWTON_START = 1e-3  # distance from an event, as a share of a step, at which Ne
 SAME_PLACE = 0.5  # largest distance, as a share of a step, between a candidate and the event that it leads to
 
 
-class Candidate(NamedTuple):
+class EventCandidate(NamedTuple):
     """A possible event of a branch.
 
     y is the point of the branch near the event: the motion's times, and p, the position on the line of parameters.
@@ -45,7 +45,7 @@ class Candidate(NamedTuple):
     """
 
     y: Array
-    kind: Kind
+    kind: EventKind
     itinerary: Itinerary
     guess: Array
     impact: int | None = None
@@ -70,7 +70,7 @@ class Event:
         Index of the last point of the branch before the event.
     """
 
-    kind: Kind
+    kind: EventKind
     itinerary: Itinerary
     unknowns: Array
     impact: int | None
@@ -131,11 +131,11 @@ def find_events(
             kind, impact, test = tests[j]
             y = root_between(problem, a, b, partial(test, b - a), NEWTON_START)
             # where branches cross, Newton's method fails; the candidate is then the middle of the step
-            if y is None and kind is Kind.SADDLE_NODE:
+            if y is None and kind is EventKind.SADDLE_NODE:
                 y = 0.5 * (a + b)
             if y is not None:
-                found.append(Candidate(y, kind, itinerary, line.unknowns_at(y), impact))
-        if real[k] != real[k + 1] and not any(at.kind is Kind.GRAZING for at in found):
+                found.append(EventCandidate(y, kind, itinerary, line.unknowns_at(y), impact))
+        if real[k] != real[k + 1] and not any(at.kind is EventKind.GRAZING for at in found):
             found += _touch_candidates(itinerary, line, problem, *((a, b) if real[k] else (b, a)))
         near = SAME_PLACE * float(np.max(np.abs(b - a)))
         for candidate in sorted(found, key=lambda at: float(np.linalg.norm(at.y - points[k]))):
@@ -189,16 +189,16 @@ Test = Callable[[Array, Array], float]
 
 def _test_functions(
     itinerary: Itinerary, line: ParameterLine, problem: ContinuationProblem
-) -> list[tuple[Kind, int | None, Test]]:
+) -> list[tuple[EventKind, int | None, Test]]:
     """Return (kind, number of the grazing impact or None, test function) for all events that a branch may have."""
 
     def graze_test(impact: int) -> Test:
         return lambda _, y: float(itinerary.flights(line.unknowns_at(y)).w0[impact])
 
     return [
-        (Kind.SADDLE_NODE, None, lambda along, y: float(tangent_at(problem, y, along)[-1])),
-        (Kind.FLIP, None, lambda _, y: _flip_test(itinerary, line, y)),
-        *((Kind.GRAZING, impact, graze_test(impact)) for impact in range(itinerary.n)),
+        (EventKind.SADDLE_NODE, None, lambda along, y: float(tangent_at(problem, y, along)[-1])),
+        (EventKind.FLIP, None, lambda _, y: _flip_test(itinerary, line, y)),
+        *((EventKind.GRAZING, impact, graze_test(impact)) for impact in range(itinerary.n)),
     ]
 
 
@@ -210,7 +210,7 @@ def _flip_test(itinerary: Itinerary, line: ParameterLine, y: Array) -> float:
 
 def _touch_candidates(
     itinerary: Itinerary, line: ParameterLine, problem: ContinuationProblem, inside: Array, outside: Array
-) -> list[Candidate]:
+) -> list[EventCandidate]:
     """Return the candidate for a graze between an admissible point and a virtual point, in a list that may be empty.
 
     Between the points `inside` (admissible) and `outside` (virtual) a flight begins to touch a wall on its way. This
@@ -221,16 +221,18 @@ def _touch_candidates(
     list[Candidate]
         At most one candidate.
     """
-    edge, beyond = last_inside(problem, inside, outside, lambda y: is_admissible(itinerary, line.unknowns_at(y)))
+    edge, beyond = bracket_admissible_edge(
+        problem, inside, outside, lambda y: is_admissible(itinerary, line.unknowns_at(y))
+    )
     failure = first_failure(itinerary, line.unknowns_at(beyond))
     if failure is None or failure[1] == 0:
         return []
     departure, wall, time = failure
     guess = np.insert(line.unknowns_at(edge), departure + 1, time)
-    return [Candidate(edge, Kind.GRAZING, itinerary.with_impact(departure + 1, wall), guess, departure + 1)]
+    return [EventCandidate(edge, EventKind.GRAZING, itinerary.with_impact(departure + 1, wall), guess, departure + 1)]
 
 
-def _solve_event(line: ParameterLine, candidate: Candidate, after: int, near: float) -> Event | None:
+def _solve_event(line: ParameterLine, candidate: EventCandidate, after: int, near: float) -> Event | None:
     """Return the event near a candidate, or None if Newton's method finds none closer than `near` in δ and ε.
 
     If the branch turns back at a motion that repeats a motion of half its period, the event is the flip of this shorter
@@ -242,9 +244,9 @@ def _solve_event(line: ParameterLine, candidate: Candidate, after: int, near: fl
         The event, or None.
     """
     _, kind, itinerary, guess, impact = candidate
-    half = _half_period_motion(itinerary, guess) if kind is Kind.SADDLE_NODE else None
+    half = _half_period_motion(itinerary, guess) if kind is EventKind.SADDLE_NODE else None
     if half is not None:
-        kind, (itinerary, guess) = Kind.FLIP, half
+        kind, (itinerary, guess) = EventKind.FLIP, half
     found = newton_on_curve(condition(itinerary, kind, impact), guess, line.line_normal(itinerary.n))
     if found is None or np.max(np.abs((found[0] - guess)[-2:])) > near:
         return None
@@ -270,7 +272,9 @@ def origin_of_doubling(itinerary: Itinerary, line: ParameterLine, y: Array, afte
     Event | None
         The flip.
     """
-    return _solve_event(line, Candidate(y, Kind.SADDLE_NODE, itinerary, line.unknowns_at(y)), after, SAME_HALVES)
+    return _solve_event(
+        line, EventCandidate(y, EventKind.SADDLE_NODE, itinerary, line.unknowns_at(y)), after, SAME_HALVES
+    )
 
 
 def _half_period_motion(itinerary: Itinerary, x: Array) -> tuple[Itinerary, Array] | None:

@@ -1,4 +1,4 @@
-"""The registry of the bifurcation curves of the period-one motions. To add a curve, add one `Definition` to CURVES.
+"""The registry of the bifurcation curves of the period-one motions. To add a curve, add a `CurveDefinition` to CURVES.
 
 A curve has a motion (the walls that it meets), a condition on that motion (`rattle.continuation.conditions`), starting
 points, and a rule that decides which solutions belong to the curve.
@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rattle.continuation.conditions import Kind
+from rattle.continuation.conditions import EventKind
 from rattle.continuation.curve_continuation import QUIET_LIMIT
 from rattle.errors import require_one_of
 from rattle.impacting.bifurcations import starts
@@ -24,7 +24,7 @@ PAPER = "Mason and Piiroinen (2009)"
 
 
 @dataclass(frozen=True)
-class Definition:
+class CurveDefinition:
     """The definition of a bifurcation curve: the motion that bifurcates, which meets `walls`, and its condition `kind`.
 
     Attributes
@@ -40,7 +40,7 @@ class Definition:
     """
 
     walls: tuple[int, ...]
-    kind: Kind
+    kind: EventKind
     meaning: str
     source: str
     starts: Callable[[float, float], Sequence[Array]]
@@ -82,56 +82,56 @@ def _later_flips(delta: float, beta: float) -> Sequence[Array]:
 
 
 #: The curves in the order of the legend: the five of the paper, then the others.
-CURVES: dict[str, Definition] = {
-    "SN1": Definition(
+CURVES: dict[str, CurveDefinition] = {
+    "SN1": CurveDefinition(
         (1,),
-        Kind.SADDLE_NODE,
+        EventKind.SADDLE_NODE,
         "saddle-node at which A and C, P(1,1,0), are born as ε grows; ends at COD22",
         f"{PAPER}, equation (4.1)",
-        lambda delta, _: starts.single_impact_starts(Kind.SADDLE_NODE, delta),
+        lambda delta, _: starts.single_impact_starts(EventKind.SADDLE_NODE, delta),
     ),
-    "SN2": Definition(
+    "SN2": CurveDefinition(
         (1, -1),
-        Kind.SADDLE_NODE,
+        EventKind.SADDLE_NODE,
         "saddle-node at which B and D, P(1,1,1), are born as ε grows; ends at COD23",
         f"{PAPER}, section 5.2, Figure 7",
         starts.two_impact_folds,
     ),
-    "PD1": Definition(
+    "PD1": CurveDefinition(
         (1, -1),
-        Kind.FLIP,
+        EventKind.FLIP,
         "flip (period doubling) at which D, P(1,1,1), loses stability as ε grows; ends at COD23",
         f"{PAPER}, section 5.2, Figure 7",
         _first_flip,
     ),
-    "G1": Definition(
+    "G1": CurveDefinition(
         (1, -1),
-        Kind.GRAZING,
+        EventKind.GRAZING,
         "grazing of C, P(1,1,0), on Σ⁻: there C and B (beyond COD23: D) become one; ends at COD22",
         f"{PAPER}, section 5.2, Figure 7",
         starts.two_impact_grazes,
         impact=1,
         belongs=_why_not_on_g1,
     ),
-    "G2": Definition(
+    "G2": CurveDefinition(
         (1, -1),
-        Kind.GRAZING,
+        EventKind.GRAZING,
         "grazing of A, P(1,1,0), on Σ⁻: there A and D become one; begins at COD22",
         f"{PAPER}, section 5.2, Figure 7",
         starts.two_impact_grazes,
         impact=1,
         belongs=_why_not_on_g2,
     ),
-    "PDC": Definition(
+    "PDC": CurveDefinition(
         (1,),
-        Kind.FLIP,
+        EventKind.FLIP,
         "flip (period doubling) at which C, P(1,1,0), loses stability as ε grows; ends on G1 at COD20",
         "not in the paper; closed form in rattle.flip",
-        lambda delta, _: starts.single_impact_starts(Kind.FLIP, delta),
+        lambda delta, _: starts.single_impact_starts(EventKind.FLIP, delta),
     ),
-    "PD2": Definition(
+    "PD2": CurveDefinition(
         (1, -1),
-        Kind.FLIP,
+        EventKind.FLIP,
         "flip at which D, P(1,1,1), becomes stable again at high ε; beyond the fold of this curve, at "
         "which D loses stability again",
         "not in the paper",

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rattle.continuation.conditions import Kind
+from rattle.continuation.conditions import EventKind
 from rattle.impacting.orbits import closed_form
 from rattle.impacting.orbits.equations import Itinerary
 from rattle.impacting.orbits.limits import flip_formula, sine_offset, sn1_formula
@@ -60,7 +60,7 @@ def two_impact_family(delta: float, beta: float) -> StartFamily:
     return family_members(sigma[(sigma > 0.0) & np.isfinite(epsilon)], delta, beta)
 
 
-def zeros(
+def find_zeros(
     values: Callable[[StartFamily], Array], coarse: StartFamily, members_at: Callable[[Array], StartFamily]
 ) -> list[Array]:
     """Find the roots of a function along a family of motions, close enough to start Newton's method.
@@ -97,7 +97,7 @@ def zeros(
 
 def _zeros_of(values: Callable[[StartFamily], Array], delta: float, beta: float) -> list[Array]:
     """Return the unknowns at the roots of a function along the P(1,1,1) motions at one damping."""
-    return zeros(values, two_impact_family(delta, beta), lambda sigma: family_members(sigma, delta, beta))
+    return find_zeros(values, two_impact_family(delta, beta), lambda sigma: family_members(sigma, delta, beta))
 
 
 def two_impact_folds(delta: float, beta: float) -> list[Array]:
@@ -124,11 +124,11 @@ def loses_stability(x: Array, beta: float) -> bool:
     return bool(at.flip[np.searchsorted(at.sigma, x[1] - x[0] - 0.5) - 1] < 0)
 
 
-def single_impact_starts(kind: Kind, delta: float) -> list[Array]:
+def single_impact_starts(kind: EventKind, delta: float) -> list[Array]:
     """Return the unknowns (τ, δ, ε) of SN1 or of PDC, the flip of C; an empty list if the formula gives no ε > 0."""
     offset = float(sine_offset(delta))
-    epsilon = float(sn1_formula(delta) if kind is Kind.SADDLE_NODE else flip_formula(delta))
+    epsilon = float(sn1_formula(delta) if kind is EventKind.SADDLE_NODE else flip_formula(delta))
     if not np.isfinite(epsilon) or epsilon == 0.0:
         return []
-    cosine = np.sqrt((epsilon - offset) * (epsilon + offset)) if kind is Kind.FLIP else 0.0
+    cosine = np.sqrt((epsilon - offset) * (epsilon + offset)) if kind is EventKind.FLIP else 0.0
     return [np.array([np.arctan2(offset, cosine) / (2 * np.pi), delta, epsilon])]

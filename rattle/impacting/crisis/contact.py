@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from rattle.errors import RattleError
 from rattle.impacting.orbits.limits import sn1_formula
-from rattle.impacting.orbits.periodic import period_one_saddle
+from rattle.impacting.orbits.periodic import period_one_orbit
 from rattle.orbits.saddles import Array, LocalManifold, eigenvectors, local_manifold
 
 GRID, ZOOMS = 41, 13  # number of points of a grid in s; number of refinements of the grid around its minimum
@@ -72,7 +72,7 @@ class SaddleManifolds:
     """The saddle A at one parameter point, with its unstable manifold W^u(A) and its stable manifold W^s(A)."""
 
     def __init__(self, delta: float, epsilon: float, beta: float) -> None:
-        self.saddle = period_one_saddle("A", delta, epsilon, beta)
+        self.saddle = period_one_orbit("A", delta, epsilon, beta)
         self.unstable_manifold: LocalManifold = local_manifold(self.saddle, stable=False)
         self.at = np.array([[self.saddle.tau], [self.saddle.v]])
 

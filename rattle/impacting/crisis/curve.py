@@ -20,7 +20,7 @@ from rattle.impacting.crisis.contact import (
     square_root_coefficient,
 )
 from rattle.impacting.crisis.escape import is_chaotic_below
-from rattle.impacting.crisis.search import boundary_crisis, end_of_curve, has_escaping_piece
+from rattle.impacting.crisis.search import boundary_crisis, end_of_crisis_curve, has_escaping_piece
 from rattle.orbits.saddles import Array
 
 START = 0.98  # the curve begins at this multiple of the δ of COD22
@@ -79,7 +79,7 @@ def _extrapolate_crises(known: list[Crisis], x: Array, y: Array, target: float) 
     return np.asarray([np.polyval(column, target - x[-1]) for column in powers.T], np.float64)
 
 
-def _window_around(known: list[Crisis], s: float) -> tuple[float, float]:
+def _search_window(known: list[Crisis], s: float) -> tuple[float, float]:
     """Return the window (low, high) of positions on W^u(A), around the guess s, in which the next contact is searched.
 
     known: the crises of the curve that are found so far; the last of them is the nearest to the next crisis.
@@ -118,7 +118,7 @@ def contact_at_delta(known: list[Crisis], delta: float) -> Crisis:
     y = np.log([[point.gap, point.parameter] for point in known])
     gap, s = np.exp(_extrapolate_crises(known, np.array([point.delta for point in known]), y, delta))
     return solve_contact(
-        delta, known[-1].beta, float(gap), _window_around(known, float(s)), _steps_of_next_crisis(known[-1]), BRACKET
+        delta, known[-1].beta, float(gap), _search_window(known, float(s)), _steps_of_next_crisis(known[-1]), BRACKET
     )
 
 
@@ -142,7 +142,7 @@ def contact_at_gap(known: list[Crisis], gap: float, end: float) -> Crisis:
         end + float(offset),
         last.beta,
         gap,
-        _window_around(known, float(s)),
+        _search_window(known, float(s)),
         _steps_of_next_crisis(last),
         bracket,
         abs(last.delta - end),
@@ -180,7 +180,7 @@ def _follow_down(start: Crisis, low: float, resolution: float, end: float) -> tu
     return known, "the requested end"
 
 
-def _follow_up(start: Crisis, top: float, end: float) -> tuple[list[Crisis], str]:
+def _follow_towards_cod22(start: Crisis, top: float, end: float) -> tuple[list[Crisis], str]:
     """Return the points of the crisis curve from `start` towards COD22, up to the first point beyond δ = `top`.
 
     `end` is δ of COD22.
@@ -249,7 +249,7 @@ def crisis_curve(
     """
     beta = require_number("beta", beta, positive=True)
     resolution = require_number("resolution", resolution, positive=True)
-    end = end_of_curve(beta)
+    end = end_of_crisis_curve(beta)
     bottom = 0.0 if low is None else require_number("low", low, positive=True)
     top = np.inf if high is None else require_number("high", high, positive=True)
     require(bottom < top, f"low must be below high, got low = {bottom:g} and high = {top:g}")
@@ -257,7 +257,7 @@ def crisis_curve(
     falling, low_end = _follow_down(start, bottom, resolution, end)
     rising, high_end = [start], "the requested end"
     if top > start.delta:
-        rising, high_end = _follow_up(start, top, end)
+        rising, high_end = _follow_towards_cod22(start, top, end)
         if rising[-1].delta > top:
             rising, high_end = rising[:-1], "the requested end"
             rising.append(contact_at_delta(rising, top))

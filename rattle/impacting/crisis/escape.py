@@ -21,7 +21,7 @@ from rattle.impacting.attractors.classifier import ImpactingClassifier, cells_of
 from rattle.impacting.crisis.contact import Crisis
 from rattle.impacting.map.impact_map import impact_tangent
 from rattle.impacting.map.iterate import iterate_tangent
-from rattle.impacting.map.quiet import LONGEST_REST, impacts_to_rest, most_impacts_to_rest
+from rattle.impacting.map.quiet import LONGEST_REST, impacts_until_quiet, most_impacts_until_quiet
 from rattle.impacting.orbits.limits import quiet_limit, sn1_formula
 from rattle.impacting.orbits.period_one import period_one
 from rattle.orbits.iterates import fold
@@ -35,7 +35,7 @@ SAMPLES = 512  # number of samples of a fundamental domain
 # first return to A, and if it crosses at a later return
 FIRST_RETURNS, RETURNS = 64, 256
 # at strong damping, a parameter point is undecided if a sample may need more impacts than this to become quiet; at weak
-# damping the limit is larger, in proportion to `most_impacts_to_rest`
+# damping the limit is larger, in proportion to `most_impacts_until_quiet`
 MOST_IMPACTS = 8192
 # number of impacts of a sample that are ignored as a transient; number of impacts after these over which its Lyapunov
 # exponent is measured
@@ -107,21 +107,22 @@ class Saddles(NamedTuple):
         Array
             The sum of the numbers of impacts to leave A, to cross W^s(A), and to become quiet after that.
         """
-        rest = impacts_to_rest(self.delta, self.epsilon, self.beta)
+        rest = impacts_until_quiet(self.delta, self.epsilon, self.beta)
         return np.asarray(self._impacts_to_leave + returns * _limit_factor(self.delta) + 2.0 * rest, np.float64)
 
 
 def _limit_factor(delta: Array) -> Array:
     """Return the factor by which limits of impacts are larger at these dampings than at strong damping.
 
-    It is 1 at strong damping, and grows like `most_impacts_to_rest`, the limit of the impacts until a motion is quiet.
+    It is 1 at strong damping, and grows like `most_impacts_until_quiet`, the limit of the impacts until a motion is
+    quiet.
 
     Returns
     -------
     Array
         The factors (n,).
     """
-    return most_impacts_to_rest(delta) / LONGEST_REST
+    return most_impacts_until_quiet(delta) / LONGEST_REST
 
 
 def saddles_at(delta: Array, epsilon: Array, beta: Array) -> Saddles:
@@ -189,7 +190,17 @@ def saddle_at(delta: float, epsilon: float, beta: float) -> Saddles:
 def chaotic_share(delta: float, epsilon: float, beta: float, transient: int = TRANSIENT_IMPACTS) -> float:
     """Return the share of CHAOS_SAMPLES samples of W^u(A) that are chaotic after a transient.
 
-    transient: the number of impacts after those in which samples become quiet at their first return.
+    Parameters
+    ----------
+    delta, epsilon, beta : float
+        Parameters of the gear.
+    transient : int
+        Number of impacts of the transient, besides those in which samples become quiet at their first return.
+
+    Returns
+    -------
+    float
+        The share of all samples; 0 if none is left after the transient.
     """
     a = saddle_at(delta, epsilon, beta)
     found = FollowedManifold(a, CHAOS_SAMPLES, a.impacts_until_quiet_at_first_return + transient)

@@ -45,7 +45,7 @@ NEAR, QUIET_SPEED_SHARE = 0.3, 0.5
 MOST_WIDENINGS_OF_WINDOW = 12  # most doublings of the width of a window in s
 
 
-def end_of_curve(beta: float) -> float:
+def end_of_crisis_curve(beta: float) -> float:
     """Return δ of COD22, where the crisis curve ends. Raises RattleError if COD22 does not exist at this beta."""
     for point in codimension_two(beta):
         if point.name == "COD22":
@@ -69,7 +69,7 @@ def _gaps_to_try(delta: float, beta: float) -> Array:
         If A is born at or above the quiet limit, or COD22 does not exist at this half-backlash.
     """
     floor, top = float(sn1_formula(delta)), float(quiet_limit(delta))
-    first = LOWEST * floor * min(0.02, max(SMALLEST, (1.0 - delta / end_of_curve(beta)) ** 2))
+    first = LOWEST * floor * min(0.02, max(SMALLEST, (1.0 - delta / end_of_crisis_curve(beta)) ** 2))
     last = top * (1.0 - 1e-9) - floor
     if delta >= WEAK:
         last = min(last, HIGHEST * floor)
@@ -155,7 +155,7 @@ def _escaping_runs(delta: float, beta: float, gap: float) -> list[Array]:
     return [np.asarray(s[max(first - 1, 0) : last + 1], np.float64) for first, last in runs]
 
 
-def _returns_of_orbit(delta: float, beta: float, gap: float, s: float) -> tuple[int, list[int]]:
+def _count_returns_of_orbit(delta: float, beta: float, gap: float, s: float) -> tuple[int, list[int]]:
     """Follow the orbit of the point W(s) of W^u(A), at ε = SN1 + gap, and count its impacts on Σ⁺.
 
     The orbit is followed until it counts as quiet, has no next impact, or has made the largest number of impacts.
@@ -220,7 +220,7 @@ def _contact_of_run(delta: float, beta: float, low: float, high: float, run: Arr
     RattleError
         If the orbit does not come back to A, or no contact is found.
     """
-    met, entries = _returns_of_orbit(delta, beta, high, float(run[run.size // 2]))
+    met, entries = _count_returns_of_orbit(delta, beta, high, float(run[run.size // 2]))
     if not entries:
         raise RattleError(
             f"no contact was found at epsilon = {sn1_formula(delta) + high}: the orbit that escapes does not come "

@@ -1,10 +1,10 @@
 """Find the next departure from Σ⁺ of a motion that is given by its phase, position and velocity."""
 
 from rattle.errors import RattleError, require
-from rattle.flight.first_impact import LONGEST, OK, SIGMA_MINUS, SIGMA_PLUS, first_impact, searched_crossing
+from rattle.flight.first_impact import LONGEST, OK, SIGMA_MINUS, SIGMA_PLUS, first_impact, search_crossing
 from rattle.flight.forcing import DRIFT
 from rattle.flight.impact_law import reflected_velocity
-from rattle.flight.law import evaluate, flight_from_phase, folded
+from rattle.flight.law import evaluate, flight_from_phase, fold_phase
 
 
 def departure(
@@ -25,13 +25,13 @@ def departure(
     w = abs(velocity) if wall == SIGMA_PLUS else -abs(velocity)  # on a wall, use the velocity before the impact
     if abs(position) < beta:
         flight = flight_from_phase(tau, velocity, delta, epsilon, DRIFT)
-        status, target, time = searched_crossing(tau, flight, -beta - position, beta - position)
+        status, target, time = search_crossing(tau, flight, -beta - position, beta - position)
         _require_found(status)
-        wall, tau, w = SIGMA_PLUS if target > 0 else SIGMA_MINUS, folded(tau + time), evaluate(time, flight)[1]
+        wall, tau, w = SIGMA_PLUS if target > 0 else SIGMA_MINUS, fold_phase(tau + time), evaluate(time, flight)[1]
     while wall == SIGMA_MINUS:
         status, time, wall, w, *_ = first_impact(wall, tau, reflected_velocity(w), delta, epsilon, beta, DRIFT)
         _require_found(status)
-        tau = folded(tau + time)
+        tau = fold_phase(tau + time)
     return float(tau), max(float(w), 0.0)
 
 

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from rattle.errors import require, require_number
 from rattle.flight.first_impact import OK, SIGMA_MINUS, first_impact
-from rattle.flight.forcing import DRIFT, contact_force, phase_at
-from rattle.flight.law import folded
+from rattle.flight.forcing import DRIFT, contact_force, sine_cosine_at
+from rattle.flight.law import fold_phase
 from rattle.numerics.compile import kernel
 
 FIRST_POINTS = 256
@@ -88,11 +88,11 @@ def fill_states_before_touch(touch, delta, epsilon, beta, tau, v):
     """
     for i in range(touch.size):
         v[i], tau[i] = -1.0, touch[i]
-        sine, cosine = phase_at(touch[i])
+        sine, cosine = sine_cosine_at(touch[i])
         if not contact_force(sine, cosine, delta, epsilon, DRIFT) > 0.0:
             continue
         status, time, wall, speed, _l, _flight, _s1, _c1 = first_impact(
-            SIGMA_MINUS, folded(-touch[i]), 0.0, -delta, epsilon, beta, -DRIFT
+            SIGMA_MINUS, fold_phase(-touch[i]), 0.0, -delta, epsilon, beta, -DRIFT
         )
         if status == OK and wall > 0:
             tau[i], v[i] = touch[i] - time, speed

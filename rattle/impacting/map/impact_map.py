@@ -10,12 +10,12 @@ from typing import NamedTuple
 
 from rattle.flight.contact_phase import ENDLESS, IN_CONTACT, MOST_BOUNCES, is_captured, stays_in_contact
 from rattle.flight.first_impact import OK, SIGMA_PLUS, first_impact
-from rattle.flight.forcing import DRIFT, contact_force, mean_force, phase_at
+from rattle.flight.forcing import DRIFT, contact_force, mean_force, sine_cosine_at
 from rattle.flight.impact_law import impulse_of, reflected_velocity
-from rattle.flight.law import folded
+from rattle.flight.law import fold_phase
 from rattle.flight.tangent import flight_tangent
 from rattle.intensity.visit import bounce, mean_force_at
-from rattle.numerics.compile import for_type, kernel
+from rattle.numerics.compile import implement_for_type, kernel
 from rattle.orbits.return_map import inverse_step, step, step_tangent
 
 
@@ -39,7 +39,7 @@ def impact(tau, v, delta, epsilon, beta, drift):
         if status != OK:
             return status, tau, abs(w), elapsed, n_minus
         elapsed += s
-        tau = folded(tau + s)
+        tau = fold_phase(tau + s)
         w = reflected_velocity(w1)
         if wall > 0:
             return OK, tau, w1, elapsed, n_minus
@@ -77,7 +77,7 @@ def impact_tangent(tau, v, delta, epsilon, beta, drift, energy):
         j00, j10 = k00 * j00 + k01 * j10, k10 * j00 + k11 * j10
         j01, j11 = k00 * j01 + k01 * j11, k10 * j01 + k11 * j11
         elapsed += s
-        tau = folded(tau + s)
+        tau = fold_phase(tau + s)
         if wall > 0:
             break
         n_minus += 1
@@ -91,11 +91,11 @@ def impact_tangent(tau, v, delta, epsilon, beta, drift, energy):
 @kernel
 def inverse_impact(tau, v, delta, epsilon, beta):
     """Apply Π⁻¹ to (τ, v), and return (status, τ', v', elapsed time, number of impacts on Σ⁻ on the way)."""
-    status, t, speed, elapsed, n_minus = impact(folded(-tau), v, -delta, epsilon, beta, -DRIFT)
-    return status, folded(-t), speed, elapsed, n_minus
+    status, t, speed, elapsed, n_minus = impact(fold_phase(-tau), v, -delta, epsilon, beta, -DRIFT)
+    return status, fold_phase(-t), speed, elapsed, n_minus
 
 
-class Point(NamedTuple):
+class ImpactingPoint(NamedTuple):
     """A parameter point of the impacting gear, as kernels take it.
 
     quiet_invariant: the largest v³/g at which a bounce on Σ⁺ with speed v and contact force g is certain to become
@@ -108,29 +108,29 @@ class Point(NamedTuple):
     quiet_invariant: float
 
 
-@for_type(step, Point)
+@implement_for_type(step, ImpactingPoint)
 def _step(tau, v, point):
     return impact(tau, v, point.delta, point.epsilon, point.beta, DRIFT)
 
 
-@for_type(step_tangent, Point)
+@implement_for_type(step_tangent, ImpactingPoint)
 def _step_tangent(tau, v, point):
     return impact_tangent(tau, v, point.delta, point.epsilon, point.beta, DRIFT, False)
 
 
-@for_type(inverse_step, Point)
+@implement_for_type(inverse_step, ImpactingPoint)
 def _inverse_step(tau, v, point):
     return inverse_impact(tau, v, point.delta, point.epsilon, point.beta)
 
 
-@for_type(mean_force_at, Point)
+@implement_for_type(mean_force_at, ImpactingPoint)
 def _mean_force_at(point):
     return mean_force(point.delta)
 
 
-@for_type(bounce, Point)
+@implement_for_type(bounce, ImpactingPoint)
 def _bounce(wall, tau, w, point):
-    sine, cosine = phase_at(tau)
+    sine, cosine = sine_cosine_at(tau)
     force = contact_force(sine, cosine, point.delta, point.epsilon, DRIFT)
     captured = wall > 0 and is_captured(abs(w), force, point.quiet_invariant)
     if captured or stays_in_contact(wall, w, tau, point.delta, point.epsilon, DRIFT):

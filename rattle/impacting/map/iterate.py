@@ -12,9 +12,9 @@ from rattle.flight.lanes.block import (
     GROUP,
     GROUPS,
     NONE,
+    check_lane_limits,
+    classify_force,
     clear_block,
-    force_kind,
-    has_ended,
     is_near_overflow,
     load_trajectory,
     new_block,
@@ -69,7 +69,7 @@ def _build_iterate_lanes(tangent: bool) -> Any:
         while groups > 0:
             for i in range(GROUP * groups):
                 k = b.who[i]
-                over = has_ended(b, i)
+                over = check_lane_limits(b, i)
                 if tangent and k >= 0 and (over or is_near_overflow(b, i)):
                     stretch, contraction = normalise_tangent(b, i)
                     growth[1, k] += stretch
@@ -85,7 +85,7 @@ def _build_iterate_lanes(tangent: bool) -> Any:
                     b.who[i] = fresh
                     fresh += 1
             groups = prepare_flights(b, groups, fresh == size)
-            advance(memory, groups, FLIGHTS, force_kind(b, groups), tangent, paths)
+            advance(memory, groups, FLIGHTS, classify_force(b, groups), tangent, paths)
         return status, out_tau, out_v, n_plus, n_minus, growth
 
     # the name by which a compiling process finds the kernel

@@ -30,7 +30,7 @@ SINES, COSINES = sampled_phases(PHASES)
 LARGEST_ETA = 0.5  # largest η (see the top of this file) for which the measured bound is used
 # the constants of 10 e^(−1.9/η), the measured bound of the change of ln I in a period (see the top of this file)
 KICK, DECAY_RATE = 10.0, 1.9
-# `most_impacts_to_rest`: its value at strong damping; the damping below which it grows; its largest value
+# `most_impacts_until_quiet`: its value at strong damping; the damping below which it grows; its largest value
 LONGEST_REST, STRONG, MOST_REST = 2048.0, 0.3, 2.0**18
 
 
@@ -112,7 +112,7 @@ def capture_speeds(delta: Array, epsilon: Array, beta: Array) -> Array:
     return np.asarray((capture_invariants(delta, epsilon, beta) * np.maximum(smallest, 0.0)) ** (1 / 3), np.float64)
 
 
-def impacts_to_rest(delta: Array, epsilon: Array, beta: Array) -> Array:
+def impacts_until_quiet(delta: Array, epsilon: Array, beta: Array) -> Array:
     """Estimate the number of impacts until quiet motion is certain, for flat arrays; inf from the quiet limit on.
 
     At speed v a period has 2πδ/v impacts, and v falls by e^(−δ/3) per period. This gives 6π/v_c impacts down to the
@@ -127,8 +127,8 @@ def impacts_to_rest(delta: Array, epsilon: Array, beta: Array) -> Array:
         return 6.0 * np.pi / capture_speeds(delta, epsilon, beta)
 
 
-def most_impacts_to_rest(delta: Array) -> Array:
-    """Return the limit of `impacts_to_rest` at flat arrays of δ; above the limit, quiet motion may look chaotic.
+def most_impacts_until_quiet(delta: Array) -> Array:
+    """Return the limit of `impacts_until_quiet` at flat arrays of δ; above the limit, quiet motion may look chaotic.
 
     The limit is 2048 impacts from δ = 0.3 on. Below, it grows with the relaxation time 1/δ, up to MOST_REST impacts,
     which take a few milliseconds to compute.
@@ -141,13 +141,13 @@ def most_impacts_to_rest(delta: Array) -> Array:
     return np.asarray(np.minimum(LONGEST_REST * np.maximum(1.0, STRONG / delta), MOST_REST), np.float64)
 
 
-def rests_late(delta: Array, epsilon: Array, beta: Array) -> NDArray[np.bool_]:
-    """Return whether `impacts_to_rest` exceeds `most_impacts_to_rest`: motions that become quiet may then look chaotic.
+def becomes_quiet_late(delta: Array, epsilon: Array, beta: Array) -> NDArray[np.bool_]:
+    """Return whether `impacts_until_quiet` exceeds its limit, so that motions that become quiet may look chaotic.
 
     Returns
     -------
     NDArray[np.bool_]
         False also from the quiet limit on, where no motion becomes quiet.
     """
-    needed = impacts_to_rest(delta, epsilon, beta)
-    return np.isfinite(needed) & (needed > most_impacts_to_rest(delta))
+    needed = impacts_until_quiet(delta, epsilon, beta)
+    return np.isfinite(needed) & (needed > most_impacts_until_quiet(delta))

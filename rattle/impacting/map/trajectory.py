@@ -6,7 +6,7 @@ from rattle.flight.contact_phase import stays_in_contact
 from rattle.flight.first_impact import OK, SIGMA_PLUS, first_impact
 from rattle.flight.forcing import DRIFT
 from rattle.flight.impact_law import reflected_velocity
-from rattle.flight.law import evaluate, folded
+from rattle.flight.law import evaluate, fold_phase
 from rattle.numerics.compile import kernel
 from rattle.orbits.iterates import MOST_IMPACTS, Trajectory, sampled_motion
 
@@ -40,7 +40,7 @@ def fill_trajectory(tau, v, delta, epsilon, beta, slowest, time, phi, velocity, 
             i += 1
         if i == time.size:
             break
-        now, phase, wall, w = now + s, folded(phase + s), target, reflected_velocity(w1)
+        now, phase, wall, w = now + s, fold_phase(phase + s), target, reflected_velocity(w1)
         if impacts < impact_time.size:
             impact_time[impacts], impact_wall[impacts], impact_speed[impacts] = now, wall, abs(w)
         impacts += 1

@@ -8,7 +8,7 @@ stable orbit are therefore consecutive: for smaller n the node is unstable, for 
 
 import math
 
-from rattle.flight.forcing import phase_of_least_force, relative_force, relative_swing
+from rattle.flight.forcing import phase_of_least_force, relative_force, relative_force_amplitude
 from rattle.flight.impact_law import determinant
 from rattle.impacting.orbits.circuits import keep_if_stable, walk_circuit
 from rattle.impacting.orbits.impact_times import MOST_IMPACTS, SECTIONS, newton_on_times
@@ -25,7 +25,7 @@ NONE, STABLE, UNSTABLE = range(3)
 
 
 @kernel
-def fill_shares(work, x):
+def fill_bounce_distribution(work, x):
     """Fill `work.shares` (SECTIONS + 1,), the distribution of bounces over half a forcing period.
 
     The half period begins at the phase of least contact force and has SECTIONS equal sections. Entry i is the share of
@@ -91,12 +91,12 @@ def find_node(n, least, work, delta, epsilon, beta):
 @kernel
 def find_bouncing_orbits(work, delta, epsilon, beta):
     """Add the stable P(1, n, 0) of a cell, 2 ≤ n ≤ MOST_IMPACTS (MOST_AT_STRONG if δ > STRONG), to `work.found`."""
-    x = relative_swing(delta, epsilon)
+    x = relative_force_amplitude(delta, epsilon)
     strong = delta > STRONG
     if x < LEAST_AT_STRONG if strong else x >= 1.0:
         return
     least = phase_of_least_force(delta)
-    fill_shares(work, x)
+    fill_bounce_distribution(work, x)
     few = MOST_AT_STRONG if strong else ALL_TRIED_UP_TO
     n, state, unstable, none = 1, UNSTABLE, 1, MOST_IMPACTS + 1
     while n < few or (not strong and state != STABLE and none - unstable > 1):

@@ -10,7 +10,7 @@ or it winds, which means that along it the first time grows by a whole period, a
 import math
 
 from rattle.flight.impact_law import determinant
-from rattle.flight.law import wrapped
+from rattle.flight.law import wrap_phase_difference
 from rattle.impacting.orbits.impact_times import (
     eliminate_times,
     find_fastest_impact,
@@ -46,7 +46,11 @@ def add_orbit_if_new(n_plus, n_minus, tau, v, trace, work):
     n = work.n_found
     for j in range(n):
         label = work.found[j, 0] == n_plus and work.found[j, 1] == n_minus
-        if label and abs(wrapped(work.found[j, 2] - tau)) < SAME_ORBIT and abs(work.found[j, 3] - v) < SAME_ORBIT * v:
+        if (
+            label
+            and abs(wrap_phase_difference(work.found[j, 2] - tau)) < SAME_ORBIT
+            and abs(work.found[j, 3] - v) < SAME_ORBIT * v
+        ):
             return
     if n < work.found.shape[0]:
         row = work.found[n]

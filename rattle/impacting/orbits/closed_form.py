@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from rattle.flight.first_impact import SIGMA_MINUS, SIGMA_PLUS, first_impact
 from rattle.flight.forcing import DRIFT, TWO_PI, versines
-from rattle.flight.law import flight_from_sine_cosine, folded
+from rattle.flight.law import flight_from_sine_cosine, fold_phase
 from rattle.flight.tangent import flight_tangent
 from rattle.impacting.orbits.limits import SMALL, sine_offset_series
 from rattle.numerics.compile import inline, kernel
@@ -94,10 +94,13 @@ def family_eccentricity(sigma, delta, beta):
 
 @kernel
 def family_residual(kind, level, sigma, delta, beta):
-    """Return ε − `level` (kind 0) or the numerator of the speed at Σ⁻ (kind 1) of a P(1,1,1).
+    """Return a function of σ whose zeros are sought among the P(1,1,1) with times 1/2 + σ from Σ⁺ to Σ⁻.
 
-    ε is the eccentricity of the P(1,1,1) whose impact on Σ⁻ comes 1/2 + σ forcing periods after its impact on Σ⁺. The
-    numerator has no pole at σ = 0, and does not depend on `level`.
+    Returns
+    -------
+    float
+        kind 0: the eccentricity ε of this P(1,1,1) less `level`. kind 1: the numerator of its speed at Σ⁻, which has no
+        pole at σ = 0 and does not depend on `level`.
     """
     if kind == 0:
         return family_eccentricity(sigma, delta, beta) - level
@@ -210,7 +213,7 @@ def single_impact_orbit(cosine, delta, epsilon, beta, offset):
     if epsilon < abs(offset) or epsilon == 0.0:
         return False, 0.0, v, 0.0
     x = cosine * math.sqrt((epsilon - offset) * (epsilon + offset))
-    tau = folded(math.atan2(offset, x) / TWO_PI)
+    tau = fold_phase(math.atan2(offset, x) / TWO_PI)
     status, time, wall, _w, _d, _f, _s, _c = first_impact(SIGMA_PLUS, tau, -v, delta, epsilon, beta, DRIFT)
     admissible = status == 0 and wall == 1 and abs(time - 1.0) < SAME_TIME
     return admissible, tau, v, trace_of_one_flight(delta, x)
@@ -227,7 +230,7 @@ def double_impact_orbit(sigma, delta, epsilon, beta):
     """
     x, y, v, u, determinant = closure_numerators(sigma, delta, beta)
     x, y, v, u = x / determinant, y / determinant, v / determinant, u / determinant
-    tau, s, r = folded(math.atan2(y, x) / TWO_PI), 0.5 + sigma, 0.5 - sigma
+    tau, s, r = fold_phase(math.atan2(y, x) / TWO_PI), 0.5 + sigma, 0.5 - sigma
     if not (v > 0.0 and u > 0.0):
         return False, tau, v, 0.0
     status, t1, wall, _w, _d, _f, _s, _c = first_impact(SIGMA_PLUS, tau, -v, delta, epsilon, beta, DRIFT)
@@ -235,7 +238,7 @@ def double_impact_orbit(sigma, delta, epsilon, beta):
     grazes = u < GRAZING_SPEED * v and wall == 1 and abs(t1 - 1.0) < 1e-3
     if status != 0 or not (touches or grazes):
         return False, tau, v, 0.0
-    middle = folded(tau + s)
+    middle = fold_phase(tau + s)
     status, t2, wall, _w, _d, _f, _s, _c = first_impact(SIGMA_MINUS, middle, u, delta, epsilon, beta, DRIFT)
     if status != 0 or wall != 1 or abs(t2 - r) > SAME_TIME:
         return False, tau, v, 0.0
@@ -289,7 +292,7 @@ def fill_period_one(order, delta, epsilon, beta, offset, sigma, e, exists, phase
                 record_orbit(D if e[j + 1] > e[j] else B, ok, tau, v, trace, exists, phase, speed, traces, i)
 
 
-def period_one_cells(
+def closed_form_orbits(
     order: NDArray[np.int64], delta: Array, epsilon: Array, beta: Array, offset: Array
 ) -> tuple[NDArray[np.bool_], Array, Array, Array]:
     """Return the admissible orbits A to D at flat arrays of parameters (n,).
@@ -336,12 +339,12 @@ def grazing_point(sigma, delta, beta):
     """
     x, y, _v, _u, determinant = closure_numerators(sigma, delta, beta)
     x, y = x / determinant, y / determinant
-    epsilon, tau, s = math.hypot(x, y), folded(math.atan2(y, x) / TWO_PI), 0.5 + sigma
+    epsilon, tau, s = math.hypot(x, y), fold_phase(math.atan2(y, x) / TWO_PI), 0.5 + sigma
     v = TWO_PI * delta
     status, t1, wall, w1, _d, _f, _s, _c = first_impact(SIGMA_PLUS, tau, -v, delta, epsilon, beta, DRIFT)
     if status == 0 and wall == -1 and abs(t1 - s) < NEAR and abs(w1) < SLOW * v:
         status, t2, wall, _w, _d, _f, _s, _c = first_impact(
-            SIGMA_MINUS, folded(tau + s), GRAZING_SPEED * v, delta, epsilon, beta, DRIFT
+            SIGMA_MINUS, fold_phase(tau + s), GRAZING_SPEED * v, delta, epsilon, beta, DRIFT
         )
         t1 = s + t2
     return status == 0 and wall == 1 and abs(t1 - 1.0) < NEAR, epsilon, tau, x

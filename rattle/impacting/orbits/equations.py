@@ -102,12 +102,12 @@ class Itinerary(Equations):
         """Return the residual R (…, n); entry i is 0 if impact number i obeys the impact law."""
         return self._flights_and_residual(x)[1]
 
-    def with_jacobian(self, x: NDArray, multiplier: float) -> tuple[NDArray, NDArray]:
+    def evaluate_with_jacobian(self, x: NDArray, multiplier: float) -> tuple[NDArray, NDArray]:
         """Return the residual R and its Jacobian J(λ) = ∂R/∂t (…, n, n) for perturbations with dt_n = λ dt₀."""
         _, residual, matrix = self._flights_and_residual(x, multiplier, with_matrix=True)
         return residual, matrix
 
-    def with_graze(self, x: NDArray, impact: int) -> NDArray:
+    def residual_with_graze(self, x: NDArray, impact: int) -> NDArray:
         """Return the residual R, followed by the arrival velocity at impact number `impact`, as (…, n + 1)."""
         flights, residual, _ = self._flights_and_residual(x)
         return np.concatenate([residual, flights[1][..., impact - 1, None]], axis=-1)

@@ -15,14 +15,14 @@ from rattle.flight.forcing import (
     DRIFT,
     add_acceleration,
     add_slope,
-    phase_at,
     phase_changes,
+    sine_cosine_at,
     slope_loss_of_change,
     tangent_drop,
     versines,
 )
 from rattle.flight.impact_law import arrival_term
-from rattle.flight.law import LONGEST_DECAY, decay64, folded
+from rattle.flight.law import LONGEST_DECAY, decay64, fold_phase
 from rattle.numerics.compile import inline, kernel
 
 SAME_TIME = 1e-6  # largest difference of two times of flight, in forcing periods, that counts as the same flight
@@ -45,9 +45,9 @@ _OF_MOTION = ("times", "sines", "cosines", "residual", "before", "at", "after", 
 #: Fields of a walk along the curve of motions that satisfy all equations but the first: the times at its start, the
 #: times and the direction at its present point, and those after a step.
 _OF_WALK = ("start", "point", "direction", "next_point", "next_direction")
-#: Scratch memory of a search for orbits. walls: +1 or −1 for each impact. shares: see `bounces.fill_shares`. found: a
-#: row for each of the n_found stable orbits of a cell: its impacts on Σ⁺ and on Σ⁻ in a period, phase and speed of its
-#: fastest impact on Σ⁺, and the trace of its tangent map.
+#: Scratch memory of a search for orbits. walls: +1 or −1 for each impact. shares: see
+#: `bounces.fill_bounce_distribution`. found: a row for each of the n_found stable orbits of a cell: its impacts on Σ⁺
+#: and on Σ⁻ in a period, phase and speed of its fastest impact on Σ⁺, and the trace of its tangent map.
 WORK = np.dtype(
     [("walls", np.int64, (MOST_IMPACTS,))]
     + [(name, np.float64, (MOST_IMPACTS,)) for name in (*_OF_MOTION, *_OF_WALK)]
@@ -55,7 +55,7 @@ WORK = np.dtype(
 )
 
 
-def workspace() -> np.void:
+def allocate_workspace() -> np.void:
     """Return scratch memory for a search for orbits, one record of WORK."""
     return np.zeros(1, WORK)[0]
 
@@ -99,7 +99,7 @@ def write_equations(work, n, delta, epsilon, beta):
     """
     walls, times, at = work.walls, work.times, work.at
     for i in range(n):
-        work.sines[i], work.cosines[i] = phase_at(times[i])
+        work.sines[i], work.cosines[i] = sine_cosine_at(times[i])
         work.residual[i], at[i] = 0.0, 0.0
     real = True
     for i in range(n):
@@ -221,9 +221,9 @@ def find_fastest_impact(work, n, delta, epsilon, beta):
     tau, v = 0.0, 0.0
     for i in range(n):
         j, later = following_impact(i, n)
-        wall, t = work.walls[i], folded(work.times[i])
+        wall, t = work.walls[i], fold_phase(work.times[i])
         s, gap = work.times[j] + later - work.times[i], beta * (work.walls[j] - wall)
-        sin0, cos0 = phase_at(t)
+        sin0, cos0 = sine_cosine_at(t)
         w0, _w1, _lost = flight_velocities(s, sin0, cos0, gap, delta, epsilon)
         if not wall * w0 < 0.0:
             return False, tau, v

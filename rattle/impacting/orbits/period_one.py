@@ -24,7 +24,7 @@ from rattle.orbits.orbits_a_to_d import (
     MissingLimit,
     Orbit,
     PeriodOne,
-    classify,
+    classify_regions,
     existing_orbits,
     multipliers_of,
 )
@@ -84,7 +84,7 @@ def period_one(delta: ArrayLike, epsilon: ArrayLike, beta: ArrayLike = 0.6) -> P
     shape = d.shape
     d, e, b = (np.array(x, order="C").ravel() for x in (d, e, b))
     order = np.lexsort((d, b))
-    exists, tau, v, trace = closed_form.period_one_cells(order, d, e, b, sine_offset(d))
+    exists, tau, v, trace = closed_form.closed_form_orbits(order, d, e, b, sine_offset(d))
     decay = ELASTIC.determinant(d, 1, 1)
     multipliers = np.moveaxis(multipliers_of(trace, decay), 0, 1)
     multipliers[~exists[:, None].repeat(2, axis=1)] = complex(np.nan, np.nan)
@@ -116,7 +116,7 @@ def regions(delta: ArrayLike, epsilon: ArrayLike, beta: ArrayLike = 0.6) -> NDAr
     NDArray[np.int8]
         Number of each region, of the broadcast shape.
     """
-    return classify(period_one(delta, epsilon, beta))
+    return classify_regions(period_one(delta, epsilon, beta))
 
 
 def sn1(delta: ArrayLike, beta: ArrayLike = 0.6, virtual: bool = False) -> NDArray[np.float64]:
@@ -145,7 +145,7 @@ def sn1(delta: ArrayLike, beta: ArrayLike = 0.6, virtual: bool = False) -> NDArr
     -----
     ε = δ coth(δ/2) − 2, Mason and Piiroinen (2009), equation (4.1).
     """
-    return _where_c_exists(sn1_formula(delta), delta, beta, virtual)
+    return _mask_inadmissible_c(sn1_formula(delta), delta, beta, virtual)
 
 
 def flip(delta: ArrayLike, beta: ArrayLike = 0.6, virtual: bool = False) -> NDArray[np.float64]:
@@ -174,10 +174,10 @@ def flip(delta: ArrayLike, beta: ArrayLike = 0.6, virtual: bool = False) -> NDAr
     -----
     ε² = SN1² + (δ² coth(δ/2)/2π)². The paper does not have this curve.
     """
-    return _where_c_exists(flip_formula(delta), delta, beta, virtual)
+    return _mask_inadmissible_c(flip_formula(delta), delta, beta, virtual)
 
 
-def _where_c_exists(epsilon: ArrayLike, delta: ArrayLike, beta: ArrayLike, virtual: bool) -> NDArray[np.float64]:
+def _mask_inadmissible_c(epsilon: ArrayLike, delta: ArrayLike, beta: ArrayLike, virtual: bool) -> NDArray[np.float64]:
     """Return epsilon with NaN where C is not admissible; with `virtual` return all of epsilon unchanged."""
     d, _, b = broadcast_parameters(delta, 0.0, beta)
     e = np.broadcast_to(epsilon, d.shape)

@@ -10,7 +10,7 @@ import numpy as np
 
 from rattle.errors import RattleError, require, require_finite, require_integer, require_number
 from rattle.flight import first_impact, forcing, impact_law, law
-from rattle.impacting.map.impact_map import Point
+from rattle.impacting.map.impact_map import ImpactingPoint
 from rattle.impacting.orbits.equations import Itinerary
 from rattle.impacting.orbits.period_one import orbits_at
 from rattle.numerics.complex_step import Array
@@ -34,9 +34,9 @@ class PeriodicOrbit(Periodic):
         return self.times
 
     @property
-    def point(self) -> Point:
+    def point(self) -> ImpactingPoint:
         """The motion's parameter point for kernels, with the test for quiet motion off."""
-        return Point(self.delta, self.epsilon, self.beta, 0.0)
+        return ImpactingPoint(self.delta, self.epsilon, self.beta, 0.0)
 
     @property
     def itinerary(self) -> Itinerary:
@@ -127,7 +127,7 @@ def _first_impact(
     wall: int, time: float, w: float, delta: float, epsilon: float, beta: float
 ) -> tuple[int, float, int, float]:
     """Return (status, time of flight, wall, arrival velocity) of the first impact of a flight."""
-    found = first_impact.first_impact(wall, float(law.folded(time)), w, delta, epsilon, beta, forcing.DRIFT)
+    found = first_impact.first_impact(wall, float(law.fold_phase(time)), w, delta, epsilon, beta, forcing.DRIFT)
     return int(found[0]), float(found[1]), int(found[2]), float(found[3])
 
 
@@ -189,7 +189,7 @@ def periodic_orbit(
     delta, beta = require_number("delta", delta, positive=True), require_number("beta", beta, positive=True)
     epsilon, v = require_number("epsilon", epsilon), require_number("v", v, positive=True)
     require_integer("n_plus", n_plus, 1, MOST_IMPACTS)
-    tau = float(law.folded(require_finite("tau", tau)))
+    tau = float(law.fold_phase(require_finite("tau", tau)))
     itinerary, x = follow_impacts(delta, epsilon, beta, tau, v, n_plus)
     found = solve_at_parameters(itinerary, x)
     if found is None or not is_admissible(itinerary, found):
@@ -252,7 +252,7 @@ def why_virtual(itinerary: Itinerary, x: Array, grazed: int | None = None) -> st
     return f"the flight after impact {impact} on {here} touches {there} on its way"
 
 
-def period_one_saddle(name: str, delta: float, epsilon: float, beta: float = 0.6) -> PeriodicOrbit:
+def period_one_orbit(name: str, delta: float, epsilon: float, beta: float = 0.6) -> PeriodicOrbit:
     """Return the orbit `name`, "A" to "D", at one parameter point (dimensionless), stable or not.
 
     Returns

@@ -12,12 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rattle.flight.first_impact import SIGMA_MINUS, SIGMA_PLUS
-from rattle.flight.forcing import phase_of_least_force, relative_swing
+from rattle.flight.forcing import phase_of_least_force, relative_force_amplitude
 from rattle.flight.impact_law import determinant
 from rattle.impacting.orbits.bounces import find_bouncing_orbits
 from rattle.impacting.orbits.circuits import CLOSED, LOST, add_orbit_if_new, keep_if_stable, walk_circuit
 from rattle.impacting.orbits.closed_form import single_impact_orbit
-from rattle.impacting.orbits.impact_times import newton_on_times, workspace
+from rattle.impacting.orbits.impact_times import allocate_workspace, newton_on_times
 from rattle.impacting.orbits.limits import sine_offset
 from rattle.numerics.compile import kernel
 
@@ -110,14 +110,14 @@ def find_orbits_with_single_impact(single, others, least, work, delta, epsilon, 
 
 
 @kernel
-def find_stable(work, delta, epsilon, beta, offset):
+def add_stable_orbits_of_cell(work, delta, epsilon, beta, offset):
     """Add all stable orbits of period one of a cell to `work.found`. offset: ε sin 2πτ of A and C."""
     exists, tau, v, trace = single_impact_orbit(1.0, delta, epsilon, beta, offset)
     if exists and abs(trace) < 1.0 + determinant(delta, 1.0, 1):
         add_orbit_if_new(1.0, 0.0, tau, v, trace, work)
     least = phase_of_least_force(delta)
     find_alternating_orbits(least, work, delta, epsilon, beta)
-    x, gap = relative_swing(delta, epsilon), beta / delta
+    x, gap = relative_force_amplitude(delta, epsilon), beta / delta
     for others in range(2, MOST_ON_ONE_WALL + 1):
         if gap < 0.25 * math.pi / (others * others - 1) + 0.8 * x / others:
             find_orbits_with_single_impact(SIGMA_MINUS, others, least, work, delta, epsilon, beta)
@@ -146,7 +146,7 @@ def fill_stable(work, delta, epsilon, beta, offset, stable):
     """
     for cell in range(delta.size):
         work.n_found = 0
-        find_stable(work, delta[cell], epsilon[cell], beta[cell], offset[cell])
+        add_stable_orbits_of_cell(work, delta[cell], epsilon[cell], beta[cell], offset[cell])
         sort_by_impacts(work)
         stable.n[cell] = work.n_found
         for j in range(min(work.n_found, stable.tau.shape[1])):
@@ -164,5 +164,5 @@ def find_stable_orbits(delta: Array, epsilon: Array, beta: Array, room: int) -> 
         np.full((3, *shape), np.nan),
     )
     stable = StableOrbits(n, n_plus, n_minus, tau, v, trace)
-    fill_stable(workspace(), delta, epsilon, beta, sine_offset(delta), stable)
+    fill_stable(allocate_workspace(), delta, epsilon, beta, sine_offset(delta), stable)
     return stable

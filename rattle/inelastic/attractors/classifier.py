@@ -24,14 +24,20 @@ from rattle.attractors.samples import CONTACT, Outcome, Trajectories
 from rattle.attractors.speeds import SampleSpec, SpeedLimit
 from rattle.attractors.table import AttractorTable, attractors_of_samples
 from rattle.families.join import cells_between
-from rattle.impacting.attractors.classifier import roughness_of, sorted_by_roughness
+from rattle.impacting.attractors.classifier import relative_force_amplitudes, sorted_by_roughness
 from rattle.impacting.attractors.settle import CHUNK, LONG_CHUNK, ImpactingCells
-from rattle.impacting.attractors.settle import measure as measure_in_lanes
+from rattle.impacting.attractors.settle import follow_probes as measure_in_lanes
 from rattle.impacting.attractors.settle import settle as settle_in_lanes
 from rattle.impacting.map.iterate import working_block
-from rattle.inelastic.attractors.settle import ContactStates, count_contact_phases, measure, resolve_contacts, settle
+from rattle.inelastic.attractors.settle import (
+    ContactStates,
+    count_contact_phases,
+    follow_probes,
+    resolve_contacts,
+    settle,
+)
 from rattle.inelastic.given import Harmonics, checked_harmonics, inelastic_points
-from rattle.inelastic.map.cells import InelasticCells, cells_of_shape, inelastic_cells
+from rattle.inelastic.map.cells import InelasticCells, cells_of_forcing_shape, inelastic_cells
 from rattle.inelastic.map.harmonics import forcing_shape
 from rattle.inelastic.map.iterate import apply_inelastic_returns
 from rattle.parameters import Parameters
@@ -63,7 +69,7 @@ def _(
     delta, epsilon, beta, restitution, load = (
         (x[here, None] * (1.0 - share) + x[there, None] * share).ravel() for x in given
     )
-    return cells_of_shape(delta, epsilon, beta, restitution, load, cells.shape)
+    return cells_of_forcing_shape(delta, epsilon, beta, restitution, load, cells.shape)
 
 
 class InelasticClassifier(Classifier):
@@ -80,7 +86,7 @@ class InelasticClassifier(Classifier):
         )
         given = cells.delta, cells.epsilon, cells.beta, cells.quiet_invariant, cells.restitution, cells.capture
         self.lanes, self.block, self.paths = ImpactingCells(*given), working_block(), np.zeros(2, np.int64)
-        self.roughness = roughness_of(cells)
+        self.roughness = relative_force_amplitudes(cells)
         self.is_lossy = cells.restitution < 1.0
         # multiple of EXPOSURE in each cell's next test; it doubles after a test in which a state left the chaotic set
         self.exposure_factors = np.ones(room[0], np.int64)
@@ -126,18 +132,18 @@ class InelasticClassifier(Classifier):
         """
         return np.asarray(cells.delta - 2.0 * np.log(cells.restitution))
 
-    def may_leak(self, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
+    def may_lose_samples(self, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
         """Return flags (k,) of cells where a chaotic set may lose samples so slowly that the probes show no loss.
 
-        The flags are those of `Classifier.may_leak`, except that a cell where impacts lose energy is flagged at weak
-        damping only.
+        The flags are those of `Classifier.may_lose_samples`, except that a cell where impacts lose energy is flagged at
+        weak damping only.
 
         Returns
         -------
         ndarray of bool, (k,)
             True for cells whose unresolved samples must all be followed.
         """
-        return super().may_leak(cells) & (~self.is_lossy[cells] | self.weak[cells])
+        return super().may_lose_samples(cells) & (~self.is_lossy[cells] | self.weak[cells])
 
     def should_defer_probes(self, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
         """Return flags (k,) of the cells whose probes are not measured while samples still reach attractors.
@@ -171,7 +177,7 @@ class InelasticClassifier(Classifier):
         """
         if not cells.size:
             return decided
-        left, samples = self.unresolved_in(cells), self.samples
+        left, samples = self.select_unresolved(cells), self.samples
         number, most = (
             left.size[:, None] + np.arange(PROBES),
             self.impact_limit(EXPOSURE // PROBES * self.exposure_factors[cells], cells),
@@ -192,13 +198,13 @@ class InelasticClassifier(Classifier):
             self.exposure_factors[cells[i]] *= 2
         return decided
 
-    def enter_known_orbits(self) -> None:
+    def add_known_orbits(self) -> None:
         """Do nothing, because this gear has no orbits that are known before its samples are followed."""
 
-    def grow_balls(self) -> None:
+    def grow_capture_regions(self) -> None:
         """Count the contact phases of new orbits, then grow their capture regions."""
-        count_contact_phases(self.grown, self.cells, self.orbits.for_kernels())
-        super().grow_balls()
+        count_contact_phases(self.grown, self.cells, self.orbits.to_kernel_tuple())
+        super().grow_capture_regions()
 
     def resolve(self, which: NDArray[np.int64], samples: Trajectories) -> None:
         """Find the orbits of samples whose states recur.
@@ -209,9 +215,9 @@ class InelasticClassifier(Classifier):
         waiting = which[exact]
         while waiting.size:
             left = np.zeros_like(waiting)
-            tables = samples.for_kernels(), self.orbits.for_kernels(), self.balls.for_kernels()
+            tables = samples.to_kernel_tuple(), self.orbits.to_kernel_tuple(), self.balls.to_kernel_tuple()
             waiting = left[: resolve_contacts(waiting, self.cells, *tables, self.states, left)]
-            self.grow_balls()
+            self.grow_capture_regions()
             if waiting.size:
                 self.make_room(2 * self.orbits.m.shape[1])
         super().resolve(which[~exact], samples)
@@ -226,7 +232,7 @@ class InelasticClassifier(Classifier):
         early: whether attractors will soon capture most of these samples. Samples in SIMD lanes are then checked for
         capture more often.
         """
-        in_lanes, tables = self.in_lanes[samples.cell[which]], (samples.for_kernels(), self.balls.for_kernels())
+        in_lanes, tables = self.in_lanes[samples.cell[which]], (samples.to_kernel_tuple(), self.balls.to_kernel_tuple())
         some, flights = sorted_by_roughness(which[in_lanes], samples, self.roughness), CHUNK if early else LONG_CHUNK
         settle_in_lanes(self.block, some, flights, self.lanes, *tables, self.paths)
         settle(which[~in_lanes], self.cells, *tables, self.states)
@@ -239,14 +245,14 @@ class InelasticClassifier(Classifier):
         Each sample is followed for at least `least` impacts on Σ⁺ and `periods` forcing periods, unless its limit of
         impacts comes first.
         """
-        tables = self.samples.for_kernels(), self.balls.for_kernels()
+        tables = self.samples.to_kernel_tuple(), self.balls.to_kernel_tuple()
         in_lanes = self.in_lanes[self.samples.cell[which]]
         for some in (in_lanes, ~in_lanes):
             now, sums, prints = (which[some], least[some], periods[some]), seen.sums[some], seen.prints[some]
             if some is in_lanes:
                 measure_in_lanes(self.block, *now, self.lanes, *tables, sums, prints, self.paths)
             else:
-                measure(*now, self.cells, *tables, self.states, sums, prints)
+                follow_probes(*now, self.cells, *tables, self.states, sums, prints)
             seen.sums[some], seen.prints[some] = sums, prints
 
 

@@ -19,17 +19,17 @@ from rattle.attractors.samples import (
     CONTACT,
     RECURRENCE,
     Outcome,
-    Reference,
+    ReferenceState,
+    bitmap_top_speed,
     capturing_orbit,
     check_sample,
     first_reference,
     store_sample,
-    top_speed,
 )
-from rattle.attractors.samples import mark as visit
+from rattle.attractors.samples import mark_visited_cell as visit
 from rattle.flight.contact_phase import IN_CONTACT
 from rattle.flight.first_impact import OK
-from rattle.flight.law import speed_unit, wrapped
+from rattle.flight.law import speed_unit, wrap_phase_difference
 from rattle.inelastic.map.cells import point_at
 from rattle.inelastic.map.impact_map import next_impact_on_plus, step, step_tangent
 from rattle.inelastic.map.runs import contacts_and_merged_impacts
@@ -117,7 +117,7 @@ def settle(which, cells, samples, balls, states):
 
 
 @kernel
-def measure(which, least, periods, cells, samples, balls, states, sums, footprints):
+def follow_probes(which, least, periods, cells, samples, balls, states, sums, footprints):
     """Follow samples `which` with a tangent vector, to find their Lyapunov exponents.
 
     Sample which[j] is followed for at least least[j] returns and periods[j] forcing periods, or to its limit of
@@ -156,7 +156,7 @@ def measure(which, least, periods, cells, samples, balls, states, sums, footprin
                 row[0] += time
                 row[1] += math.log(size)
                 row[2] += log_det
-            visit(tau, v, top_speed(point.epsilon, unit), footprints[j])
+            visit(tau, v, bitmap_top_speed(point.epsilon, unit), footprints[j])
             if on_plus + on_minus > 0:
                 status, orbit = outcome_after_contact(tau, v, k, samples, states)
             if status == Outcome.UNRESOLVED:
@@ -165,7 +165,7 @@ def measure(which, least, periods, cells, samples, balls, states, sums, footprin
 
 
 @kernel
-def follow_release(tau, v, cell, point, balls, states):
+def follow_after_contact(tau, v, cell, point, balls, states):
     """Follow a state (τ, v) after contact until a later state after contact repeats (Brent's algorithm).
 
     Returns
@@ -193,12 +193,12 @@ def follow_release(tau, v, cell, point, balls, states):
             contacts += 1
             if contacts >= following:
                 mark_tau, mark_v, mark_n, following = tau, v, n, 2 * following
-        elif abs(v - reference.v) < RECURRENCE * unit and abs(wrapped(tau - reference.tau)) < RECURRENCE:
+        elif abs(v - reference.v) < RECURRENCE * unit and abs(wrap_phase_difference(tau - reference.tau)) < RECURRENCE:
             return NOT_YET, 0, tau, v
         if orbit >= 0:
             return orbit, 0, tau, v
         if n >= reference.following:
-            reference = Reference(tau, v, n, 2 * reference.following)
+            reference = ReferenceState(tau, v, n, 2 * reference.following)
     return NO_ORBIT, 0, tau, v
 
 
@@ -236,7 +236,7 @@ def resolve_contacts(which, cells, samples, orbits, balls, states, waiting):
                 waiting[waits] = k
                 waits += 1
                 continue
-            orbit, gap, tau, v = follow_release(samples.tau[k], samples.v[k], cell, point, balls, states)
+            orbit, gap, tau, v = follow_after_contact(samples.tau[k], samples.v[k], cell, point, balls, states)
             if orbit == UNKNOWN:
                 orbit = record_contact_orbit(tau, v, gap, cell, point, orbits, states)
             if orbit != NOT_YET:

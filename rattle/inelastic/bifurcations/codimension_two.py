@@ -20,7 +20,14 @@ from functools import lru_cache, partial
 import numpy as np
 from numpy.typing import NDArray
 
-from rattle.continuation.arclength import Bound, ContinuationProblem, Follower, Path, solution_with_value, tangent_at
+from rattle.continuation.arclength import (
+    Bound,
+    ContinuationProblem,
+    Follower,
+    OneWayPath,
+    solution_with_value,
+    tangent_at,
+)
 from rattle.errors import RattleError, require_number, require_one_of
 from rattle.impacting.bifurcations.codimension_two import POINTS, CodimensionTwo, codimension_two
 from rattle.impacting.orbits.equations import Itinerary
@@ -226,7 +233,7 @@ def follow_codimension_two(name: str, beta: float = 0.6, lowest: float = LEAST_R
 
 
 def _curve_of_path(
-    name: str, beta: float, problem: ContinuationProblem, path: Path, reason_to_end: Callable[[Array], str | None]
+    name: str, beta: float, problem: ContinuationProblem, path: OneWayPath, reason_to_end: Callable[[Array], str | None]
 ) -> CodimensionTwoCurve:
     x = path.points
     end = "the equations become singular"

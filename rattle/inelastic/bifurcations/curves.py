@@ -15,8 +15,8 @@ from rattle.continuation.curve_continuation import (
     CurveDescription,
     PlaneWindow,
     interior_points,
+    require_window_range,
     trace_problem,
-    window_range,
 )
 from rattle.errors import RattleError, broadcast_parameters, require, require_one_of
 from rattle.flight.forcing import DRIFT, TWO_PI
@@ -71,7 +71,7 @@ def trace(
     numbers = broadcast_parameters(1.0, 0.0, beta, restitution=restitution, load=load)[2:]
     beta, restitution, load = (float(each) for each in numbers)
     shape = checked_harmonics(harmonics)
-    window = PlaneWindow(window_range("delta", delta, positive=True), window_range("epsilon", epsilon))
+    window = PlaneWindow(require_window_range("delta", delta, positive=True), require_window_range("epsilon", epsilon))
     require(window.delta[1] >= LEAST_DELTA, f"delta must reach above {LEAST_DELTA:g}, got {delta!r}")
     dampings = _dampings_to_search(window, beta / (1.0 + load))
     try:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from rattle.continuation.conditions import Kind
+from rattle.continuation.conditions import EventKind
 from rattle.continuation.curve_continuation import QUIET_LIMIT
 from rattle.errors import require_one_of
 from rattle.impacting.bifurcations.registry import CURVES as ELASTIC_CURVES
@@ -17,7 +17,7 @@ Starts = Callable[[float, float, float], Sequence[Array]]  # functions that retu
 
 
 @dataclass(frozen=True)
-class InelasticDefinition:
+class InelasticCurveDefinition:
     """The definition of a curve of the elastic gear (`rattle.impacting.bifurcations.registry`) at any restitution.
 
     `starts` is a function of (δ, β, r). It returns guesses of the unknowns (n + 2,): n impact times, then δ and ε.
@@ -33,7 +33,7 @@ class InelasticDefinition:
         return ELASTIC_CURVES[self.name].walls
 
     @property
-    def kind(self) -> Kind:
+    def kind(self) -> EventKind:
         """The kind of event on the curve."""
         return ELASTIC_CURVES[self.name].kind
 
@@ -52,23 +52,23 @@ class InelasticDefinition:
 
 
 _DEFINITIONS = (
-    InelasticDefinition(
+    InelasticCurveDefinition(
         "SN1",
         "saddle-node at which A and C, P(1,1,0), are born as ε grows; closed form for any restitution",
-        lambda delta, _beta, r: starts.one_impact_starts(Kind.SADDLE_NODE, delta, r),
+        lambda delta, _beta, r: starts.one_impact_starts(EventKind.SADDLE_NODE, delta, r),
     ),
-    InelasticDefinition("SN2", "saddle-node at which B and D, P(1,1,1), are born as ε grows", starts.fold_starts),
-    InelasticDefinition(
+    InelasticCurveDefinition("SN2", "saddle-node at which B and D, P(1,1,1), are born as ε grows", starts.fold_starts),
+    InelasticCurveDefinition(
         "PD1", "flip (period doubling) at which D, P(1,1,1), loses stability as ε grows", starts.first_flip
     ),
-    InelasticDefinition("G1", "grazing of C, P(1,1,0), on Σ⁻: there C and B or D become one", starts.graze_starts),
-    InelasticDefinition("G2", "grazing of A, P(1,1,0), on Σ⁻: there A and D become one", starts.graze_starts),
-    InelasticDefinition(
+    InelasticCurveDefinition("G1", "grazing of C, P(1,1,0), on Σ⁻: there C and B or D become one", starts.graze_starts),
+    InelasticCurveDefinition("G2", "grazing of A, P(1,1,0), on Σ⁻: there A and D become one", starts.graze_starts),
+    InelasticCurveDefinition(
         "PDC",
         "flip (period doubling) at which C, P(1,1,0), loses stability as ε grows; closed form for any restitution",
-        lambda delta, _beta, r: starts.one_impact_starts(Kind.FLIP, delta, r),
+        lambda delta, _beta, r: starts.one_impact_starts(EventKind.FLIP, delta, r),
     ),
-    InelasticDefinition("PD2", "flip at which D, P(1,1,1), becomes stable again at high ε", starts.later_flips),
+    InelasticCurveDefinition("PD2", "flip at which D, P(1,1,1), becomes stable again at high ε", starts.later_flips),
 )
 #: The curves in the order in which a picture's legend lists them.
 INELASTIC_CURVES = {each.name: each for each in _DEFINITIONS}

@@ -12,9 +12,9 @@ from functools import lru_cache
 
 import numpy as np
 
-from rattle.continuation.conditions import Kind
+from rattle.continuation.conditions import EventKind
 from rattle.flight.forcing import DRIFT
-from rattle.impacting.bifurcations.starts import StartFamily, zeros
+from rattle.impacting.bifurcations.starts import StartFamily, find_zeros
 from rattle.inelastic.orbits.closed_form import flip_of_c, saddle_node, slope_at_departure
 from rattle.inelastic.orbits.equations import InelasticItinerary
 from rattle.inelastic.orbits.family import family_nodes, family_numerators
@@ -23,7 +23,7 @@ from rattle.numerics.complex_step import Array
 TWO_IMPACT_WALLS = (1, -1)  # walls of P(1,1,1), in order
 
 
-def inelastic_members(sigma: Array, delta: float, beta: float, r: float) -> StartFamily:
+def inelastic_family_members(sigma: Array, delta: float, beta: float, r: float) -> StartFamily:
     """Return the motions P(1,1,1) whose times from Σ⁺ to Σ⁻ are 1/2 + σ, for increasing σ (k,)."""
     closed = np.array([family_numerators(each, delta, beta, r) for each in sigma]).reshape(-1, 5)
     x, y = closed[:, 0] / closed[:, 4], closed[:, 1] / closed[:, 4]
@@ -46,7 +46,7 @@ def two_impact_starts(delta: float, beta: float, r: float) -> StartFamily:
         The motions, in the order of increasing σ.
     """
     sigma, epsilon = family_nodes(delta, beta, r)
-    return inelastic_members(sigma[(sigma > 0.0) & np.isfinite(epsilon)], delta, beta, r)
+    return inelastic_family_members(sigma[(sigma > 0.0) & np.isfinite(epsilon)], delta, beta, r)
 
 
 def _zeros_on_family(values: Callable[[StartFamily], Array], delta: float, beta: float, r: float) -> list[Array]:
@@ -60,7 +60,7 @@ def _zeros_on_family(values: Callable[[StartFamily], Array], delta: float, beta:
         The unknowns of each motion.
     """
     coarse = two_impact_starts(delta, beta, r)
-    return zeros(values, coarse, lambda sigma: inelastic_members(sigma, delta, beta, r))
+    return find_zeros(values, coarse, lambda sigma: inelastic_family_members(sigma, delta, beta, r))
 
 
 def fold_starts(delta: float, beta: float, r: float) -> list[Array]:
@@ -103,11 +103,11 @@ def later_flips(delta: float, beta: float, r: float) -> Sequence[Array]:
     return flip_starts(delta, beta, r)[len(first_flip(delta, beta, r)) :]
 
 
-def one_impact_starts(kind: Kind, delta: float, r: float) -> list[Array]:
+def one_impact_starts(kind: EventKind, delta: float, r: float) -> list[Array]:
     """Return a list of the unknowns (3,) of SN1 or, if `kind` is FLIP, of the flip of C; empty if there is none."""
     offset = -slope_at_departure(delta, r, DRIFT) / (2 * np.pi)
-    epsilon = saddle_node(delta, r, DRIFT) if kind is Kind.SADDLE_NODE else flip_of_c(delta, r, DRIFT)
+    epsilon = saddle_node(delta, r, DRIFT) if kind is EventKind.SADDLE_NODE else flip_of_c(delta, r, DRIFT)
     if not np.isfinite(epsilon) or epsilon == 0.0:
         return []
-    cosine = math.sqrt((epsilon - offset) * (epsilon + offset)) if kind is Kind.FLIP else 0.0
+    cosine = math.sqrt((epsilon - offset) * (epsilon + offset)) if kind is EventKind.FLIP else 0.0
     return [np.array([math.atan2(offset, cosine) / (2 * np.pi), delta, epsilon])]

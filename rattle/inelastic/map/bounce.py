@@ -20,15 +20,15 @@ import numpy as np
 
 from rattle.flight.contact_phase import IN_CONTACT
 from rattle.flight.first_impact import OK
-from rattle.flight.forcing import TWO_PI, phase_at
-from rattle.flight.law import folded, wrapped
+from rattle.flight.forcing import TWO_PI, sine_cosine_at
+from rattle.flight.law import fold_phase, wrap_phase_difference
 from rattle.inelastic.map.contact import is_chatter_captured
 from rattle.inelastic.map.flight import first_impact_of_forced_flight, forced_flight
 from rattle.inelastic.map.harmonics import AMPLITUDE, ORDER, PHASE, force_at
 from rattle.inelastic.map.impact_map import InelasticPoint, piece_number
 from rattle.intensity.forces import force_lines
 from rattle.intensity.visit import bounce, mean_force_at
-from rattle.numerics.compile import for_type, inline, kernel
+from rattle.numerics.compile import implement_for_type, inline, kernel
 
 # once a chatter is slower than this fraction of the largest captured speed, the rest of it counts as one impact
 REST_FRACTION = 1e-6
@@ -40,7 +40,7 @@ def force_primitive(tau, delta, harmonics):
     found = 0.0
     for j in range(harmonics.shape[1]):
         turn = TWO_PI * harmonics[ORDER, j]
-        sine, cosine = phase_at(harmonics[ORDER, j] * tau + harmonics[PHASE, j])
+        sine, cosine = sine_cosine_at(harmonics[ORDER, j] * tau + harmonics[PHASE, j])
         found += harmonics[AMPLITUDE, j] * (delta * cosine - turn * sine)
     return found
 
@@ -50,14 +50,14 @@ def nearest_release(tau, zeros):
     """Return the index of the zero nearest to tau, the phase of a release; they differ by rounding errors only."""
     nearest, off = 0, math.inf
     for i in range(zeros.size):
-        away = abs(wrapped(zeros[i] - tau))
+        away = abs(wrap_phase_difference(zeros[i] - tau))
         if away < off:
             nearest, off = i, away
     return nearest
 
 
 @kernel
-def flight_and_impact(wall, tau, w, point):
+def follow_flight_and_impact(wall, tau, w, point):
     """Follow a flight and the impact at its end, and return the same tuple as `rattle.intensity.visit.bounce`.
 
     The flight leaves `wall` at phase tau with velocity w; w = 0 means that a contact phase ends there. If the impact
@@ -85,7 +85,7 @@ def flight_and_impact(wall, tau, w, point):
     v = point.restitution * speed
     if status != OK:
         return status, s, wall, abs(w), 0.0, 0.0, abs(w)
-    landed = folded(tau + s)
+    landed = fold_phase(tau + s)
     force, _rate = force_at(landed, delta, point.drift, harmonics)
     slow = v < REST_FRACTION * point.capture * force * force
     if not (slow and zeros.size > 0 and is_chatter_captured(wall, v, force, point)):
@@ -97,12 +97,12 @@ def flight_and_impact(wall, tau, w, point):
     return OK, s, wall, speed, end - landed, speed + pressed, 0.0
 
 
-@for_type(bounce, InelasticPoint)
+@implement_for_type(bounce, InelasticPoint)
 def _bounce(wall, tau, w, point):
-    return flight_and_impact(wall, tau, w, point)
+    return follow_flight_and_impact(wall, tau, w, point)
 
 
-@for_type(mean_force_at, InelasticPoint)
+@implement_for_type(mean_force_at, InelasticPoint)
 def _mean_force_at(point):
     return point.delta * point.drift
 

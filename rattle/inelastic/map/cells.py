@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rattle.flight.forcing import DRIFT
-from rattle.inelastic.map.contact import capture_of, quiet_invariant
+from rattle.inelastic.map.contact import chatter_capture_limit, quiet_invariant
 from rattle.inelastic.map.harmonics import AMPLITUDE, ORDER, forcing_bounds, forcing_shape, isolated_zeros, most_zeros
 from rattle.inelastic.map.impact_map import InelasticPoint
-from rattle.numerics.compile import for_type, kernel
+from rattle.numerics.compile import implement_for_type, kernel
 from rattle.orbits.return_map import point_between, point_of
 
 
@@ -55,7 +55,9 @@ def fill_cells(cells):
         count, positive = isolated_zeros(delta, drift, harmonics, cells.zeros[i])
         cells.zero_count[i], cells.positive[i] = count, 1 if positive else 0
         cells.third[i] = forcing_bounds(delta, harmonics).third
-        cells.capture[i] = capture_of(delta, cells.restitution[i], harmonics) if cells.restitution[i] < 1.0 else 0.0
+        cells.capture[i] = (
+            chatter_capture_limit(delta, cells.restitution[i], harmonics) if cells.restitution[i] < 1.0 else 0.0
+        )
         if count == 0 and positive:
             cells.quiet_invariant[i] = quiet_invariant(delta, drift, cells.beta[i], harmonics)
 
@@ -78,12 +80,12 @@ def point_at(cell, cells):
     )
 
 
-@for_type(point_of, InelasticCells)
+@implement_for_type(point_of, InelasticCells)
 def _point_of(cell, cells):
     return point_at(cell, cells)
 
 
-@for_type(point_between, InelasticPoint)
+@implement_for_type(point_between, InelasticPoint)
 def _point_between(share, one, other):
     delta = one.delta + share * (other.delta - one.delta)
     harmonics = one.harmonics + share * (other.harmonics - one.harmonics)
@@ -100,7 +102,7 @@ def _point_between(share, one, other):
         room[:count].copy(),
         positive,
         forcing_bounds(delta, harmonics).third,
-        capture_of(delta, one.restitution, harmonics) if one.restitution < 1.0 else 0.0,
+        chatter_capture_limit(delta, one.restitution, harmonics) if one.restitution < 1.0 else 0.0,
         quiet_invariant(delta, one.drift, one.beta, harmonics) if quiet else 0.0,
     )
 
@@ -114,10 +116,10 @@ def inelastic_cells(
     harmonics: Any = (),
 ) -> InelasticCells:
     """Return the record of cells that compiled code takes, from parameters (n,) and the harmonics besides the first."""
-    return cells_of_shape(delta, epsilon, beta, restitution, load, forcing_shape(harmonics))
+    return cells_of_forcing_shape(delta, epsilon, beta, restitution, load, forcing_shape(harmonics))
 
 
-def cells_of_shape(
+def cells_of_forcing_shape(
     delta: NDArray[np.float64],
     epsilon: NDArray[np.float64],
     beta: NDArray[np.float64],
@@ -139,7 +141,7 @@ def cells_of_shape(
     return cells
 
 
-def point_with(
+def make_inelastic_point(
     delta: float, epsilon: float, beta: float, restitution: float, load: float, harmonics: Any = ()
 ) -> InelasticPoint:
     """Return the record of one parameter point that compiled code takes."""

@@ -32,7 +32,7 @@ PHASES = 64  # number of phases, per period of the fastest harmonic, at which th
 
 
 @inline
-def capture_of(delta, restitution, harmonics):
+def chatter_capture_limit(delta, restitution, harmonics):
     """Return the largest v/h² at which a chatter is certain to complete; v: speed after impact, h: contact force."""
     return LEAST_SHARE * (1.0 - restitution) / forcing_bounds(delta, harmonics).force_rate
 

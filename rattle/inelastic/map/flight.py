@@ -14,7 +14,7 @@ import math
 from typing import NamedTuple
 
 from rattle.flight.first_impact import BISECTED, LONGEST, MOST_STEPS, NO_IMPACT, OK
-from rattle.flight.forcing import TWO_PI, phase_at, versines
+from rattle.flight.forcing import TWO_PI, sine_cosine_at, versines
 from rattle.flight.law import LONGEST_DECAY, decay64
 from rattle.inelastic.map.harmonics import AMPLITUDE, ORDER, PHASE
 from rattle.numerics.compile import inline, kernel
@@ -42,7 +42,7 @@ def forced_flight(tau, w, delta, drift, harmonics, departure):
     slope, bend = 0.0, 0.0
     for j in range(harmonics.shape[1]):
         turn = TWO_PI * harmonics[ORDER, j]
-        sine, cosine = phase_at(harmonics[ORDER, j] * tau + harmonics[PHASE, j])
+        sine, cosine = sine_cosine_at(harmonics[ORDER, j] * tau + harmonics[PHASE, j])
         departure[COSINE, j], departure[SINE, j] = harmonics[AMPLITUDE, j] * cosine, harmonics[AMPLITUDE, j] * sine
         slope -= turn * departure[SINE, j]
         bend -= turn * turn * departure[COSINE, j]

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rattle.flight.forcing import TWO_PI, phase_at
+from rattle.flight.forcing import TWO_PI, sine_cosine_at
 from rattle.numerics.compile import inline, kernel
 
 ORDER, AMPLITUDE, PHASE = range(3)  # rows of an array of harmonics (3, K)
@@ -38,7 +38,7 @@ def force_at(tau, delta, drift, harmonics):
     force, rate = delta * drift, 0.0
     for j in range(harmonics.shape[1]):
         turn = TWO_PI * harmonics[ORDER, j]
-        sine, cosine = phase_at(harmonics[ORDER, j] * tau + harmonics[PHASE, j])
+        sine, cosine = sine_cosine_at(harmonics[ORDER, j] * tau + harmonics[PHASE, j])
         size = turn * harmonics[AMPLITUDE, j]
         force -= size * (turn * cosine + delta * sine)
         rate += size * turn * (turn * sine - delta * cosine)

@@ -13,10 +13,10 @@ import numpy as np
 
 from rattle.flight.contact_phase import ENDLESS, IN_CONTACT, MOST_BOUNCES
 from rattle.flight.first_impact import OK, SIGMA_PLUS
-from rattle.flight.law import folded
+from rattle.flight.law import fold_phase
 from rattle.inelastic.map.contact import is_chatter_captured
 from rattle.inelastic.map.flight import first_impact_of_forced_flight, forced_flight, forced_flight_tangent
-from rattle.numerics.compile import for_type, inline, kernel
+from rattle.numerics.compile import implement_for_type, inline, kernel
 from rattle.orbits import return_map
 
 
@@ -133,7 +133,7 @@ def step_tangent(tau, v, point):
             j01, j11 = k00 * j01 + k01 * j11, k10 * j01 + k11 * j11
             log_det += loss - point.delta * s
         time += s
-        tau = folded(tau + s)
+        tau = fold_phase(tau + s)
         piece = piece_number(tau, point.zeros)
         w = -point.restitution * w1
         if wall > 0:
@@ -182,7 +182,7 @@ def next_impact_on_plus(wall, tau, w, point):
         if status != OK:
             return status, tau, abs(w), time, n_minus, on_plus, on_minus
         time += s
-        tau = folded(tau + s)
+        tau = fold_phase(tau + s)
         piece = piece_number(tau, point.zeros)
         w = -point.restitution * w1
         if wall > 0:
@@ -194,13 +194,13 @@ def next_impact_on_plus(wall, tau, w, point):
             return ENDLESS, tau, abs(w), time, n_minus, on_plus, on_minus
 
 
-@for_type(return_map.step, InelasticPoint)
+@implement_for_type(return_map.step, InelasticPoint)
 def _step(tau, v, point):
     status, tau1, v1, time, n_minus, _plus, _minus = step(tau, v, point)
     return status, tau1, v1, time, n_minus
 
 
-@for_type(return_map.step_tangent, InelasticPoint)
+@implement_for_type(return_map.step_tangent, InelasticPoint)
 def _step_tangent(tau, v, point):
     status, tau1, v1, time, n_minus, j00, j01, j10, j11, log_det, _plus, _minus = step_tangent(tau, v, point)
     return status, tau1, v1, time, n_minus, j00, j01, j10, j11, log_det

@@ -1,7 +1,7 @@
 """Count the impacts of a motion with contact phases as its label P(m, n₊, n₋) counts them (compiled)."""
 
 from rattle.flight.first_impact import OK
-from rattle.flight.law import wrapped
+from rattle.flight.law import wrap_phase_difference
 from rattle.inelastic.map.impact_map import step
 from rattle.numerics.compile import kernel
 
@@ -61,6 +61,6 @@ def count_returns_of_contact_motion(tau, v, most, tolerance, point):
         if status != OK:
             return 0
         contacts += on_plus + on_minus
-        if contacts > 0 and abs(wrapped(t - tau)) < tolerance and abs(w - v) < tolerance * v:
+        if contacts > 0 and abs(wrap_phase_difference(t - tau)) < tolerance and abs(w - v) < tolerance * v:
             return k
     return 0

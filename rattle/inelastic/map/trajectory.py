@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from rattle.flight.first_impact import OK, SIGMA_PLUS
-from rattle.flight.law import folded
+from rattle.flight.law import fold_phase
 from rattle.inelastic.map.flight import evaluate_forced_flight, first_impact_of_forced_flight, forced_flight
 from rattle.inelastic.map.impact_map import InelasticPoint, flight_after_impact, piece_number
 from rattle.numerics.compile import kernel
@@ -77,7 +77,7 @@ def write_inelastic_motion(tau, v, point, time, phi, velocity, impact_time, impa
             i += 1
         if i == time.size:
             break
-        now, phase, wall = now + s, folded(phase + s), target
+        now, phase, wall = now + s, fold_phase(phase + s), target
         piece = piece_number(phase, point.zeros)
         w = -point.restitution * w1
         if impacts < impact_time.size:

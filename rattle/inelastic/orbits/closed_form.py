@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from rattle.flight.first_impact import OK
 from rattle.flight.forcing import TWO_PI
-from rattle.flight.law import folded, wrapped
+from rattle.flight.law import fold_phase, wrap_phase_difference
 from rattle.inelastic.map.harmonics import AMPLITUDE, ORDER, PHASE
 from rattle.inelastic.map.impact_map import InelasticPoint, step
 from rattle.inelastic.orbits.family import return_speed_by_drift
@@ -101,14 +101,14 @@ def _zeros_of_periodic_function(function: Callable[[Array], Array], count: int) 
     def value_at(tau: float) -> float:
         return float(function(np.array([tau]))[0])
 
-    return [float(folded(brentq(value_at, grid[i], grid[i + 1], xtol=1e-15, rtol=1e-15))) for i in changes]
+    return [float(fold_phase(brentq(value_at, grid[i], grid[i + 1], xtol=1e-15, rtol=1e-15))) for i in changes]
 
 
 def _is_admissible(tau: float, v: float, point: InelasticPoint) -> bool:
     """Return whether a state (τ, v) repeats after one period and one impact, without contact or impacts on Σ⁻."""
     status, tau1, v1, time, below, on_plus, on_minus = step(tau, v, point)
     closed = (
-        abs(wrapped(tau1 - tau)) < SAME_STATE
+        abs(wrap_phase_difference(tau1 - tau)) < SAME_STATE
         and abs(v1 - v) < SAME_STATE * max(v, 1e-300)
         and abs(time - 1.0) < SAME_STATE
     )

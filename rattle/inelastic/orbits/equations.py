@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rattle.continuation.arclength import ContinuationProblem
-from rattle.flight.impact_law import ImpactLaw, Restitution
+from rattle.flight.impact_law import ImpactLaw, RestitutionLaw
 from rattle.impacting.orbits.equations import Itinerary
 
 
@@ -28,14 +28,14 @@ class InelasticItinerary(Itinerary):
     @property
     def law(self) -> ImpactLaw:  # type: ignore[override]
         """The law of impacts with the restitution of this itinerary."""
-        return Restitution(restitution=self.restitution)
+        return RestitutionLaw(restitution=self.restitution)
 
     def residual(self, x: NDArray) -> NDArray:
         """Return the residuals (…, n) of motions x, one for each impact: 0 if the impact obeys the law."""
         flights = self.flights(x)
         return np.asarray(flights.w0 + self.restitution * np.roll(flights.w1, 1, axis=-1))
 
-    def with_jacobian(self, x: NDArray, multiplier: float) -> tuple[NDArray, NDArray]:
+    def evaluate_with_jacobian(self, x: NDArray, multiplier: float) -> tuple[NDArray, NDArray]:
         """Return the residuals R (…, n) of motions x, and their Jacobian J(λ) = ∂R/∂t by the n impact times (…, n, n).
 
         J(λ) is for perturbations that grow by λ = multiplier over the period.
@@ -55,7 +55,7 @@ class InelasticItinerary(Itinerary):
             matrix[..., after, i] += r * (flights.decay[..., i] * flights.pull[..., i] * flights.w0[..., i] / later)
         return residual, matrix
 
-    def with_graze(self, x: NDArray, impact: int) -> NDArray:
+    def residual_with_graze(self, x: NDArray, impact: int) -> NDArray:
         """Return (…, n + 1): the residuals of motions x, then the velocity of arrival at impact number `impact`."""
         flights = self.flights(x)
         residual = flights.w0 + self.restitution * np.roll(flights.w1, 1, axis=-1)

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from rattle.flight.first_impact import SIGMA_MINUS, SIGMA_PLUS, first_impact
 from rattle.flight.forcing import DRIFT, TWO_PI, versines
-from rattle.flight.law import folded
+from rattle.flight.law import fold_phase
 from rattle.inelastic.map.flight import InelasticFlight, forced_flight_tangent
 from rattle.numerics.compile import inline, kernel
 from rattle.numerics.secant import narrow_bracket
@@ -173,7 +173,7 @@ def one_impact_orbit(sign, delta, epsilon, beta, r):
     if epsilon < abs(offset) or epsilon == 0.0:
         return False, 0.0, v, 0.0
     x = sign * math.sqrt((epsilon - offset) * (epsilon + offset))
-    tau = folded(math.atan2(offset, x) / TWO_PI)
+    tau = fold_phase(math.atan2(offset, x) / TWO_PI)
     status, time, wall, _w, _d, _f, _s, _c = first_impact(SIGMA_PLUS, tau, -v, delta, epsilon, beta, DRIFT)
     admissible = status == 0 and wall == 1 and abs(time - 1.0) < SAME_TIME
     return admissible, tau, v, 1.0 + r * r * decay - (1.0 + r) ** 2 * math.pi * lost * x / (delta * delta)
@@ -191,14 +191,14 @@ def two_impact_orbit(sigma, delta, epsilon, beta, r):
     """Return (admissible, τ, v, trace of the tangent map) of the P(1,1,1) with time 1/2 + σ from Σ⁺ to Σ⁻."""
     x, y, v, u, determinant = family_numerators(sigma, delta, beta, r)
     x, y, v, u = x / determinant, y / determinant, v / determinant, u / determinant
-    tau, s, rest = folded(math.atan2(y, x) / TWO_PI), 0.5 + sigma, 0.5 - sigma
+    tau, s, rest = fold_phase(math.atan2(y, x) / TWO_PI), 0.5 + sigma, 0.5 - sigma
     if not (v > 0.0 and u > 0.0):
         return False, tau, v, 0.0
     status, t1, wall, _w, _d, _f, _s, _c = first_impact(SIGMA_PLUS, tau, -v, delta, epsilon, beta, DRIFT)
     if status != 0 or wall != -1 or abs(t1 - s) > SAME_TIME:
         return False, tau, v, 0.0
     status, t2, wall, _w, _d, _f, _s, _c = first_impact(
-        SIGMA_MINUS, folded(tau + s), r * u, delta, epsilon, beta, DRIFT
+        SIGMA_MINUS, fold_phase(tau + s), r * u, delta, epsilon, beta, DRIFT
     )
     if status != 0 or wall != 1 or abs(t2 - rest) > SAME_TIME:
         return False, tau, v, 0.0

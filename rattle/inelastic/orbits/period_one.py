@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rattle.errors import broadcast_parameters
 from rattle.inelastic.orbits.family import fill_family_orbits
-from rattle.orbits.orbits_a_to_d import N_MINUS, NAMES, PeriodOne, classify, multipliers_of
+from rattle.orbits.orbits_a_to_d import N_MINUS, NAMES, PeriodOne, classify_regions, multipliers_of
 
 
 def period_one(
@@ -74,4 +74,4 @@ def regions(
     load: ArrayLike = 0.0,
 ) -> NDArray[np.int8]:
     """Return the number of the region, as in `rattle.REGIONS`, for every element of the broadcast parameters."""
-    return classify(period_one(delta, epsilon, beta, restitution, load))
+    return classify_regions(period_one(delta, epsilon, beta, restitution, load))

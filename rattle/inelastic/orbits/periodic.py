@@ -10,7 +10,7 @@ from rattle.flight.first_impact import OK
 from rattle.inelastic.map.impact_map import InelasticPoint
 from rattle.inelastic.map.runs import contacts_and_merged_impacts, count_returns_of_contact_motion
 from rattle.orbits.orbits_a_to_d import multipliers_of
-from rattle.orbits.return_map import fastest_point, newton, power_map, shortest_return
+from rattle.orbits.return_map import fastest_point, find_fixed_point, power_map, shortest_return
 
 MOST_RETURNS = 4096  # largest number of impacts on Σ⁺ per period of a sought motion
 SAME_STATE = 1e-6  # largest difference (of v: relative) at which a motion with contact is back at its first state
@@ -59,7 +59,7 @@ def inelastic_orbit(point: InelasticPoint, tau: float, v: float, n_plus: int = 1
     """
     v, k = require_number("v", v, positive=True), require_integer("n_plus", n_plus, 1, MOST_RETURNS)
     k = count_returns_of_contact_motion(tau, v, MOST_RETURNS, SAME_STATE, point) or k
-    found, tau1, v1 = newton(tau, v, k, point)
+    found, tau1, v1 = find_fixed_point(tau, v, k, point)
     if not found:
         raise RattleError(
             f"no periodic motion with {k} impacts on Σ⁺ was found near tau = {tau:g}, v = {v:g}: give tau and v closer "

@@ -11,7 +11,7 @@ from rattle.curves import CodimensionTwo
 from rattle.impacting.attractors.classifier import ImpactingClassifier
 from rattle.impacting.gear import Gear
 from rattle.impacting.orbits.period_one import missing_limits
-from rattle.models.model import Capability, Functions, Limits, Model
+from rattle.models.model import Capability, GearFunctions, Limits, Model
 
 
 @dataclass(frozen=True)
@@ -21,7 +21,7 @@ class Impacting(Model):
     name = "impacting"
     title = "impacting"
     has = frozenset(Capability) - {Capability.CONTACT_PHASES}
-    functions: ClassVar[Functions] = impacting
+    functions: ClassVar[GearFunctions] = impacting
     classifier = ImpactingClassifier
     curve_names = impacting.NAMES
     # eccentricities of three cells at δ = β = 0.6: the first has quiet and periodic motions, the second quiet and

@@ -15,7 +15,7 @@ from rattle.continuation.curve_continuation import Curve
 from rattle.errors import RattleError
 from rattle.impacting.bifurcations.codimension_two import CodimensionTwo
 from rattle.inelastic.attractors.classifier import InelasticClassifier
-from rattle.models.model import Array, Capability, Functions, Model, Range
+from rattle.models.model import Array, Capability, GearFunctions, Model, Range
 from rattle.orbits.iterates import StatesAfterReturn
 from rattle.orbits.orbits_a_to_d import PeriodOne
 from rattle.parameters import Harmonic, Parameters, parameters_in
@@ -45,7 +45,7 @@ class Inelastic(Model):
     title = "inelastic impacts"
     added = (RESTITUTION, replace(LOAD, of_machine=_load_of_machine))
     has = frozenset({Capability.BALANCE, Capability.INTENSITY, Capability.PERIOD_ONE, Capability.CONTACT_PHASES})
-    functions: ClassVar[Functions] = inelastic
+    functions: ClassVar[GearFunctions] = inelastic
     classifier: ClassVar[type[Classifier]] = InelasticClassifier
     curve_names = inelastic.NAMES
     tile_samples = 16_384

@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 
 from rattle import stiff
 from rattle.flight.forcing import TWO_PI
-from rattle.models.model import Capability, Functions, Limits, Model
+from rattle.models.model import Capability, GearFunctions, Limits, Model
 from rattle.orbits.orbits_a_to_d import MissingLimit
 from rattle.parameters import parameters_in
 from rattle.stiff.attractors.classifier import StiffClassifier
@@ -44,7 +44,7 @@ class Stiff(Model):
             Capability.DEPARTURES,
         }
     )
-    functions: ClassVar[Functions] = stiff
+    functions: ClassVar[GearFunctions] = stiff
     classifier = StiffClassifier
     curve_names = stiff.NAMES
     tile_samples = 4096  # computing a return takes a hundred times as long as for the impacting gear

@@ -19,7 +19,7 @@ from rattle.errors import NotProvedError
 from rattle.impacting.map.quiet import capture_speed
 from rattle.impacting.orbits.limits import flip_formula, quiet_limit, sn1_formula
 from rattle.impacting.orbits.period_one import CURVES, grazing, period_one
-from rattle.orbits.orbits_a_to_d import NAMES, classify
+from rattle.orbits.orbits_a_to_d import NAMES, classify_regions
 from rattle.proof.areas.block import ABSENT, ATTRACTING, CAPTURED, LOUD, QUIET, REGIONS, SADDLE, ProvedBlock
 from rattle.proof.areas.capture import require_captures
 from rattle.proof.areas.finder import Prover
@@ -227,5 +227,5 @@ def _claims_at(kind: str, delta: float, epsilon: NDArray[np.float64], beta: floa
         return np.where(
             orbits.exists[i], np.where(orbits.stable[i], ATTRACTING[letter], SADDLE[letter]), ABSENT[letter]
         )
-    codes = classify(orbits)
+    codes = classify_regions(orbits)
     return np.array(["", *REGIONS])[np.where(codes > len(REGIONS), 0, codes)]

@@ -25,7 +25,7 @@ _CLAIMS_BY_STATEMENT: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
 
 
 @dataclass(frozen=True)
-class Share:
+class ProvedShare:
     """The share of a plane on which a statement is proved.
 
     statement: the statement in words, such as "C attracts".
@@ -44,7 +44,7 @@ class Share:
         )
 
 
-def shares_of_claims(blocks: Iterable[ProvedBlock], area: Fraction) -> list[Share]:
+def shares_of_claims(blocks: Iterable[ProvedBlock], area: Fraction) -> list[ProvedShare]:
     """Return the proved share of a plane for each statement.
 
     Parameters
@@ -63,9 +63,9 @@ def shares_of_claims(blocks: Iterable[ProvedBlock], area: Fraction) -> list[Shar
     for block in blocks:
         areas[block.claim] += block.area
     regions = sum((areas[region] for region in REGIONS), Fraction(0))
-    found = [Share(REGION, float(regions / area), float(regions / area))]
+    found = [ProvedShare(REGION, float(regions / area), float(regions / area))]
     for statement, (there, absent) in _CLAIMS_BY_STATEMENT.items():
         proved = sum((areas[claim] for claim in there), Fraction(0))
         possible = area - sum((areas[claim] for claim in absent), Fraction(0))
-        found.append(Share(statement, float(proved / area), float(proved / possible) if possible else 1.0))
+        found.append(ProvedShare(statement, float(proved / area), float(proved / possible) if possible else 1.0))
     return found

@@ -221,7 +221,7 @@ class SolutionCell:
         x, y, *_ = self.solution.centre
         return self._mean_value([x * x + y * y], [self.epsilon_squared_by_s], [self.epsilon_squared_by_delta])[0]
 
-    def square_plus_speed(self, sign: int) -> arb:
+    def bound_square_plus_speed(self, sign: int) -> arb:
         """Return bounds of sign · ε² + λu over the cell, for some λ ≥ 0 that makes the bounds narrow.
 
         u is the speed after Σ⁻.
@@ -257,7 +257,7 @@ class SolutionCell:
         if v < 0 or u < 0 or self.epsilon_squared < low or self.epsilon_squared > high:
             return True
         # a motion has u > 0, so ±ε² ≤ ±ε² + λu: an upper bound of this sum may prove ε to be outside the ball `epsilon`
-        return bool(self.square_plus_speed(1) < low or self.square_plus_speed(-1) < -high)
+        return bool(self.bound_square_plus_speed(1) < low or self.bound_square_plus_speed(-1) < -high)
 
     def all_solutions_are(self, letter: str, epsilon: arb) -> bool | None:
         """Return whether all solutions of the cell with an ε in this ball are admissible motions B (or D).
@@ -281,10 +281,10 @@ class SolutionCell:
         low, high = square_range(epsilon)
         reaches_sigma_minus = self.solution.over_cell[3] > 0
         # A motion needs a speed u > 0 after Σ⁻. Solutions with u ≤ 0 have ±ε² ≥ ±ε² + λu, with the λ ≥ 0 of
-        # `square_plus_speed`. If a lower bound of this sum proves that their ε is outside the ball `epsilon`, all
+        # `bound_square_plus_speed`. If a lower bound of this sum proves that their ε is outside the ball `epsilon`, all
         # solutions with an ε in the ball have u > 0.
         reaches_sigma_minus = (
-            reaches_sigma_minus or self.square_plus_speed(1) > high or self.square_plus_speed(-1) > -low
+            reaches_sigma_minus or self.bound_square_plus_speed(1) > high or self.bound_square_plus_speed(-1) > -low
         )
         return True if reaches_sigma_minus and self.is_monotone_between_impacts else None
 

@@ -6,12 +6,12 @@ import json
 from dataclasses import dataclass
 from fractions import Fraction
 
-from rattle.continuation.conditions import Kind
+from rattle.continuation.conditions import EventKind
 from rattle.proof.bifurcations.systems import CurveMotion
 from rattle.proof.certificate import FORMAT, Ends, text_of_number, texts_of_numbers
 
 THEOREM = "bifurcation"
-WORDS = {Kind.SADDLE_NODE: "saddle-node", Kind.FLIP: "flip", Kind.GRAZING: "graze"}
+WORDS = {EventKind.SADDLE_NODE: "saddle-node", EventKind.FLIP: "flip", EventKind.GRAZING: "graze"}
 
 
 @dataclass(frozen=True)

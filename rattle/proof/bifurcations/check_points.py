@@ -59,7 +59,7 @@ class ParameterJet:
         """Return f(self) by the chain rule; `value` and `slope` are the values of f and f' at this number."""
         return ParameterJet(value, [slope * each for each in self.slopes])
 
-    def apply_chain_rule_to_two(self, other: Any, value: Interval, by: Interval, by_other: Interval) -> "ParameterJet":
+    def apply_binary_chain_rule(self, other: Any, value: Interval, by: Interval, by_other: Interval) -> "ParameterJet":
         """Return f(self, other) by the chain rule, from its `value` and its partial derivatives `by` and `by_other`."""
         own, others = self.slopes or [ZERO] * len(other.slopes), other.slopes or [ZERO] * len(self.slopes)
         return ParameterJet(value, [by * a + by_other * b for a, b in zip(own, others, strict=True)])
@@ -67,12 +67,12 @@ class ParameterJet:
     def __add__(self, other: Any) -> "ParameterJet":
         """Return this number plus `other`, a jet or a constant."""
         other = as_jet(other)
-        return self.apply_chain_rule_to_two(other, self.value + other.value, ZERO + 1, ZERO + 1)
+        return self.apply_binary_chain_rule(other, self.value + other.value, ZERO + 1, ZERO + 1)
 
     def __mul__(self, other: Any) -> "ParameterJet":
         """Return this number times `other`, a jet or a constant."""
         other = as_jet(other)
-        return self.apply_chain_rule_to_two(other, self.value * other.value, other.value, self.value)
+        return self.apply_binary_chain_rule(other, self.value * other.value, other.value, self.value)
 
     def __neg__(self) -> "ParameterJet":
         """Return minus this number."""

@@ -9,12 +9,12 @@ import numpy as np
 
 from rattle._version import __version__
 from rattle.continuation.arclength import solution_with_value, tangent_at
-from rattle.continuation.conditions import MULTIPLIER, Kind, condition
+from rattle.continuation.conditions import MULTIPLIER, EventKind, condition
 from rattle.continuation.curve_continuation import QUIET_LIMIT
 from rattle.errors import NotProvedError, require, require_number, require_one_of
 from rattle.impacting.bifurcations.codimension_two import codimension_two
 from rattle.impacting.bifurcations.events import Event
-from rattle.impacting.bifurcations.registry import CURVES, Definition
+from rattle.impacting.bifurcations.registry import CURVES, CurveDefinition
 from rattle.impacting.orbits.equations import Itinerary
 from rattle.impacting.orbits.periodic import follow_impacts
 from rattle.numerics.complex_step import Array
@@ -97,7 +97,7 @@ def certify_curve_point(
 
 
 def _first_guesses(
-    definition: Definition, delta: float, epsilon: float, beta: float, motion: tuple[float, float] | None
+    definition: CurveDefinition, delta: float, epsilon: float, beta: float, motion: tuple[float, float] | None
 ) -> Sequence[Array]:
     """Return first guesses (n + 2,) of the impact times, δ and ε of the motion that bifurcates on a curve.
 
@@ -238,7 +238,7 @@ def _null_vector(motion: CurveMotion, x: Array, beta: float) -> Array:
     Array
         φ.
     """
-    if motion.kind is Kind.GRAZING:
+    if motion.kind is EventKind.GRAZING:
         return np.empty(0)
     itinerary = Itinerary(motion.walls, motion.m, beta)
     return np.asarray(np.linalg.svd(itinerary.jacobian(x, MULTIPLIER[motion.kind]))[2][-1], np.float64)

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple
 
-from rattle.continuation.conditions import MULTIPLIER, Kind
+from rattle.continuation.conditions import MULTIPLIER, EventKind
 from rattle.errors import NotProvedError
 from rattle.proof.balls import PI, arb, arb_mat, arb_series
 from rattle.proof.bifurcations.codimension_two import CONDITIONS
@@ -54,7 +54,7 @@ class CurveMotion:
 
     walls: tuple[int, ...]
     m: int
-    kind: Kind
+    kind: EventKind
     impact: int | None = None
     point: str | None = None
 
@@ -139,7 +139,7 @@ class EvaluatedSystem:
             values.append(flights[motion.impact - 1].w1)
         if motion.point is not None:
             values.append(_codimension_two_condition(motion.point, delta, epsilon, times))
-        if motion.kind is not Kind.GRAZING:
+        if motion.kind is not EventKind.GRAZING:
             phi, turn = unknowns[-n:], int(MULTIPLIER[motion.kind])
             values += [_jacobian_product_entry(flights, phi, i, turn) for i in range(n)]
             values.append(sum((x * factor for x, factor in zip(phi, self.system.scaling, strict=True)), zero) - 1)
@@ -172,10 +172,8 @@ def _codimension_two_condition(point: str, delta: Series, epsilon: Series, times
 
 
 def flight_series(delta: Series, epsilon: Series, t0: Series, t1: Series, distance: arb) -> FlightVelocities:
-    """Return the velocities of the flight from t0 to t1 that changes Φ by `distance`, with derivatives by t0 and t1.
-
-    The equations are (1.7) to (1.10) of docs/proofs.md.
-    """
+    """Return velocities, and derivatives by t0 and t1, of a flight from t0 to t1 that changes Φ by `distance`."""
+    # (1.7) to (1.10) of docs/proofs.md
     two_pi = 2 * PI()
     swing, forcing = two_pi * epsilon, two_pi * two_pi * epsilon
     (sin0, cos0), (sin1, cos1) = (((two_pi * t).sin(), (two_pi * t).cos()) for t in (t0, t1))

@@ -13,7 +13,7 @@ THEOREM = "horseshoe"
 
 
 @dataclass(frozen=True)
-class Loop:
+class HorseshoeLoop:
     """A chain of sets from set 0 through other sets back to set 0; the impact map stretches each across the next.
 
     L is the number of steps. sets: the numbers (L − 1,) of the other sets, in order.
@@ -51,7 +51,7 @@ class HorseshoeCertificate:
 
     parameters: dict[str, Fraction]
     sets: tuple[HSet, ...]
-    loops: tuple[Loop, ...]
+    loops: tuple[HorseshoeLoop, ...]
     per_impact: Fraction
     per_period: Fraction
     versions: dict[str, str]

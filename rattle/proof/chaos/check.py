@@ -36,7 +36,7 @@ Part = tuple[float, float, float, float]  # a part of a set: ξ and η of its mi
 WHOLE, EDGES = (0.0, 0.0, 1.0, 1.0), ((-1.0, 0.0, 0.0, 1.0), (1.0, 0.0, 0.0, 1.0))
 
 
-class CheckedBundle:
+class CheckedFlightBundle:
     """The flights that leave a wall at (time, velocity) = middle + a sides[0] + b sides[1], where |a|, |b| ≤ 1.
 
     hull: intervals that contain the times and the velocities of all departures.
@@ -247,7 +247,7 @@ class HorseshoeClaim:
         sides = (width * along[0], -width * along[1]), (height * along[2], -height * along[3])
         wall = 1
         for target in (*[-1] * word, 1):
-            middle, sides = CheckedBundle(self, wall, middle, sides).states_after_impact(target)
+            middle, sides = CheckedFlightBundle(self, wall, middle, sides).states_after_impact(target)
             wall = target
         return (middle[0], -middle[1]), (
             (sides[0][0], -sides[0][1]), (sides[1][0], -sides[1][1]),

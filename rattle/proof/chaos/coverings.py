@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 from rattle.errors import NotProvedError
 from rattle.proof.balls import arb, arb_mat, ball
-from rattle.proof.chaos.images import Image, enclose_image
+from rattle.proof.chaos.images import SetImage, enclose_image
 from rattle.proof.flights import ModelPoint
 
 Pair = tuple[Fraction, Fraction]
@@ -86,9 +86,9 @@ class MappedSet:
     point: ModelPoint
     source: HSet
     walls: tuple[int, ...]
-    images: dict[SetPart, Image | None] = field(default_factory=dict)
+    images: dict[SetPart, SetImage | None] = field(default_factory=dict)
 
-    def image(self, part: SetPart) -> Image | None:
+    def image(self, part: SetPart) -> SetImage | None:
         """Return the image of a part, or None if the motions from the part are not proved to meet `walls`."""
         if part not in self.images:
             matrix = self.source.matrix
@@ -159,7 +159,7 @@ class MappedSet:
             parts += _halve_part(here, extents)
 
 
-def _coordinates_in(target: HSet, periods: int, part_image: Image) -> tuple[tuple[arb, arb], list[float]]:
+def _coordinates_in(target: HSet, periods: int, part_image: SetImage) -> tuple[tuple[arb, arb], list[float]]:
     """Return a part's image in the coordinates (ξ, η) of the target, which is shifted by `periods` forcing periods.
 
     Returns

@@ -28,7 +28,7 @@ MOST_PARTS = 200
 ARRIVAL_ERROR = 1e-15
 
 
-class Image(NamedTuple):
+class SetImage(NamedTuple):
     """The image of a set under Π: the image of its middle, and the derivatives of Π over the whole set.
 
     slope: derivatives of (t, v) with respect to the coordinates of the set in [−1, 1]².
@@ -51,7 +51,7 @@ class Arrival:
     slope: arb_mat
 
 
-def enclose_image(point: ModelPoint, centre: tuple[arb, arb], sides: arb_mat, walls: Sequence[int]) -> Image:
+def enclose_image(point: ModelPoint, centre: tuple[arb, arb], sides: arb_mat, walls: Sequence[int]) -> SetImage:
     """Return the image under Π of all (t, v) in centre + sides [−1, 1]².
 
     Parameters
@@ -75,7 +75,7 @@ def enclose_image(point: ModelPoint, centre: tuple[arb, arb], sides: arb_mat, wa
     for target in (*walls, 1):
         here = enclose_arrival(point, middle, sides, wall, target)
         middle, sides, wall = (here.time, -here.velocity), turn * here.slope * sides, target
-    return Image((middle[0], -middle[1]), turn * sides)
+    return SetImage((middle[0], -middle[1]), turn * sides)
 
 
 def enclose_arrival(point: ModelPoint, middle: tuple[arb, arb], sides: arb_mat, wall: int, target: int) -> Arrival:
@@ -221,7 +221,9 @@ def _middle_arrival_time(point: ModelPoint, middle: tuple[arb, arb], wall: int, 
     """Return the time at which the flight from (time, velocity) = middle ends on `target`. Raises NotProvedError."""
     numbers = (float(each) for each in (*middle, point.delta, point.epsilon, point.beta))
     t0, w0, delta, epsilon, beta = numbers
-    status, length, met, _ = first_impact.first_impact(wall, float(law.folded(t0)), w0, delta, epsilon, beta, DRIFT)[:4]
+    status, length, met, _ = first_impact.first_impact(
+        wall, float(law.fold_phase(t0)), w0, delta, epsilon, beta, DRIFT
+    )[:4]
     if status != first_impact.OK or met != target:
         wall_name = "Σ⁺" if target > 0 else "Σ⁻"
         raise NotProvedError(f"the flight from the middle of a set is not found to end on {wall_name}")

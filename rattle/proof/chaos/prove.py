@@ -15,7 +15,7 @@ from rattle.impacting.gear import Gear
 from rattle.proof.balls import VERSIONS, arb, ball, precision
 from rattle.proof.certificate import Exact, exact_number
 from rattle.proof.chaos import search
-from rattle.proof.chaos.certificate import HorseshoeCertificate, Loop
+from rattle.proof.chaos.certificate import HorseshoeCertificate, HorseshoeLoop
 from rattle.proof.chaos.coverings import HSet, MappedSet, Pair, SetPart
 from rattle.proof.flights import ModelPoint
 
@@ -77,7 +77,7 @@ def _prove_loops(
 ) -> HorseshoeCertificate | None:
     """Return the certificate of those loops of a candidate that are proved, or None if fewer than two are proved."""
     hub = _exact_set(candidate.hub)
-    sets, loops = [hub], list[Loop]()
+    sets, loops = [hub], list[HorseshoeLoop]()
     sources: dict[tuple[int, int], MappedSet] = {}  # all loops share the images of the parts of set 0
     for each in candidate.loops:
         new = [_exact_set(box) for box in each.boxes]
@@ -88,7 +88,7 @@ def _prove_loops(
         except NotProvedError:
             continue
         sets += new
-        loops.append(Loop(tuple(numbers), each.words, periods))
+        loops.append(HorseshoeLoop(tuple(numbers), each.words, periods))
     if len(loops) < 2:
         return None
     return HorseshoeCertificate(

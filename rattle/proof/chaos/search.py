@@ -154,7 +154,7 @@ def entropy_of_lengths(lengths: Sequence[float]) -> float:
 
 def search_horseshoes(gear: Gear) -> Iterator[HorseshoeCandidate]:
     """Yield candidates for horseshoes, the largest entropy first. Raises NotProvedError if no motion seems chaotic."""
-    states, words = _chaotic_motions(gear)
+    states, words = _find_chaotic_motions(gear)
     pi = ReturnMap(gear)
     tangents = pi.tangent(states[:-1])
     guesses: list[tuple[int, float, StateBox, list[OrbitSegment]]] = []
@@ -164,7 +164,7 @@ def search_horseshoes(gear: Gear) -> Iterator[HorseshoeCandidate]:
             for shape in HUB_RATIOS:
                 hub = StateBox(place, np.column_stack([unstable * size, stable * size * shape]))
                 if _is_stretched_evenly(pi, hub):
-                    segments = list(_returns_to_hub(hub, states, words))
+                    segments = list(_find_hub_returns(hub, states, words))
                     here.append(
                         (entropy_of_lengths([len(word) for word in {x.words for x in segments}]), hub, segments)
                     )
@@ -177,7 +177,7 @@ def search_horseshoes(gear: Gear) -> Iterator[HorseshoeCandidate]:
     yield from sorted(found, key=lambda x: -_entropy_of_loops(x.loops))
 
 
-def _chaotic_motions(gear: Gear) -> tuple[Array, NDArray[np.int64]]:
+def _find_chaotic_motions(gear: Gear) -> tuple[Array, NDArray[np.int64]]:
     """Return k motions of n impacts that seem chaotic: states (n + 1, k, 2), and numbers of impacts on Σ⁻ (n, k)."""
     rng = np.random.default_rng(SEED)
     speed = np.sqrt(16 * np.pi * gear.delta * gear.beta) + 2 * np.pi * gear.epsilon
@@ -266,7 +266,7 @@ def _is_stretched_evenly(pi: ReturnMap, hub: StateBox) -> bool:
     )
 
 
-def _returns_to_hub(hub: StateBox, states: Array, words: NDArray[np.int64]) -> Iterator[OrbitSegment]:
+def _find_hub_returns(hub: StateBox, states: Array, words: NDArray[np.int64]) -> Iterator[OrbitSegment]:
     """Yield motions from the hub back to the hub, the shortest first.
 
     Yields
@@ -319,7 +319,7 @@ def _loop_along(pi: ReturnMap, hub: StateBox, segment: OrbitSegment) -> LoopCand
     """Return the loop along a motion from the hub to the hub; None if Π does not stretch each set across the next."""
     x, words, steps = segment.states, segment.words, len(segment.words)
     if steps == 1:
-        high, strip = _image_across(pi, hub, hub, words[0])
+        high, strip = _find_crossing_image(pi, hub, hub, words[0])
         return LoopCandidate((), words, strip) if high < LARGEST_ETA else None
     tangents = pi.tangent(x[:-1])
     unstable, stable = [_unit_vector(hub.sides[:, 0])], [_unit_vector(hub.sides[:, 1])]
@@ -341,13 +341,13 @@ def _loop_along(pi: ReturnMap, hub: StateBox, segment: OrbitSegment) -> LoopCand
     # the half height along η of each set is chosen such that the set contains the image of the preceding set
     for i in range(1, steps):
         flat = StateBox(x[i], np.column_stack([unstable[i] * lengths[i], stable[i]]))
-        high, where = _image_across(pi, source, flat, words[i - 1])
+        high, where = _find_crossing_image(pi, source, flat, words[i - 1])
         if not high < np.inf:
             return None
         strip = where if i == 1 else strip
         source = StateBox(x[i], np.column_stack([flat.sides[:, 0], flat.sides[:, 1] * high * MARGIN_FACTOR]))
         boxes.append(source)
-    if not _image_across(pi, source, hub, words[-1])[0] < LARGEST_ETA:
+    if not _find_crossing_image(pi, source, hub, words[-1])[0] < LARGEST_ETA:
         return None
     return LoopCandidate(tuple(boxes), words, strip)
 
@@ -375,7 +375,9 @@ def _least_half_length(
     return float(sizes[np.argmax(good)]) if good.any() else None
 
 
-def _image_across(pi: ReturnMap, source: StateBox, target: StateBox, word: int) -> tuple[float, tuple[float, float]]:
+def _find_crossing_image(
+    pi: ReturnMap, source: StateBox, target: StateBox, word: int
+) -> tuple[float, tuple[float, float]]:
     """Return the height of the image of `source` where it crosses `target`, and the part of `source` that crosses.
 
     word: the number of impacts on Σ⁻ that the motions must make.

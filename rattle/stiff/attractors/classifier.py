@@ -11,7 +11,7 @@ from rattle.attractors.samples import Trajectories
 from rattle.attractors.speeds import SampleSpec, SpeedLimit
 from rattle.attractors.table import AttractorTable, attractors_of_samples
 from rattle.parameters import Parameters
-from rattle.stiff.attractors.settle import StiffCells, measure, settle
+from rattle.stiff.attractors.settle import StiffCells, follow_probes, settle
 from rattle.stiff.map.iterate import apply_stiff_returns
 from rattle.stiff.map.quiet import quiet_limit
 
@@ -50,7 +50,7 @@ class StiffClassifier(Classifier):
         """The flags (n_cells,) of cells that have a quiet motion: permanent contact with Σ⁺ is possible."""
         return np.asarray(self.cells.has_quiet > 0)
 
-    def enter_known_orbits(self) -> None:
+    def add_known_orbits(self) -> None:
         """Do nothing, because this gear has no orbits that are known before its samples are followed."""
 
     def find_radii(self, centres: Centres) -> None:
@@ -62,7 +62,7 @@ class StiffClassifier(Classifier):
 
         `early` has no effect: samples of this gear are checked for capture and recurrence at every return.
         """
-        settle(which, self.cells, samples.for_kernels(), self.balls.for_kernels())
+        settle(which, self.cells, samples.to_kernel_tuple(), self.balls.to_kernel_tuple())
 
     def follow_with_tangent(
         self, which: NDArray[np.int64], least: NDArray[np.float64], periods: NDArray[np.float64], seen: ProbeRecord
@@ -72,8 +72,8 @@ class StiffClassifier(Classifier):
         Each sample is followed for at least `least` returns and `periods` forcing periods, unless its limit of returns
         comes first.
         """
-        tables = self.samples.for_kernels(), self.balls.for_kernels()
-        measure(which, least, periods, self.cells, *tables, seen.sums, seen.prints)
+        tables = self.samples.to_kernel_tuple(), self.balls.to_kernel_tuple()
+        follow_probes(which, least, periods, self.cells, *tables, seen.sums, seen.prints)
 
 
 def attractors_of(

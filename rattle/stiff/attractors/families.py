@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike
 from rattle.attractors.classify import BUDGET
 from rattle.attractors.speeds import SampleSpec, SpeedLimit
 from rattle.families.family_table import Families
-from rattle.families.join import families_over
+from rattle.families.join import compute_families
 from rattle.stiff.attractors.classifier import StiffClassifier
 
 
@@ -23,4 +23,4 @@ def families_of(
 ) -> Families:
     """Return the families of attractors over a grid, as `rattle.families_of` does. Raises ParameterError."""
     gear = {"beta": beta, "kappa": kappa}
-    return families_over(StiffClassifier, delta, epsilon, gear, SampleSpec(count, v_max, seed, budget))
+    return compute_families(StiffClassifier, delta, epsilon, gear, SampleSpec(count, v_max, seed, budget))

@@ -8,10 +8,18 @@ import math
 from typing import Any, NamedTuple
 
 from rattle.attractors.chaos import BATCHES
-from rattle.attractors.samples import ALIGNMENT, Outcome, check_sample, first_reference, mark, store_sample, top_speed
+from rattle.attractors.samples import (
+    ALIGNMENT,
+    Outcome,
+    bitmap_top_speed,
+    check_sample,
+    first_reference,
+    mark_visited_cell,
+    store_sample,
+)
 from rattle.flight.first_impact import OK
 from rattle.flight.law import speed_unit
-from rattle.numerics.compile import for_type, inline, kernel
+from rattle.numerics.compile import implement_for_type, inline, kernel
 from rattle.orbits.return_map import point_between, point_of, step
 from rattle.stiff.map import flow
 from rattle.stiff.map.return_map import StiffPoint
@@ -27,12 +35,12 @@ class StiffCells(NamedTuple):
     kappa: Any
 
 
-@for_type(point_of, StiffCells)
+@implement_for_type(point_of, StiffCells)
 def _point_of(cell, cells):
     return StiffPoint(cells.delta[cell], cells.epsilon[cell], cells.beta[cell], cells.kappa[cell])
 
 
-@for_type(point_between, StiffPoint)
+@implement_for_type(point_between, StiffPoint)
 def _point_between(share, one, other):
     delta = one.delta + share * (other.delta - one.delta)
     return StiffPoint(delta, one.epsilon + share * (other.epsilon - one.epsilon), one.beta, one.kappa)
@@ -65,7 +73,7 @@ def settle(which, cells, samples, balls):
 
 
 @kernel
-def measure(which, least, periods, cells, samples, balls, sums, footprints):
+def follow_probes(which, least, periods, cells, samples, balls, sums, footprints):
     """Follow samples `which` with a tangent vector, to find their Lyapunov exponents.
 
     Sample which[j] is followed for at least least[j] returns and periods[j] forcing periods, or to its limit of
@@ -101,6 +109,6 @@ def measure(which, least, periods, cells, samples, balls, sums, footprints):
                 row[0] += time
                 row[1] += math.log(size)
                 row[2] += math.log(abs(j00 * j11 - j01 * j10))
-            mark(tau, v, top_speed(point.epsilon, unit), footprints[j])
+            mark_visited_cell(tau, v, bitmap_top_speed(point.epsilon, unit), footprints[j])
             status, orbit, reference = check_sample(tau, v, n, k, reference, samples, balls, unit)
         store_sample(tau, v, n, total, k, status, orbit, samples)

@@ -14,12 +14,12 @@ from rattle.continuation.arclength import (
     Bound,
     ContinuationProblem,
     Follower,
-    Path,
+    OneWayPath,
     longest_step,
     root_between,
     tangent_at,
 )
-from rattle.continuation.conditions import Kind, condition
+from rattle.continuation.conditions import EventKind, condition
 from rattle.continuation.followed import start_of_doubled_branch
 from rattle.continuation.line import FIRST_OF_DOUBLED, HALF_PERIOD, Parameter, line_through
 from rattle.errors import RattleError, require, require_integer, require_pair
@@ -98,7 +98,7 @@ def _follower(line: MotionsOnLine, span: tuple[float, float], resolution: int) -
         return line.is_admissible(y) and not line.has_equal_halves(y)
 
     longest = longest_step(span, resolution, LONGEST_STEP)
-    return Follower(line.problem, (Bound(-1, *span),), is_on_branch, longest, line.twins)
+    return Follower(line.problem, (Bound(-1, *span),), is_on_branch, longest, line.equivalent_unknowns)
 
 
 def stiff_branch_on_line(line: MotionsOnLine, start: Array, span: tuple[float, float], resolution: int) -> StiffBranch:
@@ -142,7 +142,7 @@ class _BranchEnd(NamedTuple):
     graze: Graze | None = None
 
 
-def _end_of_path(line: MotionsOnLine, path: Path, span: tuple[float, float]) -> _BranchEnd:
+def _end_of_path(line: MotionsOnLine, path: OneWayPath, span: tuple[float, float]) -> _BranchEnd:
     """Return why a path ends, in words, with the flip or graze at its end if there is one."""
     last, c = path.points[-1], len(line.walls)
     if path.outside is not None and not span[0] <= path.outside[-1] <= span[1]:
@@ -197,19 +197,19 @@ def _branch_of_points(
         start += int(k < start)
         marked = [k + 1, *(i + 1 for i in marked)]
     flips = np.array([line.flip_residual(y) for y in points])
-    events = [StiffEvent(Kind.SADDLE_NODE, line.orbit(points[i]), i) for i in marked]
+    events = [StiffEvent(EventKind.SADDLE_NODE, line.orbit(points[i]), i) for i in marked]
     for i in np.flatnonzero((flips[:-1] < 0) != (flips[1:] < 0)).tolist():
         y = root_between(problem, points[i], points[i + 1], line.flip_residual)
         if y is not None:
-            events.append(StiffEvent(Kind.FLIP, line.orbit(y), i))
+            events.append(StiffEvent(EventKind.FLIP, line.orbit(y), i))
     grazes = []
     for end, i in zip(ends, (0, len(points) - 1), strict=True):
         if end.flip is not None:
-            events.append(StiffEvent(Kind.FLIP, end.flip, i))
+            events.append(StiffEvent(EventKind.FLIP, end.flip, i))
         if end.graze is not None:
             (here, y), beyond = end.graze
             grazes.append(
-                StiffEvent(Kind.GRAZING, here.orbit(y), i, None if beyond is None else beyond[0].orbit(beyond[1]))
+                StiffEvent(EventKind.GRAZING, here.orbit(y), i, None if beyond is None else beyond[0].orbit(beyond[1]))
             )
     multipliers = np.array([line.orbit(y).multipliers for y in points]).T
     stable = np.abs(multipliers[0]) < 1.0

@@ -10,15 +10,15 @@ from collections.abc import Iterator
 import numpy as np
 
 from rattle.continuation.arclength import ContinuationProblem
-from rattle.continuation.conditions import Kind, condition, scale_at
+from rattle.continuation.conditions import EventKind, condition, scale_at
 from rattle.continuation.curve_continuation import (
     Curve,
     CurveDescription,
     PlaneWindow,
     interior_points,
     quiet_limit_curve,
+    require_window_range,
     trace_problem,
-    window_range,
 )
 from rattle.errors import RattleError, require_number, require_one_of
 from rattle.flight.forcing import TWO_PI
@@ -27,7 +27,7 @@ from rattle.numerics.complex_step import Array
 from rattle.stiff.map.quiet import quiet_limit
 from rattle.stiff.orbits.closure import (
     LEAST_CONTACT,
-    Cycle,
+    ContactCycle,
     is_admissible,
     softness,
     time_at_sigma_minus,
@@ -35,7 +35,7 @@ from rattle.stiff.orbits.closure import (
     write_residuals,
 )
 from rattle.stiff.orbits.equations import StiffItinerary
-from rattle.stiff.orbits.families import PLUS, PLUS_MINUS, StiffFamily, families, sign_changes, span_of_family
+from rattle.stiff.orbits.families import PLUS, PLUS_MINUS, StiffFamily, families, largest_family_epsilon, sign_changes
 from rattle.stiff.orbits.family_continuation import family_solution_above_chord
 from rattle.stiff.orbits.periodic import orbit_of
 
@@ -90,7 +90,7 @@ def trace(
     """
     require_one_of("name", name, NAMES)
     beta, kappa = require_number("beta", beta, positive=True), require_number("kappa", kappa, positive=True)
-    window = PlaneWindow(window_range("delta", delta, positive=True), window_range("epsilon", epsilon))
+    window = PlaneWindow(require_window_range("delta", delta, positive=True), require_window_range("epsilon", epsilon))
     dampings = np.array([*interior_points(*window.delta), *window.delta])
     try:
         if name == QUIET:
@@ -112,10 +112,10 @@ def describe(name: str) -> str:
 def _trace_family_curve(name: str, beta: float, kappa: float, window: PlaneWindow, dampings: Array) -> Curve:
     walls = PLUS if name in ONE_CONTACT_CURVES else PLUS_MINUS
     itinerary = StiffItinerary(tuple(walls.tolist()), 1, beta, softness(kappa))
-    kind = Kind.FLIP if name in FLIPS else Kind.SADDLE_NODE
+    kind = EventKind.FLIP if name in FLIPS else EventKind.SADDLE_NODE
 
     def reason_to_leave(x: Array) -> str | None:
-        return _reason_to_leave(name, np.delete(x, -2), Cycle(walls, 1, float(x[-2]), beta, kappa))
+        return _reason_to_leave(name, np.delete(x, -2), ContactCycle(walls, 1, float(x[-2]), beta, kappa))
 
     def describe_motion(x: Array) -> CurveDescription:
         orbit = orbit_of(itinerary, x)
@@ -131,7 +131,7 @@ def _trace_family_curve(name: str, beta: float, kappa: float, window: PlaneWindo
 def _starting_points(name: str, beta: float, kappa: float, window: PlaneWindow, dampings: Array) -> Iterator[Array]:
     """Yield guesses of the unknowns (2c + 2,) of motions on a curve at these dampings."""
     for delta in dampings.tolist():
-        for family in families(delta, beta, kappa, span_of_family(delta, window.epsilon[1])):
+        for family in families(delta, beta, kappa, largest_family_epsilon(delta, window.epsilon[1])):
             for y in _motions_on_curve(name, family):
                 yield np.insert(y, y.size - 1, delta)
 
@@ -180,7 +180,7 @@ def _flips_on_curve(name: str, family: StiffFamily) -> list[Array]:
     return found
 
 
-def _flip_by_bisection(a: Array, b: Array, cycle: Cycle, flip: float) -> Array:
+def _flip_by_bisection(a: Array, b: Array, cycle: ContactCycle, flip: float) -> Array:
     """Return a motion close to the flip between the motions a and b of a family.
 
     flip: 1 + e^(−δ), which is minus the trace of the tangent map at a flip.
@@ -198,7 +198,7 @@ def _flip_by_bisection(a: Array, b: Array, cycle: Cycle, flip: float) -> Array:
     return a
 
 
-def _reason_to_leave(name: str, y: Array, cycle: Cycle) -> str | None:
+def _reason_to_leave(name: str, y: Array, cycle: ContactCycle) -> str | None:
     """Return the reason in words why a solution is not on the curve with this name; None if it is on the curve."""
     c = cycle.walls.size
     if c == 2 and y[3] <= LEAST_CONTACT:
@@ -211,7 +211,7 @@ def _reason_to_leave(name: str, y: Array, cycle: Cycle) -> str | None:
     return None
 
 
-def _is_maximum_of_epsilon(y: Array, cycle: Cycle) -> bool:
+def _is_maximum_of_epsilon(y: Array, cycle: ContactCycle) -> bool:
     """Return whether ε has a maximum along a family of motions at its fold y.
 
     Let R be the residuals of the equations, and φ and ψ the right and left null vectors of their Jacobian at fixed ε.

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from rattle.attractors.speeds import SampleSpec, SpeedLimit
 from rattle.continuation.arclength import ContinuationProblem
 from rattle.continuation.bifurcation_diagram import Diagram, diagram_of, require_end
-from rattle.continuation.conditions import Kind
+from rattle.continuation.conditions import EventKind
 from rattle.continuation.motions import POINTS_ACROSS, Motion, Motions, Segment
 from rattle.errors import RattleError, require_number, require_pair
 from rattle.numerics.complex_step import Array
@@ -96,7 +96,7 @@ class StiffMotions(Motions):
         Motion
             If a branch of doubled period ends at the flip, the yielded motion has half the period of the branch.
         """
-        if event.kind is Kind.FLIP:
+        if event.kind is EventKind.FLIP:
             yield event.itinerary, event.unknowns
         elif event.beyond is not None:
             yield self._motion_of(event.beyond)

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from rattle.continuation.arclength import ContinuationProblem, line_scale, root_between, solution_with_value
 from rattle.flight.impact_law import ELASTIC
 from rattle.numerics.complex_step import Array
-from rattle.orbits.periodic_motions import solve_at_parameters, twins
+from rattle.orbits.periodic_motions import equivalent_unknowns, solve_at_parameters
 from rattle.stiff.orbits.equations import StiffItinerary
 from rattle.stiff.orbits.periodic import StiffOrbit, is_admissible_solution, orbit_of, trace_of
 
@@ -75,7 +75,7 @@ class MotionsOnLine:
         found = solve_at_parameters(self.itinerary(y), self.full_unknowns(y)[:-1])
         return None if found is None else np.append(found[:-2], y[-1])
 
-    def twins(self, start: Array, y: Array) -> Array:
+    def equivalent_unknowns(self, start: Array, y: Array) -> Array:
         """Return arrays of unknowns (k, 2c + 1) that all describe the motion `start`.
 
         Each array has another contact of the motion as its first contact. The times of an array are shifted by whole
@@ -86,7 +86,7 @@ class MotionsOnLine:
         Array
             The unknowns, an array for each contact from which the motion meets the walls in the same order.
         """
-        return twins(StiffItinerary(self.walls, self.m, self.beta, 0.0), start, y)
+        return equivalent_unknowns(StiffItinerary(self.walls, self.m, self.beta, 0.0), start, y)
 
     def mean_of_halves(self, y: Array) -> tuple["MotionsOnLine", Array, float] | None:
         """Return the mean of both halves of a motion y, as a motion of half the period.

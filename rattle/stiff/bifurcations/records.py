@@ -8,9 +8,9 @@ from typing import NamedTuple
 import numpy as np
 
 from rattle.continuation.arclength import root_between
-from rattle.continuation.conditions import Kind
+from rattle.continuation.conditions import EventKind
 from rattle.continuation.followed import FollowedBranch
-from rattle.flight.law import wrapped
+from rattle.flight.law import wrap_phase_difference
 from rattle.numerics.complex_step import Array
 from rattle.orbits.orbits_a_to_d import NAMES
 from rattle.stiff.bifurcations.curves import FOLDS
@@ -32,7 +32,7 @@ class StiffEvent(NamedTuple):
     motion was found; for a saddle-node or flip, None.
     """
 
-    kind: Kind
+    kind: EventKind
     orbit: StiffOrbit
     point: int
     beyond: StiffOrbit | None = None
@@ -40,7 +40,7 @@ class StiffEvent(NamedTuple):
     @property
     def after(self) -> int:
         """Index of the last point of the branch before the event: one less than `point` for a saddle-node."""
-        return self.point - (self.kind is Kind.SADDLE_NODE)
+        return self.point - (self.kind is EventKind.SADDLE_NODE)
 
     @property
     def itinerary(self) -> StiffItinerary:
@@ -113,7 +113,7 @@ class StiffBranch(FollowedBranch):
         The letter belongs to the part of the branch between folds (`rattle.stiff.orbits.families`). It is "" also for a
         P(1,1,0) without a counterpart in the impacting model.
         """
-        folds = [event.point for event in self.events if event.kind is Kind.SADDLE_NODE]
+        folds = [event.point for event in self.events if event.kind is EventKind.SADDLE_NODE]
         edges, names = [0, *folds, len(self)], list[str]()
         for i, j in pairwise(edges):
             names += [_letter_of(self.orbit((i + j) // 2)) if self.label[:2] == (1, 1) else ""] * (j - i)
@@ -125,10 +125,10 @@ class StiffBranch(FollowedBranch):
         if self.label[:2] != (1, 1) or (len(self.walls) > 1 and x[1] - x[0] + 0.5 * x[-1] * (x[3] - x[2]) < 0.5):
             # on every curve Σ⁻ is met more than half a period after Σ⁺, counted between the middles of both contacts
             return None
-        if event.kind is Kind.SADDLE_NODE and 0 < k < len(self) - 1:
+        if event.kind is EventKind.SADDLE_NODE and 0 < k < len(self) - 1:
             pair = "".join(sorted((letters[k - 1], letters[k + 1])))
             return next((name for name, meet in FOLDS.items() if meet == pair), None)
-        if event.kind is not Kind.FLIP:
+        if event.kind is not EventKind.FLIP:
             return None
         if len(self.walls) == 1:
             return "PDC" if letters[k] == "C" else None
@@ -144,7 +144,7 @@ class StiffBranch(FollowedBranch):
             grows, and None if D loses stability.
         """
         i = next(i for i, each in enumerate(self.events) if each is event)
-        if any(each.kind is Kind.SADDLE_NODE for each in self.events[max(i - 1, 0) : i + 2]):
+        if any(each.kind is EventKind.SADDLE_NODE for each in self.events[max(i - 1, 0) : i + 2]):
             return "PD1"
         before, after = max(event.point - 1, 0), min(event.point + 1, len(self) - 1)
         gained = float(self.stable[after]) - float(self.stable[before])
@@ -179,6 +179,9 @@ class StiffBranch(FollowedBranch):
 def _letter_of(orbit: StiffOrbit) -> str:
     """Return the letter A to D of a motion P(1,1,0) or P(1,1,1), or "" if it has none."""
     for name, other in orbits_at(orbit.delta, orbit.epsilon, orbit.beta, orbit.kappa):
-        if other.label == orbit.label and abs(wrapped(other.tau - orbit.tau)) + abs(other.v - orbit.v) < SAME_MOTION:
+        if (
+            other.label == orbit.label
+            and abs(wrap_phase_difference(other.tau - orbit.tau)) + abs(other.v - orbit.v) < SAME_MOTION
+        ):
             return name if name in NAMES else ""
     return ""

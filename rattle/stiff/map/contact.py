@@ -15,7 +15,7 @@ import math
 from typing import NamedTuple
 
 from rattle.flight.first_impact import BISECTED, MOST_STEPS, PIECE, end_of_piece
-from rattle.flight.forcing import TWO_PI, force_ahead, negative_arc, phase_at, versines
+from rattle.flight.forcing import TWO_PI, force_fourier_coefficients, negative_arc, sine_cosine_at, versines
 from rattle.numerics.compile import inline, kernel
 
 # status codes of `contact_end`: the contact ends; lasts to the horizon; never ends; has no end that the search finds
@@ -231,8 +231,8 @@ def contact_end(wall, tau, x0, w0, delta, epsilon, kappa, horizon):
         (status; the time s; x and x' at s; S and 1 − C of `responses` at s, both 0 if the status is STAYS). Status:
         ENDS; LASTS if the contact lasts to the horizon, STAYS if it never ends, TOO_LONG if no end was found.
     """
-    sin0, cos0 = phase_at(tau)
-    mean, a, b = force_ahead(wall, sin0, cos0, delta, epsilon)
+    sin0, cos0 = sine_cosine_at(tau)
+    mean, a, b = force_fourier_coefficients(wall, sin0, cos0, delta, epsilon)
     contact = Contact(x0, w0, mean, a, b, delta, kappa)
     arc = negative_arc(delta, epsilon)
     square = 0.25 * delta * delta - 2.0 * kappa

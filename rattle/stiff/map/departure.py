@@ -4,7 +4,7 @@ import math
 
 from rattle.errors import RattleError
 from rattle.flight.first_impact import OK, SIGMA_MINUS, SIGMA_PLUS
-from rattle.flight.law import folded
+from rattle.flight.law import fold_phase
 from rattle.stiff.map.flow import GAP, MOST_PIECES, QUIET, follow_piece, is_contact_over
 
 #: Message for a motion that cannot be followed, with all causes.
@@ -29,5 +29,5 @@ def departure(
             return float(tau), 0.0
         if status != OK:
             break
-        tau = folded(tau + time)
+        tau = fold_phase(tau + time)
     raise RattleError(CANNOT_FOLLOW)

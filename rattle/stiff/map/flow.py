@@ -9,9 +9,9 @@ fixed times.
 
 import math
 
-from rattle.flight.first_impact import OK, SIGMA_MINUS, SIGMA_PLUS, first_impact, searched_crossing
-from rattle.flight.forcing import DRIFT, contact_force, force_ahead, force_integral, phase_at
-from rattle.flight.law import evaluate, flight_from_phase, folded
+from rattle.flight.first_impact import OK, SIGMA_MINUS, SIGMA_PLUS, first_impact, search_crossing
+from rattle.flight.forcing import DRIFT, contact_force, force_fourier_coefficients, force_integral, sine_cosine_at
+from rattle.flight.law import evaluate, flight_from_phase, fold_phase
 from rattle.numerics.compile import inline, kernel
 from rattle.stiff.map.contact import ENDS, LASTS, STAYS, contact_end
 
@@ -23,7 +23,7 @@ MOST_PIECES = 1_000_000  # largest number of flights and contacts that one call 
 @inline
 def outward_force(wall, tau, delta, epsilon):
     """Return the contact force at this phase with the sign of the wall: positive if it presses the teeth together."""
-    sine, cosine = phase_at(tau)
+    sine, cosine = sine_cosine_at(tau)
     return wall * contact_force(sine, cosine, delta, epsilon, math.copysign(DRIFT, delta))
 
 
@@ -59,7 +59,7 @@ def follow_flight(wall, tau, position, w, delta, epsilon, beta, horizon):
         status, s, target, w1, lost, _flight, _s1, _c1 = first_impact(wall, tau, w, delta, epsilon, beta, drift)
     else:
         lower, upper = min(-beta - position, 0.0), max(beta - position, 0.0)
-        status, target, s = searched_crossing(tau, flight, lower, upper)
+        status, target, s = search_crossing(tau, flight, lower, upper)
         _f0, w1, _f2, lost, _s1, _c1 = evaluate(s, flight)
         w1 = target * max(target * w1, 0.0)
     if status == OK and s <= horizon:
@@ -109,7 +109,7 @@ def flow(wall, tau, position, w, duration, delta, epsilon, beta, kappa):
     for _ in range(MOST_PIECES):
         free = wall == GAP
         status, s, after, position, w, left, m00, m01, m10, m11 = follow_piece(
-            wall, folded(tau + time), position, w, delta, epsilon, beta, kappa, duration - time
+            wall, fold_phase(tau + time), position, w, delta, epsilon, beta, kappa, duration - time
         )
         if status != OK:
             return status, wall, position, w, n_plus, n_minus, j00, j01, j10, j11
@@ -139,7 +139,7 @@ def next_departure(tau, v, delta, epsilon, beta, kappa):
     wall, position, w = SIGMA_PLUS, 0.0, -v
     begun = False  # whether a contact with Σ⁺ has begun
     for _ in range(MOST_PIECES):
-        phase = folded(tau + time)
+        phase = fold_phase(tau + time)
         if (
             begun
             and position == 0.0
@@ -176,18 +176,18 @@ def flight_and_contact(wall, tau, w, delta, epsilon, beta, kappa):
     status, flown, wall, position, w, _l, _a, _b, _c, _d = follow_piece(
         wall, tau, 0.0, w, delta, epsilon, beta, kappa, math.inf
     )
-    speed, duration, begun = abs(w), 0.0, folded(tau + flown)
+    speed, duration, begun = abs(w), 0.0, fold_phase(tau + flown)
     for _ in range(MOST_PIECES):
-        if status != OK or is_contact_over(wall, folded(begun + duration), position, w, delta, epsilon):
+        if status != OK or is_contact_over(wall, fold_phase(begun + duration), position, w, delta, epsilon):
             break
         status, s, wall, position, w, _l, _a, _b, _c, _d = follow_piece(
-            wall, folded(begun + duration), position, w, delta, epsilon, beta, kappa, math.inf
+            wall, fold_phase(begun + duration), position, w, delta, epsilon, beta, kappa, math.inf
         )
         duration += s
     else:
         status = STUCK
-    sin0, cos0 = phase_at(begun)
-    mean, a, b = force_ahead(wall, sin0, cos0, delta, epsilon)
+    sin0, cos0 = sine_cosine_at(begun)
+    mean, a, b = force_fourier_coefficients(wall, sin0, cos0, delta, epsilon)
     pressed = force_integral(duration, mean, a, b)
     return status, flown, wall, speed, duration, speed + abs(w) + pressed, abs(w)
 
@@ -206,12 +206,12 @@ def previous_departure(tau, v, delta, epsilon, beta, kappa):
     for _ in range(MOST_PIECES):
         free = wall == GAP
         status, s, wall, position, w, left, _a, _b, _c, _d = follow_piece(
-            wall, folded(-(tau - time)), position, w, -delta, epsilon, beta, kappa, math.inf
+            wall, fold_phase(-(tau - time)), position, w, -delta, epsilon, beta, kappa, math.inf
         )
         if status != OK:
             return STUCK, tau, v, time, n_minus
         time += s
         if (left or free) and wall == SIGMA_PLUS:
-            return OK, folded(tau - time), w, time, n_minus
+            return OK, fold_phase(tau - time), w, time, n_minus
         n_minus += (left or free) and wall == SIGMA_MINUS
     return STUCK, tau, v, time, n_minus

@@ -57,6 +57,6 @@ def quiet_depth(
     return depth, TWO_PI * epsilon * (q * np.cos(angle) - p * np.sin(angle))
 
 
-def rests_late(delta: NDArray[np.float64], *_: NDArray[np.float64]) -> NDArray[np.bool_]:
+def becomes_quiet_late(delta: NDArray[np.float64], *_: NDArray[np.float64]) -> NDArray[np.bool_]:
     """Return False for each cell (n,): no cell needs many impacts before its quiet motion is recognised."""
     return np.zeros(delta.size, np.bool_)

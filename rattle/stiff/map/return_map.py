@@ -10,7 +10,7 @@ from rattle.flight.first_impact import OK, SIGMA_PLUS
 from rattle.flight.forcing import mean_force
 from rattle.flight.impact_law import log_determinant
 from rattle.intensity.visit import bounce, mean_force_at
-from rattle.numerics.compile import for_type, kernel
+from rattle.numerics.compile import implement_for_type, kernel
 from rattle.orbits import return_map
 from rattle.stiff.map.flow import flight_and_contact, next_departure, outward_force, previous_departure
 
@@ -74,26 +74,26 @@ def step_tangent(tau, v, point):
     )
 
 
-@for_type(return_map.step, StiffPoint)
+@implement_for_type(return_map.step, StiffPoint)
 def _step(tau, v, point):
     return step(tau, v, point)
 
 
-@for_type(return_map.step_tangent, StiffPoint)
+@implement_for_type(return_map.step_tangent, StiffPoint)
 def _step_tangent(tau, v, point):
     return step_tangent(tau, v, point)
 
 
-@for_type(return_map.inverse_step, StiffPoint)
+@implement_for_type(return_map.inverse_step, StiffPoint)
 def _inverse_step(tau, v, point):
     return previous_departure(tau, v, point.delta, point.epsilon, point.beta, point.kappa)
 
 
-@for_type(mean_force_at, StiffPoint)
+@implement_for_type(mean_force_at, StiffPoint)
 def _mean_force_at(point):
     return mean_force(point.delta)
 
 
-@for_type(bounce, StiffPoint)
+@implement_for_type(bounce, StiffPoint)
 def _bounce(wall, tau, w, point):
     return flight_and_contact(wall, tau, w, point.delta, point.epsilon, point.beta, point.kappa)

@@ -3,7 +3,7 @@
 import math
 
 from rattle.flight.first_impact import OK, SIGMA_PLUS
-from rattle.flight.law import folded
+from rattle.flight.law import fold_phase
 from rattle.numerics.compile import kernel
 from rattle.orbits.iterates import Trajectory, sampled_motion
 from rattle.stiff.map.flow import GAP, MOST_PIECES, QUIET, follow_piece
@@ -25,7 +25,7 @@ def write_stiff_motion(
     """
     wall, position, w, now, i, contacts, rest = SIGMA_PLUS, 0.0, -v, 0.0, 0, 0, math.inf
     for _ in range(MOST_PIECES):
-        phase, free = folded(tau + now), wall == GAP
+        phase, free = fold_phase(tau + now), wall == GAP
         for_ever, s, after, end, w1, left, _a, _b, _c, _d = follow_piece(
             wall, phase, position, w, delta, epsilon, beta, kappa, math.inf
         )

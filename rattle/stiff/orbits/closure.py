@@ -21,11 +21,11 @@ from rattle.flight.forcing import (
     add_acceleration,
     add_slope,
     change_by_epsilon,
-    force_ahead,
-    library_phase,
+    force_fourier_coefficients,
+    phase_by_math_library,
     slope_by_epsilon,
 )
-from rattle.flight.law import LONGEST_DECAY, decay64, folded, speed_unit
+from rattle.flight.law import LONGEST_DECAY, decay64, fold_phase, speed_unit
 from rattle.numerics.compile import inline, kernel
 from rattle.stiff.map.contact import ENDS, contact_end, forced_responses, responses
 
@@ -35,7 +35,7 @@ GRAZING = 1e-6  # speed, in units of `speed_unit`, below which rounding decides 
 SAME_END = 1e-9  # further error of a contact's duration, in forcing periods, that is allowed because of grazes
 
 
-class Cycle(NamedTuple):
+class ContactCycle(NamedTuple):
     """A cycle of contacts: the data that all motions of a family share, which differ in times, durations and ε only.
 
     walls (c,): the walls ±1 that a motion meets, in order, Σ⁺ first. m: the period in forcing periods. delta, beta,
@@ -105,7 +105,7 @@ def free_flight(t0, t1, gap, delta, epsilon):
     if x < LONGEST_DECAY:  # in a short flight 1 − s · pull would lose digits by cancellation
         k = x * decay64(x)
         lag = -k / (1.0 - k)
-    (sin0, cos0), (sin1, cos1) = library_phase(t0), library_phase(t1)
+    (sin0, cos0), (sin1, cos1) = phase_by_math_library(t0), phase_by_math_library(t1)
     swing = change_by_epsilon(t0, t1, s) * pull
     apart = epsilon * swing - gap * pull
     w0 = add_slope(DRIFT * lag, sin0, cos0, epsilon) - apart
@@ -127,8 +127,8 @@ def free_flight(t0, t1, gap, delta, epsilon):
 def contact_exit(wall, t, u, s, delta, epsilon, kappa):
     """Return depth and velocity, with derivatives, a time s after a contact began at time t with outward velocity u."""
     sine, lost, x_c, x_s, v_c, v_s, omc, siny = forced_responses(s, delta, kappa)
-    sin0, cos0 = library_phase(t)
-    mean, a, b = force_ahead(wall, sin0, cos0, delta, 1.0)
+    sin0, cos0 = phase_by_math_library(t)
+    mean, a, b = force_fourier_coefficients(wall, sin0, cos0, delta, 1.0)
     v_u = 1.0 - lost - delta * sine
     x_e, v_e = a * x_c + b * x_s, a * v_c + b * v_s
     x = u * sine + mean * lost / (2.0 * kappa) + epsilon * x_e
@@ -232,7 +232,7 @@ def trace_of_solution(y, cycle):
 
 
 @kernel
-def failing_piece(y, cycle):
+def find_failing_piece(y, cycle):
     """Return the first flight or contact of a solution that does not end as its equations assume.
 
     Returns
@@ -254,13 +254,13 @@ def failing_piece(y, cycle):
         u, lasts = target * ends.w1, p * y[c + after]
         if not (wall * w0 < 0.0 < u):
             return i, False, 0, t0
-        status, s, met, _w, _d, _f, _s, _c = first_impact(wall, folded(t0), w0, delta, epsilon, beta, DRIFT)
+        status, s, met, _w, _d, _f, _s, _c = first_impact(wall, fold_phase(t0), w0, delta, epsilon, beta, DRIFT)
         if status != OK:
             return i, False, 0, t0
         missed = met != target or abs(s - (t1 - t0)) > SAME_TIME
         if missed and not (u < GRAZING * speed_unit(delta, epsilon, beta) and s > t1 - t0 - SAME_TIME):
             return i, False, met, t0 + s
-        status, s, _x, _v, _s, _l = contact_end(target, folded(t1), 0.0, u, delta, epsilon, kappa, math.inf)
+        status, s, _x, _v, _s, _l = contact_end(target, fold_phase(t1), 0.0, u, delta, epsilon, kappa, math.inf)
         if status != ENDS or abs(s - lasts) > SAME_TIME * p * math.pi + SAME_END:
             return after, True, target if status == ENDS else 0, y[after] + s
     return -1, False, 0, 0.0
@@ -269,7 +269,7 @@ def failing_piece(y, cycle):
 @kernel
 def is_admissible(y, cycle):
     """Return whether a solution is admissible: each flight and contact ends when and where its equations assume."""
-    return failing_piece(y, cycle)[0] < 0
+    return find_failing_piece(y, cycle)[0] < 0
 
 
 @kernel
@@ -280,7 +280,7 @@ def time_at_sigma_minus(y, cycle):
     if not w0 < 0.0:
         return math.nan
     status, s, met, _w, _d, _f, _s, _c = first_impact(
-        cycle.walls[0], folded(t0), w0, cycle.delta, y[2], cycle.beta, DRIFT
+        cycle.walls[0], fold_phase(t0), w0, cycle.delta, y[2], cycle.beta, DRIFT
     )
     return t0 + s if status == OK and met < 0 else math.nan
 
@@ -289,4 +289,4 @@ def time_at_sigma_minus(y, cycle):
 def departure_of(y, cycle):
     """Return the phase and speed with which a motion leaves Σ⁺ after its first contact."""
     _after, t0, t1, gap = flight_after_contact(0, y, cycle)
-    return folded(t0), -free_flight(t0, t1, gap, cycle.delta, y[y.size - 1]).w0
+    return fold_phase(t0), -free_flight(t0, t1, gap, cycle.delta, y[y.size - 1]).w0

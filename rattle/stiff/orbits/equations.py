@@ -239,7 +239,7 @@ class StiffItinerary(Equations):
         """Return the residuals (…, 2c) of motions x: c of depth, c of velocity; all are 0 for a periodic motion."""
         return self._residuals_and_jacobian(x, self.softness)[1]
 
-    def with_jacobian(self, x: NDArray, multiplier: float) -> tuple[NDArray, NDArray]:
+    def evaluate_with_jacobian(self, x: NDArray, multiplier: float) -> tuple[NDArray, NDArray]:
         """Return the residuals R (…, 2c) of motions x and J(λ) = ∂R/∂(times, durations) (…, 2c, 2c).
 
         J(λ) is for perturbations that grow by λ = multiplier over a period.
@@ -252,6 +252,6 @@ class StiffItinerary(Equations):
         _, residual, matrix = self._residuals_and_jacobian(x, self.softness, multiplier, with_matrix=True)
         return residual, matrix
 
-    def with_graze(self, x: NDArray, impact: int) -> NDArray:
+    def residual_with_graze(self, x: NDArray, impact: int) -> NDArray:
         """Return (…, 2c + 1): the residuals of motions x, then σ of contact number `impact`, which is 0 at a graze."""
         return np.concatenate([self.residual(x), x[..., self.contacts + impact, None]], axis=-1)

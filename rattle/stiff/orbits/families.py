@@ -26,7 +26,7 @@ from rattle.flight.impact_law import ELASTIC
 from rattle.numerics.complex_step import Array
 from rattle.stiff.orbits.closure import (
     LEAST_CONTACT,
-    Cycle,
+    ContactCycle,
     departure_of,
     is_admissible,
     softness,
@@ -41,7 +41,7 @@ from rattle.stiff.orbits.family_continuation import (
     MOST_POINTS,
     correct_in_hyperplane,
     family_solution_above_chord,
-    folds_of,
+    find_folds,
     follow_family,
     index_on_family,
     locate_between,
@@ -59,7 +59,7 @@ SHORT_CONTACT = 10.0 * LEAST_CONTACT
 BISECTIONS = 45  # halvings of the interval in which a graze is located
 
 
-class Member(NamedTuple):
+class FamilyMember(NamedTuple):
     """A motion of a `StiffFamily`.
 
     name: the letter A to D of the part of the family on which the motion lies, or "P". cycle: the walls and parameters.
@@ -67,7 +67,7 @@ class Member(NamedTuple):
     """
 
     name: str
-    cycle: Cycle
+    cycle: ContactCycle
     y: Array
 
 
@@ -80,7 +80,7 @@ class StiffFamily:
     `family_continuation`). letters: the letter of each part of the family between folds.
     """
 
-    cycle: Cycle
+    cycle: ContactCycle
     points: Array
     folds: NDArray[np.int64]
     ends: tuple[int, int]
@@ -107,7 +107,7 @@ class StiffFamily:
         ends = [i for i, why in zip((0, -1), self.ends, strict=True) if why == BROKEN]
         return [y for y in (self.points if len(ends) == 2 else self.points[ends]) if is_admissible(y, self.cycle)]
 
-    def motions_at(self, epsilon: float) -> list[Member]:
+    def motions_at(self, epsilon: float) -> list[FamilyMember]:
         """Return the admissible motions at this eccentricity. Raises RattleError if one of them cannot be computed."""
         found, y = [], np.empty(self.points.shape[1])
         for k in sign_changes(self.points[:, -1] - epsilon):
@@ -116,7 +116,7 @@ class StiffFamily:
                 y[-1] = epsilon
                 if is_admissible(y, self.cycle):
                     name = self.letters[int(np.searchsorted(self.folds, k, side="right"))]
-                    found.append(Member(name, self.cycle, y.copy()))
+                    found.append(FamilyMember(name, self.cycle, y.copy()))
             elif any(is_admissible(end, self.cycle) for end in ends):
                 refusal = family_lost_error(self.cycle, epsilon)
                 raise refusal
@@ -128,7 +128,7 @@ def sign_changes(values: Array) -> list[int]:
     return np.flatnonzero((values[:-1] < 0) != (values[1:] < 0)).tolist()
 
 
-def family_lost_error(cycle: Cycle, epsilon: float) -> RattleError:
+def family_lost_error(cycle: ContactCycle, epsilon: float) -> RattleError:
     """Return the error for a family that cannot be followed, so that admissible motions of it may be missed."""
     return RattleError(
         f"a family of motions cannot be followed at delta = {cycle.delta:g}, epsilon = {epsilon:g}, "
@@ -136,7 +136,7 @@ def family_lost_error(cycle: Cycle, epsilon: float) -> RattleError:
     )
 
 
-def span_of_family(delta: float, epsilon: float) -> float:
+def largest_family_epsilon(delta: float, epsilon: float) -> float:
     """Return the ε up to which families are followed for a point (δ, ε).
 
     It is LEAST_SPAN · `plane_scale`(δ) or, if this is more, the smallest power of 2 that is at least 1.5 ε.
@@ -150,7 +150,7 @@ def span_of_family(delta: float, epsilon: float) -> float:
     return max(least, float(2.0 ** np.ceil(np.log2(1.5 * epsilon)))) if epsilon > 0.0 else least
 
 
-def family_through(y: Array, cycle: Cycle, span: float) -> StiffFamily:
+def family_through(y: Array, cycle: ContactCycle, span: float) -> StiffFamily:
     """Return the family through a solution y, followed in both directions to its ends, with `letters` empty."""
     direction, room = np.zeros(y.size), np.empty((MOST_POINTS, y.size))
     direction[y.size // 2] = 1.0
@@ -160,13 +160,13 @@ def family_through(y: Array, cycle: Cycle, span: float) -> StiffFamily:
         k, back = follow_family(y, -direction, cycle, span, room)
         points = np.concatenate([room[k - 1 : 0 : -1], points])
     before = np.empty(len(points), np.int64)
-    folds, all_located = folds_of(points, cycle, before)
+    folds, all_located = find_folds(points, cycle, before)
     ends = (back, on) if all_located else (BROKEN, BROKEN)
     before = before[: len(folds)]
     return StiffFamily(cycle, np.insert(points, before + 1, folds, axis=0), before + 1 + np.arange(before.size), ends)
 
 
-def explicit_solutions(cycle: Cycle, offset: Array, duration: Array) -> Array:
+def explicit_solutions(cycle: ContactCycle, offset: Array, duration: Array) -> Array:
     """Return the motions whose contacts begin at times `offset` and last `duration` · p, both (k, c), with p = 1/√(2κ).
 
     The times `offset` are relative to the beginning of the first contact. For given offsets and durations all equations
@@ -194,7 +194,7 @@ def explicit_solutions(cycle: Cycle, offset: Array, duration: Array) -> Array:
     return np.concatenate([time + offset, duration, np.hypot(x, y)[:, None]], axis=-1)
 
 
-def _guess_of_sn1(cycle: Cycle) -> Array | None:
+def _guess_of_sn1(cycle: ContactCycle) -> Array | None:
     """Return unknowns close to SN1, at which ε is least among P(1,1,0) with similar durations of the contact.
 
     If ε has several such minima, the function takes the minimum whose contact duration σ is nearest to π.
@@ -217,7 +217,7 @@ def _guess_of_sn1(cycle: Cycle) -> Array | None:
     return min(folds, key=lambda y: abs(float(y[1]) - np.pi), default=None)
 
 
-def family_of_a_and_c(cycle: Cycle, span: float) -> list[StiffFamily]:
+def family_of_a_and_c(cycle: ContactCycle, span: float) -> list[StiffFamily]:
     """Return the family of A and C as a list of one item; an empty list if there is no such family."""
     guess = _guess_of_sn1(cycle)
     if (
@@ -236,7 +236,7 @@ def family_of_a_and_c(cycle: Cycle, span: float) -> list[StiffFamily]:
     return [replace(family, letters=tuple(letters))]
 
 
-def families_without_letter(cycle: Cycle, span: float) -> list[StiffFamily]:
+def families_without_letter(cycle: ContactCycle, span: float) -> list[StiffFamily]:
     """Return the families of P(1,1,0) other than the family of A and C, sought at many durations of the contact."""
     longest = 0.999 / softness(cycle.kappa)
     dense = np.linspace(0.0, min(4 * np.pi, longest), DURATIONS)[1:]
@@ -253,7 +253,7 @@ def families_without_letter(cycle: Cycle, span: float) -> list[StiffFamily]:
     return found
 
 
-def families_on_both_walls(cycle: Cycle, span: float, plus: Sequence[StiffFamily]) -> list[StiffFamily]:
+def families_on_both_walls(cycle: ContactCycle, span: float, plus: Sequence[StiffFamily]) -> list[StiffFamily]:
     """Return the families of P(1,1,1), with their letters. plus: the families of P(1,1,0)."""
     found: list[StiffFamily] = []
     for guess, constraint in _guesses_on_both_walls(cycle, plus):
@@ -267,7 +267,7 @@ def families_on_both_walls(cycle: Cycle, span: float, plus: Sequence[StiffFamily
     return [replace(family, letters=_letters_of_parts(family, plus)) for family in found]
 
 
-def _guesses_on_both_walls(cycle: Cycle, plus: Sequence[StiffFamily]) -> Iterator[tuple[Array, Array]]:
+def _guesses_on_both_walls(cycle: ContactCycle, plus: Sequence[StiffFamily]) -> Iterator[tuple[Array, Array]]:
     """Yield guesses of P(1,1,1), each with a row that completes Newton's equations.
 
     plus: the families of P(1,1,0), at whose grazes with Σ⁻ some of the guesses lie.
@@ -369,8 +369,8 @@ def families(delta: float, beta: float, kappa: float, span: float) -> tuple[Stif
     RattleError
         If a family breaks off at an admissible motion.
     """
-    plus = family_of_a_and_c(Cycle(PLUS, 1, delta, beta, kappa), span)
-    found = *plus, *families_on_both_walls(Cycle(PLUS_MINUS, 1, delta, beta, kappa), span, plus)
+    plus = family_of_a_and_c(ContactCycle(PLUS, 1, delta, beta, kappa), span)
+    found = *plus, *families_on_both_walls(ContactCycle(PLUS_MINUS, 1, delta, beta, kappa), span, plus)
     for family in found:
         for y in family.motions_at_breaks:
             refusal = family_lost_error(family.cycle, float(y[-1]))
@@ -378,7 +378,7 @@ def families(delta: float, beta: float, kappa: float, span: float) -> tuple[Stif
     return found
 
 
-def members(delta: float, epsilon: float, beta: float, kappa: float) -> list[Member]:
+def find_family_members(delta: float, epsilon: float, beta: float, kappa: float) -> list[FamilyMember]:
     """Return the admissible counterparts of A to D at one parameter point, and other motions of the same families.
 
     Returns
@@ -391,6 +391,6 @@ def members(delta: float, epsilon: float, beta: float, kappa: float) -> list[Mem
     RattleError
         If the continuation of a family fails, or a motion at this point cannot be computed.
     """
-    span = span_of_family(delta, epsilon)
+    span = largest_family_epsilon(delta, epsilon)
     found = [member for family in families(delta, beta, kappa, span) for member in family.motions_at(epsilon)]
     return sorted(found, key=lambda member: (member.name, member.y.size, float(member.y[0] - member.y[1])))

@@ -311,7 +311,7 @@ def follow_family(start, direction, cycle, largest, points):
 
 
 @kernel
-def folds_of(points, cycle, folds):
+def find_folds(points, cycle, folds):
     """Return the k folds of a family, at which ε turns back, as unknowns (k, 2c + 1) of motions with c contacts.
 
     The folds lie between points of the family. For each fold the index of the point before it is written to `folds`.

@@ -11,17 +11,17 @@ from numpy.typing import ArrayLike, NDArray
 from rattle.continuation.arclength import plane_scale
 from rattle.errors import RattleError, broadcast_parameters, require_number
 from rattle.flight.impact_law import ELASTIC
-from rattle.orbits.orbits_a_to_d import NAMES, PeriodOne, classify, multipliers_of
-from rattle.stiff.orbits.closure import Cycle, departure_of, is_admissible, softness, trace_of_solution
+from rattle.orbits.orbits_a_to_d import NAMES, PeriodOne, classify_regions, multipliers_of
+from rattle.stiff.orbits.closure import ContactCycle, departure_of, is_admissible, softness, trace_of_solution
 from rattle.stiff.orbits.equations import StiffItinerary
 from rattle.stiff.orbits.families import (
     NO_LETTER,
     PLUS,
-    Member,
+    FamilyMember,
     families_without_letter,
     family_of_a_and_c,
-    members,
-    span_of_family,
+    find_family_members,
+    largest_family_epsilon,
 )
 from rattle.stiff.orbits.periodic import StiffOrbit, orbit_of
 
@@ -40,16 +40,16 @@ class NamedStiffOrbit(NamedTuple):
 
 def orbits_at(delta: float, epsilon: float, beta: float, kappa: float) -> tuple[NamedStiffOrbit, ...]:
     """Return all admissible counterparts of A to D at a point, and all other P(1,1,0), named "P", sorted by name."""
-    cycle, span = Cycle(PLUS, 1, delta, beta, kappa), span_of_family(delta, epsilon)
+    cycle, span = ContactCycle(PLUS, 1, delta, beta, kappa), largest_family_epsilon(delta, epsilon)
     others = (member for family in families_without_letter(cycle, span) for member in family.motions_at(epsilon))
     found = [
         NamedStiffOrbit(member.name, _orbit_of_member(member))
-        for member in (*members(delta, epsilon, beta, kappa), *others)
+        for member in (*find_family_members(delta, epsilon, beta, kappa), *others)
     ]
     return tuple(sorted(found, key=lambda named: (named.name, named.orbit.tau)))
 
 
-def _orbit_of_member(member: Member) -> StiffOrbit:
+def _orbit_of_member(member: FamilyMember) -> StiffOrbit:
     """Return a motion of a family as a `StiffOrbit`."""
     itinerary = StiffItinerary(tuple(member.cycle.walls.tolist()), 1, member.cycle.beta, softness(member.cycle.kappa))
     return orbit_of(itinerary, np.insert(member.y, member.y.size - 1, member.cycle.delta))
@@ -81,7 +81,7 @@ def period_one(delta: ArrayLike, epsilon: ArrayLike, beta: ArrayLike, kappa: Arr
     exists = np.zeros((len(NAMES), len(cells)), np.bool_)
     tau, v, trace = (np.full(exists.shape, np.nan) for _ in range(3))
     for i in np.lexsort(cells.T):  # in this order equal δ, β and κ are adjacent
-        for member in members(*cells[i].tolist()):
+        for member in find_family_members(*cells[i].tolist()):
             if member.name == NO_LETTER:
                 continue
             letter = NAMES.index(member.name)
@@ -114,7 +114,7 @@ def regions(delta: ArrayLike, epsilon: ArrayLike, beta: ArrayLike, kappa: ArrayL
     RattleError
         If a family of motions cannot be followed.
     """
-    return classify(period_one(delta, epsilon, beta, kappa))
+    return classify_regions(period_one(delta, epsilon, beta, kappa))
 
 
 def saddle_node_1(delta: float, kappa: float, beta: float = 0.6) -> StiffOrbit:
@@ -133,12 +133,12 @@ def saddle_node_1(delta: float, kappa: float, beta: float = 0.6) -> StiffOrbit:
         If SN1 does not exist at these parameters.
     """
     delta, beta = require_number("delta", delta, positive=True), require_number("beta", beta, positive=True)
-    cycle = Cycle(PLUS, 1, delta, beta, require_number("kappa", kappa, positive=True))
+    cycle = ContactCycle(PLUS, 1, delta, beta, require_number("kappa", kappa, positive=True))
     for family in family_of_a_and_c(cycle, LARGEST_SPAN * plane_scale(delta)):
         for fold, letters in zip(family.folds, pairwise(family.letters), strict=True):
             y = family.points[fold]
             if set(letters) == set("AC") and is_admissible(y, cycle):
-                return _orbit_of_member(Member("SN1", cycle, y))
+                return _orbit_of_member(FamilyMember("SN1", cycle, y))
     raise RattleError(
         f"no saddle-node SN1, the birth of A and C, was found at delta = {delta:g}, beta = {beta:g}, kappa = {kappa:g}"
     )

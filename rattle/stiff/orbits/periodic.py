@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rattle.continuation.arclength import Bound, ContinuationProblem, Follower, Path, longest_step, tangent_at
+from rattle.continuation.arclength import Bound, ContinuationProblem, Follower, OneWayPath, longest_step, tangent_at
 from rattle.errors import RattleError, require, require_finite, require_integer, require_number
 from rattle.flight import law
 from rattle.impacting.orbits.periodic import PeriodicOrbit
@@ -17,7 +17,7 @@ from rattle.orbits.periodic_motions import MOST_IMPACTS, Periodic, solve_at_para
 from rattle.stiff.map.flow import OK, QUIET, follow_piece, is_contact_over
 from rattle.stiff.map.return_map import StiffPoint
 from rattle.stiff.orbits import closure
-from rattle.stiff.orbits.closure import Cycle, softness
+from rattle.stiff.orbits.closure import ContactCycle, softness
 from rattle.stiff.orbits.equations import StiffItinerary
 
 LONGEST_STEP = 0.1  # longest continuation step, in the unknowns
@@ -93,14 +93,14 @@ def first_failing_piece(itinerary: StiffItinerary, x: Array) -> FailingPiece | N
     FailingPiece | None
         The flight or contact; None if the motion is admissible.
     """
-    number, contact, wall, time = closure.failing_piece(np.delete(x, -2), _cycle_of(itinerary, x))
+    number, contact, wall, time = closure.find_failing_piece(np.delete(x, -2), _cycle_of(itinerary, x))
     return None if number < 0 else FailingPiece(int(number), bool(contact), int(wall), float(time))
 
 
-def _cycle_of(itinerary: StiffItinerary, x: Array) -> Cycle:
+def _cycle_of(itinerary: StiffItinerary, x: Array) -> ContactCycle:
     """Return walls and parameters of the motion with unknowns x, as `rattle.stiff.orbits.closure` takes them."""
     kappa = 0.5 / itinerary.softness**2
-    return Cycle(np.array(itinerary.walls), itinerary.m, float(x[-2]), itinerary.beta, kappa)
+    return ContactCycle(np.array(itinerary.walls), itinerary.m, float(x[-2]), itinerary.beta, kappa)
 
 
 def orbit_of(itinerary: StiffItinerary, x: Array) -> StiffOrbit:
@@ -173,7 +173,7 @@ def follow_from_limit(
     direction: Array,
     span: tuple[float, float],
     is_admissible: Callable[[Array], bool],
-) -> Path:
+) -> OneWayPath:
     """Follow solutions from `start` (N + 1,) while they are admissible and the last unknown, 1/√(2κ), is in `span`."""
     follower = Follower(problem, (Bound(-1, *span),), is_admissible, longest_step(span, STEPS_TO_LIMIT, LONGEST_STEP))
     return follower.follow(start, tangent_at(problem, start, direction), MOST_STEPS)
@@ -198,7 +198,7 @@ def follow_contacts(
     wall, position, w, time = np.int64(1), 0.0, -v, tau
     walls, begins, durations = list[int](), list[float](), list[float]()
     while True:
-        before, phase = wall, float(law.folded(time))
+        before, phase = wall, float(law.fold_phase(time))
         leaves = position == 0.0 and is_contact_over(wall, phase, position, w, delta, epsilon)
         if leaves and walls.count(1) == n_plus and before == 1:
             break
@@ -268,7 +268,7 @@ def stiff_orbit(
     """
     delta, beta = require_number("delta", delta, positive=True), require_number("beta", beta, positive=True)
     kappa, v = require_number("kappa", kappa, positive=True), require_number("v", v, positive=True)
-    epsilon, tau = require_number("epsilon", epsilon), float(law.folded(require_finite("tau", tau)))
+    epsilon, tau = require_number("epsilon", epsilon), float(law.fold_phase(require_finite("tau", tau)))
     require_integer("n_plus", n_plus, 1, MOST_IMPACTS)
     itinerary, x = follow_contacts(delta, epsilon, beta, kappa, tau, v, n_plus)
     found = solve_at_parameters(itinerary, x)

@@ -11,14 +11,14 @@ from urllib.parse import urlencode
 
 from gear_rattle.service.explorer.common.address_fields import (
     address_field,
-    allowed_text,
-    bounded_number,
     field_texts,
     pair_text,
     parse_pair,
     parse_point,
     read_fields,
     read_text,
+    require_allowed_text,
+    require_between,
 )
 from gear_rattle.service.explorer.common.point_state import PointState
 from gear_rattle.service.harmonics import harmonic_texts, read_harmonics
@@ -218,7 +218,7 @@ def _parse_index(text: str) -> int:
 
 
 def _parse_family(text: str) -> int:
-    return bounded_number(int(text), 0, 2**31 - 1)
+    return require_between(int(text), 0, 2**31 - 1)
 
 
 def _parse_window(text: str) -> Pair:
@@ -345,7 +345,7 @@ class View:
     further: tuple[ComparisonChoice, ...] = ()
     profile: MapChoice | None = address_field(None, MapChoice.read, address_text)
     profile_limits: Pair | None = address_field(None, _parse_window, pair_text)
-    theme: str = address_field("", partial(allowed_text, THEMES))
+    theme: str = address_field("", partial(require_allowed_text, THEMES))
     point_state: PointState = field(default_factory=PointState)
     pins: tuple[Pin, ...] = address_field((), _parse_pins, lambda pins: ";".join(map(address_text, pins)))
     is_variable_chosen: bool = field(default=False, compare=False)
@@ -370,9 +370,9 @@ class View:
     @property
     def lines(self) -> tuple[str, ...]:
         """Lines over the map: the chosen lines, or the default lines of the map."""
-        return self.lines_over(self.variable)
+        return self.lines_on_map(self.variable)
 
-    def lines_over(self, variable: str) -> tuple[str, ...]:
+    def lines_on_map(self, variable: str) -> tuple[str, ...]:
         """Return the lines over the map of a variable: the lines that a viewer chose, or the default lines."""
         if self.overlays is not None:
             return self.overlays

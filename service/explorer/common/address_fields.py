@@ -61,7 +61,7 @@ def read_text(texts: Mapping[str, str], name: str, parse: Callable[[str], T], de
         return default
 
 
-def allowed_text(allowed: Collection[str], text: str) -> str:
+def require_allowed_text(allowed: Collection[str], text: str) -> str:
     """Return an allowed text unchanged. Raises ValueError for any other text."""
     if text not in allowed:
         raise ValueError(f"One of {', '.join(allowed)} is needed, not {text!r}.")
@@ -84,7 +84,7 @@ def parse_point(text: str) -> Pair:
     return delta, epsilon
 
 
-def bounded_number(number: N, low: float, high: float) -> N:
+def require_between(number: N, low: float, high: float) -> N:
     """Return a number unchanged. Raises ValueError unless low <= number <= high."""
     if not low <= number <= high:
         raise ValueError(f"A number from {low:g} to {high:g} is needed, not {number!r}.")

@@ -24,7 +24,7 @@ log = logging.getLogger(__name__)
 _waiting: WeakKeyDictionary[Document, list[Change]] = WeakKeyDictionary()
 
 
-def wait_for_browser(document: Document) -> None:
+def delay_changes_until_loaded(document: Document) -> None:
     """Delay all changes of a document from now until its browser has loaded the document.
 
     Call this function in the event loop when the browser connects. Without the delay some changes would arrive twice,

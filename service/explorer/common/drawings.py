@@ -8,7 +8,7 @@ from contextlib import aclosing
 from functools import partial
 
 from gear_rattle.service.database.tables import JobRow, State
-from gear_rattle.service.explorer.common.viewer import Viewer
+from gear_rattle.service.explorer.common.viewer import PageSession
 from rattle import RattleError
 
 PAUSE = 1.0  # seconds between two drawings of a running survey
@@ -28,7 +28,7 @@ class DrawingRunner:
         Shows an error of a drawing. It is not called if another drawing has been requested since.
     """
 
-    def __init__(self, viewer: Viewer, show_error: Callable[[RattleError], object]) -> None:
+    def __init__(self, viewer: PageSession, show_error: Callable[[RattleError], object]) -> None:
         self._viewer, self._show_error = viewer, show_error
         self._wanted: tuple[Hashable, ...] = ()
         self._drawn: tuple[Hashable, ...] = ()

@@ -63,7 +63,7 @@ def themed_figure(
     return found
 
 
-def ink_of(theme: str) -> str:
+def foreground_colour(theme: str) -> str:
     """Return the colour of lines and text in a theme."""
     return INK[theme][0]
 

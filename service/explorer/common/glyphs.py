@@ -20,7 +20,7 @@ from bokeh.models.annotations import ColorBar, Label
 from bokeh.models.glyphs import Image, Line, MultiLine, Scatter, Segment, Text, VArea
 from bokeh.models.renderers import GlyphRenderer
 
-from gear_rattle.service.explorer.files import asset
+from gear_rattle.service.explorer.files import read_asset
 from gear_rattle.workers.pictures.look import COVERED, LIMIT, OPACITY, OWN_STYLES
 from rattle.plot import STYLES
 
@@ -38,7 +38,7 @@ POINT = ("x", "y", "marker", "name", "dx", "dy", "to_x", "to_y")
 
 
 @dataclass(frozen=True)
-class Scale:
+class ScaleRenderers:
     """Renderers of a map on one colour scale, linear or logarithmic.
 
     A map has renderers on both scales and shows one set, because a renderer cannot change its colour mapper.
@@ -75,7 +75,7 @@ def clear(source: ColumnDataSource) -> None:
         source.data = {name: [] for name in source.data}
 
 
-def style_of(name: str) -> tuple[str, tuple[float, ...]]:
+def line_style_of(name: str) -> tuple[str, tuple[float, ...]]:
     """Return the colour of a named line, and its dashes and gaps in pixels, () for a solid line; see `rattle.plot`."""
     styles: dict[str, Any] = {**STYLES, **OWN_STYLES}
     colour, dashes = styles[name]
@@ -99,7 +99,7 @@ def veil_renderer(source: ColumnDataSource, paper: str) -> Any:
     return image_renderer(source, mapper, name="veil")
 
 
-def colour_scales(values: ColumnDataSource, fine: ColumnDataSource, **bar: Any) -> dict[bool, Scale]:
+def colour_scales(values: ColumnDataSource, fine: ColumnDataSource, **bar: Any) -> dict[bool, ScaleRenderers]:
     """Return the linear and the logarithmic colour scale of a map.
 
     values: source of the survey's cells. fine: source of finer cells of a window. bar: properties of the colour bars.
@@ -116,11 +116,11 @@ def colour_scales(values: ColumnDataSource, fine: ColumnDataSource, **bar: Any) 
             image_renderer(source, mapper, visible=False, name=f"{name}{log:d}")
             for name, source in (("cells", values), ("fine", fine))
         )
-        numbers = CustomJSTickFormatter(code=asset("bar_ticks.js"))
+        numbers = CustomJSTickFormatter(code=read_asset("bar_ticks.js"))
         ends = ColorBar(
             color_mapper=mapper, formatter=numbers, visible=False, width=BAR_WIDTH, padding=BAR_PADDING, **bar
         )
-        found[log] = Scale(mapper, cells, finer, ends)
+        found[log] = ScaleRenderers(mapper, cells, finer, ends)
     return found
 
 
@@ -130,7 +130,7 @@ def range_arrows(ink: str) -> list[Any]:
     return [Label(x=0, y=0, text="", visible=False, **style) for _ in range(2)]
 
 
-def place_bars(plot: Any, bars: Sequence[Any], is_below: bool) -> None:
+def place_colour_bars(plot: Any, bars: Sequence[Any], is_below: bool) -> None:
     """Move the colour bars, of which one is visible at a time, below the map (`is_below`) or to its right."""
     for bar in bars:
         bar.update(width="auto" if is_below else BAR_WIDTH, height=BAR_WIDTH if is_below else "auto")
@@ -157,7 +157,7 @@ def mark_ends(marks: Sequence[Any], bar: Any, is_below: bool) -> None:
 
 def line_renderers(source: ColumnDataSource, name: str) -> list[Any]:
     """Return the renderers of a named line: a white edge, and over it the line in its own style."""
-    colour, dash = style_of(name)
+    colour, dash = line_style_of(name)
     dashes = " ".join(str(round(each)) for each in dash) or "solid"
     halo = MultiLine(xs="xs", ys="ys", line_color="white", line_width=3.6, line_alpha=0.75)
     own = MultiLine(xs="xs", ys="ys", line_color=colour, line_width=1.7, line_dash=dashes)

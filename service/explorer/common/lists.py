@@ -9,7 +9,7 @@ import param
 from panel.custom import JSComponent
 
 from gear_rattle.service.explorer.common.changes import handler_in_event_loop
-from gear_rattle.service.explorer.files import asset
+from gear_rattle.service.explorer.files import read_asset
 
 
 class SurveyMenu(JSComponent):
@@ -24,8 +24,8 @@ class SurveyMenu(JSComponent):
     ready = param.Boolean(default=False)
     signed_in = param.Boolean(default=False)
 
-    _esm = asset("component.js") + asset("surveys.js")
-    _stylesheets = [asset("surveys.css")]  # noqa: RUF012 - Panel's own components declare this as a list
+    _esm = read_asset("component.js") + read_asset("surveys.js")
+    _stylesheets = [read_asset("surveys.css")]  # noqa: RUF012 - Panel's own components declare this as a list
 
     def __init__(self, on_action: Callable[[str, str, Mapping[str, Any]], None], **values: Any) -> None:
         super().__init__(**values)
@@ -45,8 +45,8 @@ class MapKey(JSComponent):
     overlays = param.List(default=[])
     chosen = param.List(default=[])
 
-    _esm = asset("key.js")
-    _stylesheets = [asset("key.css")]  # noqa: RUF012 - Panel's own components declare this as a list
+    _esm = read_asset("key.js")
+    _stylesheets = [read_asset("key.css")]  # noqa: RUF012 - Panel's own components declare this as a list
 
 
 class MapButtons(JSComponent):
@@ -64,5 +64,5 @@ class MapButtons(JSComponent):
     buttons = param.List(default=[])
     chosen = param.String(default="")
 
-    _esm = asset("component.js") + asset("maps.js")
-    _stylesheets = [asset("maps.css")]  # noqa: RUF012 - Panel's own components declare this as a list
+    _esm = read_asset("component.js") + read_asset("maps.js")
+    _stylesheets = [read_asset("maps.css")]  # noqa: RUF012 - Panel's own components declare this as a list

@@ -10,14 +10,14 @@ from typing import Any, NamedTuple
 
 from gear_rattle.service.explorer.common.address_fields import (
     address_field,
-    allowed_text,
-    bounded_number,
     field_texts,
     pair_text,
     parse_pair,
     parse_point,
     read_fields,
     read_text,
+    require_allowed_text,
+    require_between,
 )
 from gear_rattle.service.operations.diagrams import LEAST_SPAN, MOST_SPAN, SPANS, Pair
 
@@ -39,7 +39,7 @@ class Tolerance(NamedTuple):
 
 
 def _parse_attractor(text: str) -> int:
-    return bounded_number(int(text), 0, MOST_ATTRACTORS - 1)
+    return require_between(int(text), 0, MOST_ATTRACTORS - 1)
 
 
 def _parse_initial_condition(text: str) -> Pair:
@@ -50,15 +50,15 @@ def _parse_initial_condition(text: str) -> Pair:
 
 
 def _parse_span(text: str) -> float:
-    return bounded_number(float(text), LEAST_SPAN, MOST_SPAN)
+    return require_between(float(text), LEAST_SPAN, MOST_SPAN)
 
 
 def _parse_share(text: str) -> float:
-    return bounded_number(float(text), 0.0, 1.0)
+    return require_between(float(text), 0.0, 1.0)
 
 
 def _parse_tolerance(text: str) -> Tolerance:
-    first, second, share = (bounded_number(float(part), 0.0, LARGEST) for part in text.split(","))
+    first, second, share = (require_between(float(part), 0.0, LARGEST) for part in text.split(","))
     return Tolerance(first, second, share)
 
 
@@ -89,12 +89,12 @@ class PointState:
 
     attractor: int | None = address_field(None, _parse_attractor)
     start: Pair | None = None
-    direction: str = address_field("epsilon", partial(allowed_text, SPANS))
+    direction: str = address_field("epsilon", partial(require_allowed_text, SPANS))
     span: float | None = address_field(None, _parse_span, repr)
     to: Pair | None = address_field(None, parse_point, pair_text)
     tolerance: Tolerance | None = address_field(None, _parse_tolerance, lambda widths: ",".join(map(repr, widths)))
     at: float | None = address_field(None, _parse_share, repr)
-    tab: str | None = address_field(None, partial(allowed_text, TABS))
+    tab: str | None = address_field(None, partial(require_allowed_text, TABS))
 
     @property
     def diagram_choice(self) -> tuple[str, float | None, Pair | None]:
@@ -112,7 +112,7 @@ class PointState:
             return MOTION
         return ANSWER if self.at is None else BASINS
 
-    def limited_to(self, v_max: float) -> PointState:
+    def without_start_above(self, v_max: float) -> PointState:
         """Return the state, without the initial condition `start` if its speed is above v_max."""
         return self if self.start is None or self.start[1] <= v_max else replace(self, start=None)
 

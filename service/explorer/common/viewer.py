@@ -31,7 +31,7 @@ Result = TypeVar("Result")
 log = logging.getLogger(__name__)
 
 
-class Viewer:
+class PageSession:
     """Session of one open page: its caller, its tasks, and its document, which only the event loop may change."""
 
     def __init__(self, front: Front, caller: Caller | None, document: Document) -> None:

@@ -28,14 +28,16 @@ class WidgetWatcher:
 
         def act_on_newest(event: Any) -> None:
             if self._newest[widget] is event:  # an older event is ignored: the call for the newest one follows
-                with self.paused():  # restores the viewer's value, which the page may have overwritten meanwhile
+                with (
+                    self.ignore_changes()
+                ):  # restores the viewer's value, which the page may have overwritten meanwhile
                     setattr(widget, name, event.new)
                 callback()
 
         widget.param.watch(on_change, name)
 
     @contextmanager
-    def paused(self) -> Iterator[None]:
+    def ignore_changes(self) -> Iterator[None]:
         """Ignore all changes of widgets inside this context, in which the page itself sets their values."""
         self._is_paused = True
         try:

@@ -13,7 +13,7 @@ from bokeh.plotting import figure
 
 from gear_rattle.service.explorer.common.address import Pair
 from gear_rattle.service.explorer.design.fields import NUMBERS
-from gear_rattle.service.explorer.files import asset
+from gear_rattle.service.explorer.files import read_asset
 from gear_rattle.workers.survey.machine import SurveyedMachine
 
 NAMES = ("damping δ", "eccentricity ε")
@@ -39,7 +39,7 @@ class MapAxes:
         for name, side in zip(("rpm", "eccentricity"), sides, strict=False):
             label = NUMBERS[name].label.lower()
             axis: Any = LinearAxis(axis_label=label, visible=False, name=name, major_label_policy=NoOverlap())
-            axis.ticker = CustomJSTicker(major_code=asset("si_ticks.js"))
+            axis.ticker = CustomJSTicker(major_code=read_asset("si_ticks.js"))
             axis.formatter = CustomJSTickFormatter(code=ROUND)
             plot.add_layout(axis, side)
             self._machine[name] = axis
@@ -47,10 +47,10 @@ class MapAxes:
             plot.add_layout(axis, side)
         for pair in (self._own, self._second):
             for axis, span, name in zip(pair, self._spans, NAMES, strict=True):
-                axis.formatter = CustomJSTickFormatter(args={"range": span}, code=asset("ticks.js"))
+                axis.formatter = CustomJSTickFormatter(args={"range": span}, code=read_asset("ticks.js"))
                 # Without this policy, labels of small dampings overlap on the narrow screen of a telephone.
                 axis.major_label_policy = NoOverlap()
-                naming = CustomJS(args={"axis": axis, "range": span, "name": name}, code=asset("axis_label.js"))
+                naming = CustomJS(args={"axis": axis, "range": span, "name": name}, code=read_asset("axis_label.js"))
                 span.js_on_change("start", naming)
                 span.js_on_change("end", naming)
         self.show(None)

@@ -123,7 +123,7 @@ def add_crisis(
     )
 
 
-def has_swept_chaos(attractors: Sequence[rattle.Attractor], extents: Sequence[MotionExtent | None]) -> bool:
+def has_bracketed_chaos_end(attractors: Sequence[rattle.Attractor], extents: Sequence[MotionExtent | None]) -> bool:
     """Return whether a sweep bracketed the upper end in ε of any chaotic attractor, as `add_crisis` needs."""
     pairs = zip(attractors, extents, strict=False)  # attractors beyond MOST_FOLLOWED have no extent
     return any(one.kind == "chaotic" and each is not None and each.high.kind == SWEPT for one, each in pairs)
@@ -167,7 +167,7 @@ def _extent_of_branch(branch: Any, within: Pair) -> MotionExtent:
             before = min(point, beyond)  # index of the point before the events between `point` and `beyond`
             here = [event for event, at in events if at == before][::sign]
             if here and (is_last or here[0].kind in (SADDLE_NODE, FLIP) or not attracts[beyond]):
-                return _end_at(here[0], branch, not is_last and bool(branch.admissible[beyond]))
+                return _extent_end_at_event(here[0], branch, not is_last and bool(branch.admissible[beyond]))
             if is_last and branch.ends[sign > 0] == "span":
                 return ExtentEnd(RANGE, within[sign > 0])
             if is_last or not attracts[beyond]:
@@ -183,7 +183,7 @@ def _index_of_point_before(event: Any, branch: Any) -> int:
     return -1 if is_origin else int(event.after)
 
 
-def _end_at(event: Any, branch: Any, remains: bool) -> ExtentEnd:
+def _extent_end_at_event(event: Any, branch: Any, remains: bool) -> ExtentEnd:
     """Return the end of a motion at an event of its branch. remains: True if the motion exists beyond the event."""
     next_motion = getattr(event, "beyond", None)
     return ExtentEnd(

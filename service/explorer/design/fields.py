@@ -136,7 +136,7 @@ def machine_at_other_point(machine: Machine | None, delta: float, epsilon: float
     return replace(machine, speed=speed, eccentricity=eccentricity)
 
 
-def _in_rows_of_two(widgets: list[Any], *above: Any) -> pn.Column:
+def _arrange_in_rows_of_two(widgets: list[Any], *above: Any) -> pn.Column:
     rows = (pn.Row(*widgets[i : i + 2], sizing_mode="stretch_width") for i in range(0, len(widgets), 2))
     return pn.Column(*above, *rows, sizing_mode="stretch_width", margin=0)
 
@@ -160,8 +160,8 @@ class MachineFields:
         self._drive = pn.widgets.Select(label="Driven", options=options, value=next(iter(DRIVES)), **style)
         needed = [self._numbers[name] for name in self._numbers if NUMBERS[name].first is not None]
         about = pn.pane.HTML(ABOUT, stylesheets=[sheet], margin=(0, 4))
-        self.needed = _in_rows_of_two([*needed, self._drive])
-        self.optional = _in_rows_of_two([each for each in self._numbers.values() if each not in needed], about)
+        self.needed = _arrange_in_rows_of_two([*needed, self._drive])
+        self.optional = _arrange_in_rows_of_two([each for each in self._numbers.values() if each not in needed], about)
         self.panel = pn.Column(self.needed, self.optional, sizing_mode="stretch_width", margin=0)
 
     def entered_numbers(self) -> dict[str, Any]:

@@ -53,7 +53,7 @@ class GoToPanel:
         """Select in the list the bookmark that the view shows, or none if the view shows no bookmark."""
         view = self._store.view
         shown = shown_bookmark(view.window, view.point) if self._is_plane_of_bookmarks() else None
-        with self._watch.paused():
+        with self._watch.ignore_changes():
             self.named.value = "" if shown is None else shown
 
     def _is_plane_of_bookmarks(self) -> bool:

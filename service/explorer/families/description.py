@@ -30,7 +30,7 @@ NOT_ALONE = "Some cells have two of its attractors: continuation through other c
 
 
 @dataclass(frozen=True)
-class Extent:
+class FamilyExtent:
     """The longest row or column of adjoining cells that all have the described family.
 
     direction: "delta" for a row, "epsilon" for a column. middle: the point (δ, ε) in its middle. half_span: half of
@@ -63,7 +63,7 @@ class FamilyDescription:
     cell_share: float
     sample_share: float
     borders: Mapping[str, int]
-    extents: tuple[Extent, ...]
+    extents: tuple[FamilyExtent, ...]
 
 
 class StoredFamilies(NamedTuple):
@@ -162,7 +162,7 @@ def longest_run(there: np.ndarray) -> tuple[int, int, int]:
     return best
 
 
-def _longest_extent(there: np.ndarray, plane: MapPlane, direction: str) -> Extent | None:
+def _longest_extent(there: np.ndarray, plane: MapPlane, direction: str) -> FamilyExtent | None:
     along, across = (plane.delta, plane.epsilon) if direction == "delta" else (plane.epsilon, plane.delta)
     line, first, end = longest_run(there if direction == "delta" else there.T)
     if end == first:
@@ -170,7 +170,7 @@ def _longest_extent(there: np.ndarray, plane: MapPlane, direction: str) -> Exten
     step = float(along[-1] - along[0]) / max(along.size - 1, 1)
     middle = float(along[first] + along[end - 1]) / 2
     beside = float(across[line])
-    return Extent(
+    return FamilyExtent(
         direction,
         (middle, beside) if direction == "delta" else (beside, middle),
         # one cell more than half the length, so that the diagram shows where the family ends

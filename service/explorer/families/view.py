@@ -15,11 +15,11 @@ from gear_rattle.service.errors import MissingError
 from gear_rattle.service.explorer.common.address import View
 from gear_rattle.service.explorer.common.drawings import DrawingRunner, Show
 from gear_rattle.service.explorer.common.text import Text
-from gear_rattle.service.explorer.common.viewer import Viewer
+from gear_rattle.service.explorer.common.viewer import PageSession
 from gear_rattle.service.explorer.common.watch import WidgetWatcher, on_press
 from gear_rattle.service.explorer.families.description import (
-    Extent,
     FamilyDescription,
+    FamilyExtent,
     family_description,
     family_in_words,
     first_family_names,
@@ -63,12 +63,12 @@ class FamiliesView:
         Figure of the map, on which the cells without the family are dimmed.
     """
 
-    def __init__(self, shared: SharedState, viewer: Viewer, store: Store, figure: MapFigure, sheet: str) -> None:
+    def __init__(self, shared: SharedState, viewer: PageSession, store: Store, figure: MapFigure, sheet: str) -> None:
         self._shared, self._viewer, self._store, self._figure = shared, viewer, store, figure
         styled: dict[str, Any] = {"stylesheets": [sheet], "margin": (2, 8, 2, 0)}
         self.menu = pn.widgets.Select(label="Family", options={NO_FAMILY: ""}, width=165, visible=False, **styled)
         self._watch = WidgetWatcher()
-        self._watch.call_on_change(self.menu, self._on_chosen)
+        self._watch.call_on_change(self.menu, self._on_family_choice)
         self._along = {
             name: pn.widgets.Button(label=label, visible=False, **styled) for name, label in DIAGRAM_LABELS.items()
         }
@@ -79,7 +79,7 @@ class FamiliesView:
             self.said.pane, pn.FlexBox(*self._along.values(), margin=0), sizing_mode="stretch_width", margin=0,
             visible=False,
         )  # fmt: skip
-        self._extents: dict[str, Extent] = {}
+        self._extents: dict[str, FamilyExtent] = {}
         self.drawings = DrawingRunner(viewer, self._show_error)
         # id of the survey, number of the slice, and number of the family that are shown; None for no family
         self._shown_family: tuple[str, int, int | None] = ("", 0, None)
@@ -152,7 +152,7 @@ class FamiliesView:
 
     def _set_options(self, options: dict[str, str], number: int | None) -> None:
         value = "" if number is None else str(number)
-        with self._watch.paused():
+        with self._watch.ignore_changes():
             self.menu.param.update(options={NO_FAMILY: ""} | options, value=value, visible=True)
 
     def _show_error(self, error: RattleError) -> None:
@@ -174,7 +174,7 @@ class FamiliesView:
             button.visible = False
         self._figure.undim_cells()
 
-    def _on_chosen(self) -> None:
+    def _on_family_choice(self) -> None:
         chosen = str(self.menu.value)
         self._store.dispatch(FamilyChosen(int(chosen) if chosen else None))
 

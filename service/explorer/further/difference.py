@@ -20,7 +20,7 @@ MOST_CELLS = 24_000_000
 SAME, OTHER = "the_same", "different"
 
 
-def require_small(request: SurveyRequest) -> None:
+def require_small_survey(request: SurveyRequest) -> None:
     """Raise SurveyError if a survey has too many cells for a difference, which is held in memory."""
     if (size := math.prod(request.shape)) > MOST_CELLS:
         raise SurveyError(
@@ -29,7 +29,7 @@ def require_small(request: SurveyRequest) -> None:
         )
 
 
-class Difference(MapPlane):
+class DifferenceMap(MapPlane):
     """The first map less another map of the same variable, float32. For maps of codes: 1 where they differ, else 0.
 
     A difference of phases is wrapped to [−0.5, 0.5). The value is NaN where either map has no value. The status is 0
@@ -40,7 +40,7 @@ class Difference(MapPlane):
     """
 
     def __init__(self, first: MapPlane, other: MapPlane) -> None:
-        """Read both maps. It blocks: use a thread, and call `require_small` first.
+        """Read both maps. It blocks: use a thread, and call `require_small_survey` first.
 
         Raises
         ------

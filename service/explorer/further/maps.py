@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import panel as pn
 
 from gear_rattle.service.explorer.common.address import MOST_FURTHER, ComparisonChoice
-from gear_rattle.service.explorer.common.viewer import Viewer
+from gear_rattle.service.explorer.common.viewer import PageSession
 from gear_rattle.service.explorer.common.watch import on_press
 from gear_rattle.service.explorer.further.one import ComparisonMap
 from gear_rattle.service.explorer.further.surveys import survey_options
@@ -31,7 +31,7 @@ class ComparisonMaps:
     """
 
     def __init__(
-        self, shared: SharedState, viewer: Viewer, store: Store, first: MapFigure, theme: str, sheet: str
+        self, shared: SharedState, viewer: PageSession, store: Store, first: MapFigure, theme: str, sheet: str
     ) -> None:
         self._shared, self._viewer, self._store = shared, viewer, store
         self._first, self._theme, self._sheet = first, theme, sheet

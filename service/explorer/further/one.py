@@ -20,9 +20,9 @@ from gear_rattle.service.explorer.common.address import (
 )
 from gear_rattle.service.explorer.common.drawings import Show
 from gear_rattle.service.explorer.common.text import Heading, Text
-from gear_rattle.service.explorer.common.viewer import Viewer
+from gear_rattle.service.explorer.common.viewer import PageSession
 from gear_rattle.service.explorer.common.watch import WidgetWatcher, on_press
-from gear_rattle.service.explorer.further.difference import Difference, require_small
+from gear_rattle.service.explorer.further.difference import DifferenceMap, require_small_survey
 from gear_rattle.service.explorer.map.colouring import Colouring, Shade, colouring
 from gear_rattle.service.explorer.map.figure import MapFigure
 from gear_rattle.service.explorer.map.overlays import LINES_OF_ALL_WINDOWS, MapLines
@@ -45,7 +45,7 @@ class ComparisonMap(SurveyMap):
     """Comparison map number `index`, 0 for the second map of the page. Widgets above it choose survey and variable."""
 
     def __init__(
-        self, shared: SharedState, viewer: Viewer, store: Store, figure: MapFigure, sheet: str, index: int
+        self, shared: SharedState, viewer: PageSession, store: Store, figure: MapFigure, sheet: str, index: int
     ) -> None:
         super().__init__(shared, viewer, store, figure, Heading(sheet), Text("", sheet))
         self._index = index
@@ -95,7 +95,7 @@ class ComparisonMap(SurveyMap):
         request = request_of_job(job)
         number = sum(request.slice_index(choice.slice))
         chosen, options = map_options(request, MapChoice(choice.variable, choice.index))
-        with self._watch.paused():
+        with self._watch.ignore_changes():
             self.survey.param.update(options=dict(surveys), value=f"{choice.survey},{number}")
             self.variable.param.update(options=options, value=chosen.address_text, visible=not choice.minus)
             self.minus.value = [MINUS] if choice.minus else []
@@ -113,10 +113,10 @@ class ComparisonMap(SurveyMap):
         def read() -> tuple[MapPlane, MapBlock, Colouring]:
             if first is not None:
                 for each in (first, job):
-                    require_small(request_of_job(each))
+                    require_small_survey(request_of_job(each))
                 wanted = view.variable, view.index
                 other = self._shared.plane(job, *wanted, choice.slice)
-                plane: MapPlane = Difference(self._shared.plane(first, *wanted, view.slice), other)
+                plane: MapPlane = DifferenceMap(self._shared.plane(first, *wanted, view.slice), other)
             else:
                 plane = self._shared.plane(job, choice.variable, choice.index, choice.slice)
             block = plane.block(room=self.figure.pixels)
@@ -130,7 +130,7 @@ class ComparisonMap(SurveyMap):
             self.title.show(escape(_title_of(plane, colours, job, first, request_of_job(job))))
             self._window = self._store.window
             self.figure.show_window(self._window)
-            is_computed = not isinstance(plane, Difference)
+            is_computed = not isinstance(plane, DifferenceMap)
             self.draw_map(plane, block, colours, MapChoice(choice.variable, choice.index) if is_computed else None)
             self._show_window_and_lines(plane)
 
@@ -157,7 +157,7 @@ class ComparisonMap(SurveyMap):
             self.refine()
         self.figure.mark_pins(points_by_number(view.pins, model))
         self.links.html = self._picture_links(plane, view)
-        lines = view.lines if self._drawn_choice is None else view.lines_over(self._drawn_choice.variable)
+        lines = view.lines if self._drawn_choice is None else view.lines_on_map(self._drawn_choice.variable)
         self.lines.draw([name for name in lines if name not in LINES_OF_ALL_WINDOWS], model, window)
 
     def show_pointer(self) -> None:
@@ -171,24 +171,24 @@ class ComparisonMap(SurveyMap):
     def _picture_links(self, plane: MapPlane, first: View) -> str:
         """Return links to pictures of this map, in HTML; "" for a difference, which has no pictures."""
         choice, colours = self._drawn_choice, self.colours
-        if choice is None or colours is None or isinstance(plane, Difference):
+        if choice is None or colours is None or isinstance(plane, DifferenceMap):
             return ""
         seen = drawn_settings(colours, self.figure.pixels if first.window else None)
         shown = replace(
             first, variable=choice.variable, index=choice.index, slice=choice.slice, family=None,
-            overlays=tuple(name for name in first.lines_over(choice.variable) if name not in LINES_OF_ALL_WINDOWS),
+            overlays=tuple(name for name in first.lines_on_map(choice.variable) if name not in LINES_OF_ALL_WINDOWS),
         )  # fmt: skip
         query = picture_query(self._store.jobs[choice.survey].job.request, shown, seen)
         return f"<p class=faint>Picture: {picture_links(choice.survey, choice.variable, query)}</p>"
 
     def show_shades(self, shades: Sequence[Shade]) -> None:
         """Show in the key below the map the meaning of each colour and the share of the cells that have the colour."""
-        self.key.html = key_html(shades)
+        self.key.html = map_key_html(shades)
 
 
 def _title_of(plane: MapPlane, colours: Colouring, job: JobRow, first: JobRow | None, request: SurveyRequest) -> str:
     # the title of a survey's map need not name the survey, because the menu above the map does
-    if not isinstance(plane, Difference) or first is None:
+    if not isinstance(plane, DifferenceMap) or first is None:
         return f"{plane.request.gear_model}{f' ({colours.note})' if colours.note else ''}"
     cells = "the same cells"
     if not plane.has_same_grid:
@@ -197,7 +197,7 @@ def _title_of(plane: MapPlane, colours: Colouring, job: JobRow, first: JobRow | 
     return f"{first.display_name} less {job.display_name}, {cells}: {colours.title}"
 
 
-def key_html(shades: Sequence[Shade]) -> str:
+def map_key_html(shades: Sequence[Shade]) -> str:
     """Return the key of a map, in HTML: its colours with their meanings and shares."""
     entries = "".join(
         f'<li><span style="display:inline-block;width:.8rem;height:.8rem;background:{each.colour};'

@@ -10,11 +10,11 @@ import panel as pn
 from gear_rattle.service.database.tables import JobRow
 from gear_rattle.service.explorer.common.address import View
 from gear_rattle.service.explorer.common.figures import PRINTED
-from gear_rattle.service.explorer.common.viewer import Viewer
+from gear_rattle.service.explorer.common.viewer import PageSession
 from gear_rattle.service.explorer.map.shared import SharedState
-from gear_rattle.service.explorer.point.panel import FigurePlace, PointPanel
+from gear_rattle.service.explorer.point.panel import FigurePanel, PointPanel
 from gear_rattle.service.explorer.point.parts import SampledAttractors, survey_attractors
-from gear_rattle.service.explorer.point.state import open_machine_and_model
+from gear_rattle.service.explorer.point.state import machine_and_model_of_open_point
 from gear_rattle.service.explorer.point.view import PointView
 from gear_rattle.service.explorer.state.store import JOBS, Store
 from rattle import Machine, RattleError
@@ -39,10 +39,10 @@ class RightSide:
     def __init__(
         self,
         shared: SharedState,
-        viewer: Viewer,
+        viewer: PageSession,
         store: Store,
         theme: str,
-        profile_place: FigurePlace,
+        profile_place: FigurePanel,
         above: pn.Column,
         under: pn.Column,
     ) -> None:
@@ -59,7 +59,7 @@ class RightSide:
         store.subscribe(self._on_view_change, "point", "machine", "survey", "slice", JOBS)
 
     def _on_view_change(self) -> None:
-        view, opened = self._store.view, open_machine_and_model(self._store)
+        view, opened = self._store.view, machine_and_model_of_open_point(self._store)
         if view.point is None:
             self._close_point()
         elif opened is not None and (key := (view.point, *opened)) != self._open_key:

@@ -13,7 +13,7 @@ from matplotlib.colors import to_hex
 
 from gear_rattle.service.explorer.common.address import Limits, Pair, Ranges
 from gear_rattle.service.explorer.map.planes import UNSEEN, MapBlock, MapPlane, Room
-from gear_rattle.workers.pictures.figure import region_places, widest_cells
+from gear_rattle.workers.pictures.figure import widest_cells, widest_region_points
 from gear_rattle.workers.pictures.largest import OTHERS
 from gear_rattle.workers.pictures.look import LARGEST, colour_limits, logarithmic_limits
 from gear_rattle.workers.pictures.maps import (
@@ -22,7 +22,7 @@ from gear_rattle.workers.pictures.maps import (
     scale_of,
     title_of,
     valueless_layers,
-    words_without_value,
+    words_for_missing_value,
 )
 
 SHADES = 256
@@ -72,7 +72,7 @@ class Colouring:
 def valueless_cells(plane: MapPlane, block: MapBlock) -> dict[str, tuple[np.ndarray, str]]:
     """Return {reason why cells have no value: (mask of these cells, their colour)}."""
     variable = str(plane.plane.name)
-    return valueless_layers(variable, block.values, block.status, words_without_value(plane.plane))
+    return valueless_layers(variable, block.values, block.status, words_for_missing_value(plane.plane))
 
 
 def _share_of_code(block: MapBlock, code: int, shown: np.ndarray, computed: int) -> float:
@@ -88,17 +88,14 @@ def shown_values(plane: MapPlane, block: MapBlock) -> np.ndarray:
     return np.where(without, np.float32(np.nan), block.values)
 
 
-def shown_window(plane: MapPlane, window: Ranges, room: Room) -> tuple[np.ndarray, Ranges]:
+def values_in_window(plane: MapPlane, window: Ranges, room: Room) -> tuple[np.ndarray, Ranges]:
     """Return the values of the cells in a window, and the box of these cells. It blocks: use a thread."""
     block = plane.block(window, room)
     return shown_values(plane, block), block.box
 
 
 def colouring(plane: MapPlane, block: MapBlock, limits: Limits | Pair, log: bool, room: Room = UNSEEN) -> Colouring:
-    """Return the colours of a map whose drawn cells are `block`. room: pixels of the map.
-
-    This function blocks: use a thread.
-    """
+    """Return the colours of a map whose drawn cells are `block`, in `room` pixels. It blocks: use a thread."""
     values, variable = block.values, str(plane.plane.name)
     layers = valueless_cells(plane, block)
     reasons = np.zeros(values.shape, np.uint8)
@@ -107,7 +104,7 @@ def colouring(plane: MapPlane, block: MapBlock, limits: Limits | Pair, log: bool
     shown = values[reasons == 0].astype(float)
     cmap, norm, codes, labels = scale_of(plane.plane, shown)
     computed = int((block.status != 0).sum())
-    nothing = words_without_value(plane.plane)
+    nothing = words_for_missing_value(plane.plane)
     shades = tuple(
         Shade(label, colour, float((reasons == number).sum() / reasons.size))
         if block.without is None or label != nothing
@@ -153,7 +150,7 @@ def colouring(plane: MapPlane, block: MapBlock, limits: Limits | Pair, log: bool
 def _placed_names(variable: str, block: MapBlock, labels: Mapping[float, str], room: Room) -> dict[str, Pair]:
     """Return the names of regions or of families, each with the point (δ, ε) where it is written; {} on other maps."""
     if variable == "region":
-        return region_places(block.values, block.delta, block.epsilon)
+        return widest_region_points(block.values, block.delta, block.epsilon)
     return family_places(block, labels, room) if variable == LARGEST else {}
 
 

@@ -15,7 +15,7 @@ from gear_rattle.service.explorer.map.shared import SharedState
 from gear_rattle.service.explorer.state.events import IndexChosen, LimitsSet, SliceChosen, VariableChosen
 from gear_rattle.service.explorer.state.store import JOBS, Store
 from gear_rattle.workers import SurveyRequest
-from gear_rattle.workers.pictures.look import LARGEST, variable_words
+from gear_rattle.workers.pictures.look import LARGEST, variable_in_words
 from gear_rattle.workers.survey.values.quantities import groups_of
 from gear_rattle.workers.survey.values.schema import Group
 from rattle.models import ADDED, BETA
@@ -125,7 +125,7 @@ class MapControls:
         self._watch = WidgetWatcher()
         for widget, used in (
             (self.variable, self._on_variable), (self.index, self._on_index),
-            (self.slice, self._on_slice), (self.rule, self._on_rule), (self.log, self._on_rule),
+            (self.slice, self._on_slice), (self.rule, self._on_rule_change), (self.log, self._on_rule_change),
             (self.low, self._on_entered_limits), (self.high, self._on_entered_limits),
         ):  # fmt: skip
             self._watch.call_on_change(widget, used)
@@ -148,8 +148,8 @@ class MapControls:
             return
         buttons, names = map_buttons(maps, whole), maps[view.variable]
         is_featured = any(each["variable"] == view.variable for each in buttons)
-        with self._watch.paused():
-            self.variable.options = {variable_words(name): name for name in maps}
+        with self._watch.ignore_changes():
+            self.variable.options = {variable_in_words(name): name for name in maps}
             self.variable.value = view.variable
             self.buttons.param.update(buttons=buttons, chosen=view.variable if is_featured else "")
             self.index.visible = bool(names)
@@ -168,7 +168,7 @@ class MapControls:
         view = self._store.view
         drawn = None if view.seen is None else view.seen.limits
         is_own = isinstance(view.limits, tuple)
-        with self._watch.paused():
+        with self._watch.ignore_changes():
             self.rule.value = OWN if is_own else view.limits
             self.log.value = [LOG] if view.log else []
             self.rule.visible = self.log.visible = drawn is not None
@@ -189,7 +189,7 @@ class MapControls:
     def _on_slice(self) -> None:
         self._store.dispatch(SliceChosen(int(self.slice.value or 0)))
 
-    def _on_rule(self) -> None:
+    def _on_rule_change(self) -> None:
         """Dispatch the chosen rule for the colour range together with the chosen scale, linear or logarithmic.
 
         The rule OWN stands for limits that a viewer enters; until then the limits are those of the drawn map.

@@ -14,7 +14,7 @@ from bokeh.plotting import figure
 from gear_rattle.service.explorer.common.address import KEYBOARD, Pair, Ranges
 from gear_rattle.service.explorer.common.address_fields import parse_point
 from gear_rattle.service.explorer.common.changes import handler_in_event_loop
-from gear_rattle.service.explorer.files import asset
+from gear_rattle.service.explorer.files import read_asset
 from gear_rattle.service.explorer.state.events import (
     BackChosen,
     DiagramEndChosen,
@@ -53,7 +53,7 @@ class CursorKeys:
             code = f"keys.data = {{steps: [0], word: ['{word}'], number: [Date.now()]}}"
             act = CustomJS(args={"keys": keys}, code=code)
             plot.add_tools(CustomAction(icon=icon, description=WINDOWS[word], callback=act))
-        document.js_on_event(DocumentReady, CustomJS(args={"keys": keys}, code=asset("keyboard.js")))
+        document.js_on_event(DocumentReady, CustomJS(args={"keys": keys}, code=read_asset("keyboard.js")))
 
     def _on_keys(self, _attribute: str, _old: object, new: Any) -> None:
         view, request = self._store.view, self._store.request
@@ -131,10 +131,10 @@ def cursor_after_steps(axes: tuple[np.ndarray, np.ndarray], at: Pair, window: Ra
         (δ, ε) of the cursor.
     """
     (delta, epsilon), (right, up, far_right, far_up) = axes, steps
-    return _step_along(delta, at[0], window[0], right, far_right), _step_along(epsilon, at[1], window[1], up, far_up)
+    return _step_cursor(delta, at[0], window[0], right, far_right), _step_cursor(epsilon, at[1], window[1], up, far_up)
 
 
-def _step_along(axis: np.ndarray, at: float, span: Pair, steps: int, far: int) -> float:
+def _step_cursor(axis: np.ndarray, at: float, span: Pair, steps: int, far: int) -> float:
     cell, width = (axis[-1] - axis[0]) / (axis.size - 1), span[1] - span[0]
     if width < FEWEST_CELLS * cell:
         found = at + (steps / STEPS + far * FAR_STEP) * width

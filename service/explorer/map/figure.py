@@ -33,7 +33,7 @@ from gear_rattle.service.explorer.state.events import (
     WindowReset,
 )
 from gear_rattle.workers.pictures.look import LIMIT, OWN_STYLES
-from gear_rattle.workers.pictures.names import Box, box_about, place_names
+from gear_rattle.workers.pictures.names import Box, arrange_names, box_about
 from gear_rattle.workers.survey.machine import SurveyedMachine
 from rattle.plot import MARKERS, STYLES
 
@@ -180,7 +180,7 @@ class MapFigure:
             self._place_bars()
 
     def _place_bars(self) -> None:
-        glyphs.place_bars(self.figure, [scale.bar for scale in self._scales.values()], self._is_narrow)
+        glyphs.place_colour_bars(self.figure, [scale.bar for scale in self._scales.values()], self._is_narrow)
         glyphs.mark_ends(self._range_arrows, self._scales[self._log].bar, self._is_narrow)
         self._reserve_bar_width()
 
@@ -324,7 +324,7 @@ class MapFigure:
             glyphs.clear(self._points)
             return
         names, x, y = (list(column) for column in zip(*self._corners, strict=True))
-        placed = place_names(
+        placed = arrange_names(
             [self._screen_position(*at) for at in zip(x, y, strict=True)],
             [(LETTER * len(name) + 4, ROW) for name in names],
             self.pixels,

@@ -12,11 +12,11 @@ import numpy as np
 import panel as pn
 
 from gear_rattle.service.explorer.common.address import FEW_LINES, OVERLAYS, UNCHOSEN, Pair, Ranges
-from gear_rattle.service.explorer.common.glyphs import style_of
+from gear_rattle.service.explorer.common.glyphs import line_style_of
 from gear_rattle.service.explorer.common.lists import MapKey
-from gear_rattle.service.explorer.common.viewer import Viewer
+from gear_rattle.service.explorer.common.viewer import PageSession
 from gear_rattle.service.explorer.common.watch import WidgetWatcher
-from gear_rattle.service.explorer.files import tour_rows
+from gear_rattle.service.explorer.files import help_table_rows
 from gear_rattle.service.explorer.map.colouring import Shade
 from gear_rattle.service.explorer.map.figure import MapFigure
 from gear_rattle.service.explorer.state.events import OverlaysChosen, ShareSet
@@ -26,7 +26,7 @@ from gear_rattle.workers.pictures.look import CRISIS, LIMIT, POINTS, USUAL_SHARE
 from gear_rattle.workers.survey.axes import Window
 from gear_rattle.workers.survey.plane_curves import LOWEST_DELTA, MissingCurve, traced_curve
 from rattle import RattleError
-from rattle.models import DEFAULT_MODEL, Capability, Model, lacking
+from rattle.models import DEFAULT_MODEL, Capability, Model, missing_capability_error
 from rattle.plot import polyline
 from rattle.populations import MOST_SHARE
 
@@ -37,7 +37,7 @@ LINES_OF_ALL_WINDOWS = frozenset({CRISIS, LIMIT})  # lines that are computed onc
 class MapLines:
     """Lines over a map: curves and points of a model, each computed by a task of its own."""
 
-    def __init__(self, viewer: Viewer, figure: MapFigure) -> None:
+    def __init__(self, viewer: PageSession, figure: MapFigure) -> None:
         self._viewer, self._figure = viewer, figure
         self._common_dependencies: tuple[Hashable, ...] = ()  # model, and the other values on which all lines depend
         self._tasks: dict[str, tuple[Hashable, asyncio.Task[None]]] = {}
@@ -105,10 +105,10 @@ class MapLines:
         """Write in the key the progress of a line (`note`), or why the line is missing. Without a key, do nothing."""
 
 
-class KeyedLines(MapLines):
+class MapLinesWithKey(MapLines):
     """Lines over the first map, with a key. panel: the key, in which a viewer chooses lines."""
 
-    def __init__(self, overlaid: Overlays, viewer: Viewer, store: Store, figure: MapFigure, sheet: str) -> None:
+    def __init__(self, overlaid: Overlays, viewer: PageSession, store: Store, figure: MapFigure, sheet: str) -> None:
         super().__init__(viewer, figure)
         self._overlaid, self._store = overlaid, store
         self._listed: tuple[Hashable, ...] = ()
@@ -154,7 +154,7 @@ class KeyedLines(MapLines):
         window = None if request is None or request.machine is None else window_of(request)
         if (listed := (model, window)) == self._listed:
             return
-        self._listed, self._entries = listed, key_entries(model)
+        self._listed, self._entries = listed, map_key_entries(model)
         self.key.overlays = self._entries
         if self._listing is not None:
             self._listing.cancel()
@@ -168,7 +168,7 @@ class KeyedLines(MapLines):
 
     def _on_view_change(self) -> None:
         view = self._store.view
-        with self._watch.paused():
+        with self._watch.ignore_changes():
             self.key.chosen = list(view.lines)
         self.share.visible = LIMIT in view.lines
         if self._store.request is None or view.seen is None:
@@ -223,15 +223,15 @@ class KeyedLines(MapLines):
             self._viewer.change(lambda: self.key.param.update(overlays=entries))
 
 
-def key_entries(model: Model) -> list[dict[str, Any]]:
+def map_key_entries(model: Model) -> list[dict[str, Any]]:
     """Return the entries of the key: the lines and the marks that a map of a model can show."""
     return [
         {
             "name": name,
             "label": LABELS.get(name, name),
             "meaning": _line_meaning(name, model),
-            "colour": style_of(name)[0] if name != POINTS else "",
-            "dash": list(style_of(name)[1]) if name != POINTS else [],
+            "colour": line_style_of(name)[0] if name != POINTS else "",
+            "dash": list(line_style_of(name)[1]) if name != POINTS else [],
             "note": "",
             "missing": False,
         }
@@ -260,14 +260,14 @@ def _line_meaning(name: str, model: Model) -> str:
         The meaning.
     """
     if name == POINTS:
-        return "; ".join(f"{point}: {what}" for point, what in tour_rows("Points where lines meet").items())
+        return "; ".join(f"{point}: {what}" for point, what in help_table_rows("Points where lines meet").items())
     if name in (CRISIS, LIMIT) or model.name == DEFAULT_MODEL:
-        return tour_rows("The lines")[LABELS.get(name, name)]
+        return help_table_rows("The lines")[LABELS.get(name, name)]
     return model.describe(name) if name in model.curve_names else _missing_capability(model)
 
 
 def _missing_capability(model: Model) -> str:
-    return str(lacking(Capability.CORNERS, model))
+    return str(missing_capability_error(Capability.CORNERS, model))
 
 
 def curve_pieces(name: str, model: Model, delta: Pair, epsilon: Pair) -> tuple[list[np.ndarray], str]:

@@ -21,12 +21,12 @@ from gear_rattle.service.state import Front
 from gear_rattle.workers import SurveyRequest, open_survey
 from gear_rattle.workers.errors import report_damage
 from gear_rattle.workers.pictures.largest import open_maps
-from gear_rattle.workers.pictures.levels import DisplayedCells, LevelPart, level_part_for, read_level, reduce_cells
-from gear_rattle.workers.pictures.look import IN_SLOTS, LARGEST, SHARE, WHICH, variable_words
+from gear_rattle.workers.pictures.levels import DisplayedCells, LevelPart, finest_level_part, read_level, reduce_cells
+from gear_rattle.workers.pictures.look import IN_SLOTS, LARGEST, SHARE, WHICH, variable_in_words
 from gear_rattle.workers.pictures.planes import drawn_numbers, mask_nonperiodic, plane_of
-from gear_rattle.workers.storage.store import has_added
+from gear_rattle.workers.storage.store import has_added_node
 from gear_rattle.workers.survey.levels.grid import GROUP, level_centres, levels_of, possible_levels
-from gear_rattle.workers.survey.levels.reduce import pooled_cells
+from gear_rattle.workers.survey.levels.reduce import pool_cells
 from gear_rattle.workers.survey.slices import slice_of
 from gear_rattle.workers.survey.tiles import tiles_of_slice
 from gear_rattle.workers.survey.values.schema import CELL, Group
@@ -174,14 +174,14 @@ class MapPlane:
         (j, end_j), (i, end_i) = (
             _cell_range(axis, span) for axis, span in zip((self.delta, self.epsilon), window or self.box, strict=True)
         )
-        part = level_part_for(self._levels, (i, j), (end_i, end_j), room[::-1])
-        seen, (rows, columns) = self._largest_values(part) if anywhere else self._cells_to_display(part), part.at
+        part = finest_level_part(self._levels, (i, j), (end_i, end_j), room[::-1])
+        seen, (rows, columns) = self._largest_values(part) if anywhere else self._read_displayed_cells(part), part.at
         across, along = (part.level.cells if part.level else (1, 1))[::-1]
         delta, epsilon = level_centres(self.delta, across)[columns], level_centres(self.epsilon, along)[rows]
         box = _covered_range(self.delta, across, columns), _covered_range(self.epsilon, along, rows)
         return MapBlock(delta, epsilon, seen.values, seen.status, box, seen.shares, seen.without)
 
-    def _cells_to_display(self, part: LevelPart) -> DisplayedCells:
+    def _read_displayed_cells(self, part: LevelPart) -> DisplayedCells:
         if part.level is None:
             return DisplayedCells(*self._values_and_status(*part.at))
         return reduce_cells(self.plane, *self._values_and_status(*_covered_cells(part)), part.level)
@@ -191,7 +191,7 @@ class MapPlane:
             return DisplayedCells(*self._values_and_status(*part.at))
         values, status = self._values_and_status(*_covered_cells(part))
         return DisplayedCells(
-            pooled_cells(values, part.level.cells, np.fmax, np.nan), pooled_cells(status, part.level.cells, np.maximum)
+            pool_cells(values, part.level.cells, np.fmax, np.nan), pool_cells(status, part.level.cells, np.maximum)
         )
 
     def _values_and_status(self, rows: slice, columns: slice) -> tuple[np.ndarray, np.ndarray]:
@@ -255,9 +255,9 @@ class LeveledPlane(MapPlane):
         """Return True: no tile needs to be read in advance, because cells are read when they are drawn."""
         return True
 
-    def _cells_to_display(self, part: LevelPart) -> DisplayedCells:
+    def _read_displayed_cells(self, part: LevelPart) -> DisplayedCells:
         if part.level is None:
-            return super()._cells_to_display(part)
+            return super()._read_displayed_cells(part)
         return read_level(self.plane, self._open_level(part.level.path), self._index, part.level, part.at)
 
     def _open_level(self, path: str) -> xr.Dataset:
@@ -326,7 +326,7 @@ def cell_indices(axis: np.ndarray, values: np.ndarray) -> np.ndarray:
     return np.where((found >= 0) & (found < axis.size), found, -1)
 
 
-class Atlas:
+class MapCache:
     """Maps that pages show now or showed lately, in memory."""
 
     def __init__(self, front: Front) -> None:
@@ -371,7 +371,7 @@ class Atlas:
             return MapPlane
         is_large = levels_of(SurveyRequest.model_validate(job.request).shape)
         ended = is_large and job.state == State.SUCCESSFUL
-        return LeveledPlane if ended and has_added(self._front.directory.store(job.id), GROUP) else MapPlane
+        return LeveledPlane if ended and has_added_node(self._front.directory.store(job.id), GROUP) else MapPlane
 
     @property
     def _n_cells(self) -> int:
@@ -421,7 +421,7 @@ def map_names(request: SurveyRequest) -> dict[str, MapChoice]:
     """Return all maps of a survey, each under its name in words."""
     named = {}
     for name, labels in maps_of(request).items():
-        words = variable_words(name)
+        words = variable_in_words(name)
         for index, label in enumerate(labels or ("",)):
             named[f"{words}, {label}" if labels else words] = MapChoice(name, index)
     return named

@@ -22,8 +22,8 @@ from gear_rattle.service.explorer.map.planes import MapBlock, MapPlane
 from gear_rattle.service.explorer.point.parts import listed_attractors
 from gear_rattle.service.explorer.point.words import complex_text, number_text
 from gear_rattle.workers import QUANTITIES, Axis, SurveyRequest
-from gear_rattle.workers.pictures.look import in_revolutions
-from gear_rattle.workers.pictures.maps import meanings_of, title_of, words_without_value
+from gear_rattle.workers.pictures.look import replace_periods_with_revolutions
+from gear_rattle.workers.pictures.maps import meanings_of, title_of, words_for_missing_value
 from gear_rattle.workers.survey.machine import SurveyedMachine
 from gear_rattle.workers.survey.stored_families import FAMILY
 from gear_rattle.workers.survey.values.evaluate import FAILED, STATUS
@@ -164,7 +164,7 @@ def cell_tables(
     if missing := _status_without_numbers(int(cell["status"])):
         return "".join(tables) + f"<p>{escape(missing)}</p>"
     scalars = _definition_list(_scalar_rows(cell))
-    tables.append(scalars if machine is None else in_revolutions(scalars))
+    tables.append(scalars if machine is None else replace_periods_with_revolutions(scalars))
     if "attractor_kind" in cell:
         tables.append(_attractors_table(cell))
     if "orbit_exists" in cell:
@@ -207,7 +207,7 @@ def finer_value(plane: MapPlane, finer: MapBlock | None, delta: float, epsilon: 
     value = finer.value_at(delta, epsilon) if finer is not None else None
     if value is None:
         return None
-    here = words_without_value(plane.plane) if np.isnan(value) else _value_text(value, plane.plane)
+    here = words_for_missing_value(plane.plane) if np.isnan(value) else _value_text(value, plane.plane)
     return f"{title_of(plane.plane)}, computed here", here
 
 
@@ -219,7 +219,7 @@ def cell_in_words(plane: MapPlane, delta: float, epsilon: float, window: Ranges,
     if (machine := plane.request.machine) is None or delta <= 0:
         return f"{place}: {said}"
     in_si = ", ".join(value for _, value in _speed_and_eccentricity(machine, delta, epsilon))
-    return f"{in_si} ({place}): {in_revolutions(said)}"
+    return f"{in_si} ({place}): {replace_periods_with_revolutions(said)}"
 
 
 def _value_in_words(plane: MapPlane, delta: float, epsilon: float) -> str:
@@ -230,7 +230,7 @@ def _value_in_words(plane: MapPlane, delta: float, epsilon: float) -> str:
     if missing := _status_without_numbers(status):
         said = missing
     elif np.isnan(value):
-        said = words_without_value(plane.plane)
+        said = words_for_missing_value(plane.plane)
     else:
         said = _value_text(value, plane.plane)
     return f"{title_of(plane.plane)}, {said}"

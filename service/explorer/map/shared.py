@@ -17,7 +17,7 @@ from gear_rattle.service.explorer.common.address import UNCHOSEN, Limits, Pair, 
 from gear_rattle.service.explorer.common.news import LISTED, StatusPublisher
 from gear_rattle.service.explorer.map.colouring import Colouring, colouring
 from gear_rattle.service.explorer.map.overlays import cache_default_lines
-from gear_rattle.service.explorer.map.planes import UNSEEN, Atlas, MapBlock, MapPlane, Room, maps_of
+from gear_rattle.service.explorer.map.planes import UNSEEN, MapBlock, MapCache, MapPlane, Room, maps_of
 from gear_rattle.service.explorer.state.store import Store, window_of
 from gear_rattle.service.operations.overlaid import Overlays
 from gear_rattle.service.operations.surveys import list_jobs
@@ -44,7 +44,7 @@ def is_closed_form(request: SurveyRequest, variable: str) -> bool:
     if variable == LARGEST:
         return False
     found = map_quantity(variable, 0, request)
-    return request.in_closed_form and found.group in CLOSED_FORM
+    return request.has_closed_forms and found.group in CLOSED_FORM
 
 
 def default_variable(request: SurveyRequest, is_waiting: bool) -> str:
@@ -132,7 +132,7 @@ class SharedState:
 
     front: Front
     news: StatusPublisher
-    atlas: Atlas
+    atlas: MapCache
     overlaid: Overlays
     exact: UncomputedMaps
     on_map_drawn: Callable[[], None] = lambda: None
@@ -155,11 +155,11 @@ class SharedState:
             return MODELS[DEFAULT_MODEL](), UNCHOSEN
         whole = SurveyRequest.model_validate(job.request)
         if job.state == State.SUCCESSFUL:
-            self.map_of(job, View(survey=job.id, variable=default_variable(whole, False)), UNSEEN)
+            self.load_drawn_map(job, View(survey=job.id, variable=default_variable(whole, False)), UNSEEN)
         request = whole.slice_request(whole.slice_index(0))
         return request.gear_model, window_of(request)
 
-    def map_of(self, job: JobRow, view: View, room: Room) -> tuple[MapPlane, bool, MapBlock, Colouring]:
+    def load_drawn_map(self, job: JobRow, view: View, room: Room) -> tuple[MapPlane, bool, MapBlock, Colouring]:
         """Return the view's map of a survey, whether all computed tiles are read, the drawn cells and their colours.
 
         It blocks: use a thread.

@@ -14,8 +14,8 @@ import numpy as np
 from gear_rattle.service.explorer.common.address import Limits, MapChoice, Pair, Ranges
 from gear_rattle.service.explorer.common.drawings import DrawingRunner
 from gear_rattle.service.explorer.common.text import Heading, Text, alert_html
-from gear_rattle.service.explorer.common.viewer import Viewer
-from gear_rattle.service.explorer.map.colouring import Colouring, Shade, colouring, shown_values, shown_window
+from gear_rattle.service.explorer.common.viewer import PageSession
+from gear_rattle.service.explorer.map.colouring import Colouring, Shade, colouring, shown_values, values_in_window
 from gear_rattle.service.explorer.map.figure import MapFigure
 from gear_rattle.service.explorer.map.planes import MapBlock, MapPlane, Room
 from gear_rattle.service.explorer.map.shared import SharedState
@@ -47,7 +47,7 @@ class SurveyMap(ABC):
     """
 
     def __init__(
-        self, shared: SharedState, viewer: Viewer, store: Store, figure: MapFigure, title: Heading, said: Text
+        self, shared: SharedState, viewer: PageSession, store: Store, figure: MapFigure, title: Heading, said: Text
     ) -> None:
         self._shared, self._viewer, self._store = shared, viewer, store
         self.figure, self.title, self.said = figure, title, said
@@ -146,7 +146,7 @@ class SurveyMap(ABC):
 
     async def _draw_all_cells(self, plane: MapPlane, window: Ranges, room: Room) -> None:
         """Draw a window's cells in more detail than the drawing of the whole survey has."""
-        values, box = await self._viewer.run_in_thread(partial(shown_window, plane, window, room))
+        values, box = await self._viewer.run_in_thread(partial(values_in_window, plane, window, room))
         self._viewer.change(
             lambda: self.figure.draw_finer_cells(values, box) if (plane, window) == self._refined else None
         )

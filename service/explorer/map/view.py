@@ -14,12 +14,12 @@ from gear_rattle.service.explorer.common.address import KEYBOARD, MapChoice, Vie
 from gear_rattle.service.explorer.common.changes import handler_in_event_loop
 from gear_rattle.service.explorer.common.drawings import Show
 from gear_rattle.service.explorer.common.text import Heading, Text
-from gear_rattle.service.explorer.common.viewer import Viewer
+from gear_rattle.service.explorer.common.viewer import PageSession
 from gear_rattle.service.explorer.map.colouring import Colouring, Shade
 from gear_rattle.service.explorer.map.controls import meaning_of
 from gear_rattle.service.explorer.map.cursor import CursorKeys
 from gear_rattle.service.explorer.map.figure import MapFigure
-from gear_rattle.service.explorer.map.overlays import KeyedLines
+from gear_rattle.service.explorer.map.overlays import MapLinesWithKey
 from gear_rattle.service.explorer.map.picture import drawn_settings
 from gear_rattle.service.explorer.map.planes import SIDE, MapBlock, MapPlane
 from gear_rattle.service.explorer.map.readout import Readout, cell_in_words, cell_summary, cell_tables, finer_value
@@ -28,7 +28,7 @@ from gear_rattle.service.explorer.map.survey_map import SurveyMap
 from gear_rattle.service.explorer.point.state import point_marks
 from gear_rattle.service.explorer.state.events import DefaultMapChosen, MapDrawn
 from gear_rattle.service.explorer.state.store import JOBS, Store
-from gear_rattle.workers.pictures.look import LARGEST, in_revolutions
+from gear_rattle.workers.pictures.look import LARGEST, replace_periods_with_revolutions
 from rattle import RattleError
 
 BEGINS = "<p class=faint>The first cells of this survey are being computed.</p>"
@@ -39,9 +39,9 @@ GONE = "<p>This survey is no longer there. Choose another one.</p>"
 class MapView(SurveyMap):
     """First map of a page. parts: its panels, by their names in the page's document."""
 
-    def __init__(self, shared: SharedState, viewer: Viewer, store: Store, figure: MapFigure, sheet: str) -> None:
+    def __init__(self, shared: SharedState, viewer: PageSession, store: Store, figure: MapFigure, sheet: str) -> None:
         super().__init__(shared, viewer, store, figure, Heading(sheet), Text("", sheet, is_spoken=True))
-        self.lines = KeyedLines(shared.overlaid, viewer, store, figure, sheet)
+        self.lines = MapLinesWithKey(shared.overlaid, viewer, store, figure, sheet)
         self.keys = CursorKeys(viewer.document, figure.figure, store)
         self.readout = Readout(sheet)
         self._survey_at_choice: tuple[str, str] | None = None  # (id, state) at the last call of `_choose_map`
@@ -121,7 +121,7 @@ class MapView(SurveyMap):
         is_whole = False
         while not is_whole:  # each call reads for a limited time, and the cells read so far are drawn
             plane, is_whole, block, colours = await self._viewer.run_in_thread(
-                partial(self._shared.map_of, job, view, self.figure.pixels)
+                partial(self._shared.load_drawn_map, job, view, self.figure.pixels)
             )
             yield partial(self._show, view, plane, block, colours)
 
@@ -149,7 +149,7 @@ class MapView(SurveyMap):
         note = f" <span class=faint>({escape(colours.note)})</span>" if colours.note else ""
         meaning = meaning_of(view.variable)
         title = f"{f'<b>{escape(meaning)}</b><br>' if meaning else ''}{escape(colours.title)}{note}"
-        self.title.show(title if plane.request.machine is None else in_revolutions(title))
+        self.title.show(title if plane.request.machine is None else replace_periods_with_revolutions(title))
         if is_first:
             self.figure.show_window(self._store.window)
         self.draw_map(plane, block, colours, MapChoice(view.variable, view.index), view.limits, view.log)

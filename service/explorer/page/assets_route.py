@@ -11,7 +11,7 @@ from starlette.types import Message, Receive, Scope, Send
 from gear_rattle.service.web.prefix import route_path
 
 if TYPE_CHECKING:
-    from gear_rattle.service.explorer.page.pages import Pages
+    from gear_rattle.service.explorer.page.pages import PageApplication
 
 CACHE_FOREVER = "private, max-age=31536000, immutable"  # Cache-Control of an address with a version
 MOST_KEPT = 16 << 20  # most bytes of responses in memory
@@ -20,7 +20,7 @@ MOST_KEPT = 16 << 20  # most bytes of responses in memory
 class Assets:
     """ASGI app that serves scripts and styles, from memory where possible: a page waits until it has all its files."""
 
-    def __init__(self, load: Callable[[], Awaitable[Pages]]) -> None:
+    def __init__(self, load: Callable[[], Awaitable[PageApplication]]) -> None:
         self._load = load
         self._kept: dict[tuple[str, bytes], list[Message]] = {}
         self._size = 0

@@ -14,7 +14,7 @@ from gear_rattle.service.access.keys import Caller
 from gear_rattle.service.database.tables import Scope
 from gear_rattle.service.explorer.common.address import Ranges
 from gear_rattle.service.explorer.common.changes import handler_in_event_loop
-from gear_rattle.service.explorer.common.viewer import Viewer
+from gear_rattle.service.explorer.common.viewer import PageSession
 from gear_rattle.service.explorer.common.watch import on_press
 from gear_rattle.service.explorer.design.axes import rounded_range
 from gear_rattle.service.explorer.page.machine_axes import MachineAxes
@@ -50,7 +50,7 @@ ADVANCED = "Advanced settings"
 class SurveyForm:
     """The form for a new survey; `on_submitted` is called with the id of each submitted survey."""
 
-    def __init__(self, viewer: Viewer, on_submitted: Callable[[str], None], sheet: str) -> None:
+    def __init__(self, viewer: PageSession, on_submitted: Callable[[str], None], sheet: str) -> None:
         self._viewer, self._on_submitted = viewer, on_submitted
         self._estimating: asyncio.Task[None] | None = None
         row: dict[str, Any] = {"sizing_mode": "stretch_width"}
@@ -120,8 +120,8 @@ class SurveyForm:
             pn.Row(self.submit, self.cost, **row), self._more, self._advanced, css_classes=["form"], **row,
         )  # fmt: skip
         for widget, used in (
-            (self.plane, self._on_plane), (self.model, self._on_model), (self.harmonics, self._on_model),
-            (self.fine, self._on_fineness), *((count, self._on_count) for count in self.counts),
+            (self.plane, self._on_plane), (self.model, self._on_model_change), (self.harmonics, self._on_model_change),
+            (self.fine, self._on_fineness_change), *((count, self._on_count) for count in self.counts),
         ):  # fmt: skip
             widget.param.watch(handler_in_event_loop(used), "value")
         for widget in self.panel.select(pn.widgets.WidgetBase):
@@ -218,16 +218,16 @@ class SurveyForm:
         }
         value = self.model.value if self.model.value in options.values() else DEFAULT_MODEL
         self.model.param.update(options=options, value=value)
-        self._on_model()
+        self._on_model_change()
 
-    def _on_model(self, *_: Any) -> None:
+    def _on_model_change(self, *_: Any) -> None:
         """Show the fields of the chosen model's parameters, and offer its quantities."""
         self.harmonics.visible = MODELS[self.model.value].takes_harmonics
         for name, widget in self.added.items():
             widget.visible = name in self._entered_parameters
         self.sample.offer_groups([str(group) for group in groups_of(self.model.value, bool(self._harmonic_texts))])
 
-    def _on_fineness(self, *_: Any) -> None:
+    def _on_fineness_change(self, *_: Any) -> None:
         for widget, count in zip(self.counts, FINENESS.get(self.fine.value, ()), strict=False):
             widget.value = count
 
@@ -302,7 +302,7 @@ def error_message(error: Exception) -> str:
 
 def cost_in_words(found: CostEstimate) -> str:
     """Return an estimated cost in words: the duration, the number of workers and the basis of the estimate."""
-    about = "at most about" if found.is_most else "about"
+    about = "at most about" if found.is_upper_bound else "about"
     workers = f"{found.workers} worker{'s' * (found.workers != 1)}"
     return f"{about} {duration_in_words(found.seconds)} on {workers} ({found.basis})"
 

@@ -6,10 +6,10 @@ from contextvars import ContextVar
 from typing import TYPE_CHECKING, Any
 
 from gear_rattle.service.explorer.common.address import THEMES, View
-from gear_rattle.service.explorer.files import asset
+from gear_rattle.service.explorer.files import read_asset
 
 if TYPE_CHECKING:
-    from gear_rattle.service.explorer.page.pages import Pages
+    from gear_rattle.service.explorer.page.pages import PageApplication
 
 UNUSED_SCRIPTS = ("bokeh-gl",)  # scripts of Bokeh that are left out, because no figure of the page uses WebGL
 #: Styles that parts of the page load late, when a browser draws them; the head lets the browser fetch them early.
@@ -25,7 +25,7 @@ def theme_of(view: View, scheme: str) -> str:
     return view.theme or (scheme if scheme in THEMES else THEMES[0])
 
 
-def head_html(pages: Pages) -> str:
+def head_html(pages: PageApplication) -> str:
     """Return the HTML that a browser receives first: styles, and scripts, one of which requests the page."""
     from panel.io.resources import JS_VERSION, bundle_resources
 
@@ -35,9 +35,9 @@ def head_html(pages: Pages) -> str:
     early = "\n".join(
         f'<link rel="prefetch" as="style" href="static/extensions/panel/{name}.css?v={JS_VERSION}">' for name in STYLES
     )
-    parts = {"styles": styles, "scripts": f"{scripts}\n{early}", "css": asset("page.css")}
-    parts |= {name: asset(f"{name}.js") for name in ("theme", "stops", "print", "lost", "sheets", "open")}
-    head = asset("head.html")
+    parts = {"styles": styles, "scripts": f"{scripts}\n{early}", "css": read_asset("page.css")}
+    parts |= {name: read_asset(f"{name}.js") for name in ("theme", "stops", "print", "lost", "sheets", "open")}
+    head = read_asset("head.html")
     for name, text in parts.items():
         head = head.replace(f"{{{name}}}", text)
     return head

@@ -30,7 +30,7 @@ from gear_rattle.service.web.prefix import public_path
 
 if TYPE_CHECKING:
     from gear_rattle.service.explorer.map.shared import SharedState
-    from gear_rattle.service.explorer.page.pages import Pages
+    from gear_rattle.service.explorer.page.pages import PageApplication
 
 TITLE = "gear rattle"
 SIGNED_OUT = "The API key was revoked, or this browser has signed out."
@@ -67,7 +67,7 @@ class Explorer:
         self.news: StatusPublisher | None = None
         self._overlaid: Overlays | None = None
         self._shared: SharedState | None = None
-        self._loading: asyncio.Future[Pages] | None = None
+        self._loading: asyncio.Future[PageApplication] | None = None
         self._running = AsyncExitStack()
         self._head = ""
         self._warming: asyncio.Task[None] | None = None
@@ -101,25 +101,25 @@ class Explorer:
         except Exception:  # `load` tries again at the next request of a page
             log.exception("the explorer cannot be loaded")
 
-    async def load(self) -> Pages:
+    async def load(self) -> PageApplication:
         """Return the application that serves the pages. It is loaded once, and again after a failure."""
         failed = self._loading is not None and self._loading.done() and self._loading.exception() is not None
         if self._loading is None or failed:
             self._loading = asyncio.ensure_future(self._load())
         return await asyncio.shield(self._loading)
 
-    async def _load(self) -> Pages:
+    async def _load(self) -> PageApplication:
         pages = await run_in_threadpool(self._build_pages)  # in a thread, because the imports take more than a second
         await self._running.enter_async_context(pages.running())
         return pages
 
-    def _build_pages(self) -> Pages:
+    def _build_pages(self) -> PageApplication:
         from bokeh.settings import settings
 
-        from gear_rattle.service.explorer.map.planes import Atlas
+        from gear_rattle.service.explorer.map.planes import MapCache
         from gear_rattle.service.explorer.map.shared import SharedState
         from gear_rattle.service.explorer.page.page import open_page
-        from gear_rattle.service.explorer.page.pages import Pages
+        from gear_rattle.service.explorer.page.pages import PageApplication
         from gear_rattle.service.explorer.places.exact import ExactMaps
 
         assert self._front is not None
@@ -129,9 +129,9 @@ class Explorer:
         settings.perform_document_validation.set_value(False)
         front = self._front
         shared = self._shared = SharedState(
-            front, self.news, Atlas(front), self._overlaid, ExactMaps(), self._on_map_drawn
+            front, self.news, MapCache(front), self._overlaid, ExactMaps(), self._on_map_drawn
         )
-        found = Pages(lambda: open_page(shared), TITLE)
+        found = PageApplication(lambda: open_page(shared), TITLE)
         self._head = head_html(found)
         adopt_handlers()  # the service formats the log records of Panel's handlers too
         gc.freeze()  # otherwise every full garbage collection would scan the packages just loaded, and delay answers
@@ -181,7 +181,7 @@ LEFT_CODES = (1000, 1001)  # close codes of RFC 6455: a normal end, and a page t
 class _Socket:
     """The route of the websockets of the pages."""
 
-    def __init__(self, load: Callable[[], Awaitable[Pages]]) -> None:
+    def __init__(self, load: Callable[[], Awaitable[PageApplication]]) -> None:
         self._load = load
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:

@@ -18,11 +18,11 @@ from gear_rattle.service.explorer.common.address import EXAMPLE, FURTHER, View
 from gear_rattle.service.explorer.common.lists import SurveyMenu
 from gear_rattle.service.explorer.common.news import JobStatus, overall_rate
 from gear_rattle.service.explorer.common.text import alert_html
-from gear_rattle.service.explorer.common.viewer import CALLER, Viewer
+from gear_rattle.service.explorer.common.viewer import CALLER, PageSession
 from gear_rattle.service.explorer.common.watch import WidgetWatcher, on_press
 from gear_rattle.service.explorer.design.go_to import GoToPanel
 from gear_rattle.service.explorer.families.view import FamiliesView
-from gear_rattle.service.explorer.files import asset, tour_html
+from gear_rattle.service.explorer.files import help_html, read_asset
 from gear_rattle.service.explorer.further.maps import ComparisonMaps
 from gear_rattle.service.explorer.map.beside import RightSide
 from gear_rattle.service.explorer.map.controls import MapControls
@@ -32,7 +32,7 @@ from gear_rattle.service.explorer.map.view import MapView
 from gear_rattle.service.explorer.page.form import SurveyForm, error_message
 from gear_rattle.service.explorer.page.head import SCHEME, theme_of
 from gear_rattle.service.explorer.page.rows import example_row, survey_row
-from gear_rattle.service.explorer.pins.pins_view import Pins
+from gear_rattle.service.explorer.pins.pins_view import PinsView
 from gear_rattle.service.explorer.section.section import ProfileSection
 from gear_rattle.service.explorer.state.events import SurveyChosen
 from gear_rattle.service.explorer.state.store import JOBS, Store, request_of_job
@@ -51,7 +51,7 @@ def open_page(shared: SharedState) -> pn.Template:
     """Return a new page for the caller of the current request, with the view that the URL describes."""
     document = pn.state.curdoc
     assert document is not None  # Panel sets `curdoc` while it makes a page
-    viewer = Viewer(shared.front, CALLER.get(), document)
+    viewer = PageSession(shared.front, CALLER.get(), document)
     view = View.parse(pn.state.session_args)
     theme = theme_of(view, SCHEME.get())
     config: Any = pn.config
@@ -66,7 +66,7 @@ def open_page(shared: SharedState) -> pn.Template:
 class Page:
     """One open page. Its parts share a store, and are inserted into the template of the page's document."""
 
-    def __init__(self, shared: SharedState, viewer: Viewer, view: View, theme: str) -> None:
+    def __init__(self, shared: SharedState, viewer: PageSession, view: View, theme: str) -> None:
         self._shared, self._viewer = shared, viewer
         self.store = store = Store(view, shared.exact.request)
         location: Any = pn.state.location
@@ -76,7 +76,7 @@ class Page:
         self._default_survey = ""  # id of the survey that is shown because the viewer chose none
         self._form: SurveyForm | None = None
         viewer.tell = self._show_notice
-        sheet = asset("widgets.css")
+        sheet = read_asset("widgets.css")
         self._notice = pn.pane.HTML("", stylesheets=[sheet], margin=(0, 10), sizing_mode="stretch_width")
         self._list = SurveyMenu(
             self._on_list_action,
@@ -111,7 +111,7 @@ class Page:
         )
         self._families = FamiliesView(shared, viewer, store, figure, sheet)
         self._comparison_maps = ComparisonMaps(shared, viewer, store, figure, theme, sheet)
-        self._pins = Pins(viewer, store)
+        self._pins = PinsView(viewer, store)
         controls.row.extend([save, self._families.menu, self._comparison_maps.add_button])
         self.template = self._build_template(
             theme,
@@ -129,12 +129,12 @@ class Page:
         shared.news.add_listener(self._on_statuses)
 
     def _build_template(self, theme: str, **parts: Any) -> pn.Template:
-        template = _Template(asset("page.html"), location=True)
+        template = _Template(read_asset("page.html"), location=True)
         for name, value in {
             "theme": theme,
             "other_theme": "Light" if theme == "dark" else "Dark",
             "signed_in": self._viewer.is_signed_in,
-            "tour": tour_html(),
+            "tour": help_html(),
         }.items():
             template.add_variable(name, value)
         for name, part in parts.items():
@@ -142,9 +142,9 @@ class Page:
         return template
 
     def _on_statuses(self, statuses: Sequence[JobStatus]) -> None:
-        self._viewer.start(self._learn_statuses(statuses))
+        self._viewer.start(self._update_statuses(statuses))
 
-    async def _learn_statuses(self, statuses: Sequence[JobStatus]) -> None:
+    async def _update_statuses(self, statuses: Sequence[JobStatus]) -> None:
         # this call raises an error if the API key was revoked
         statuses = await self._viewer.run_in_thread(lambda: self._add_chosen_survey(statuses))
         self._viewer.change(lambda: self.store.update_surveys({each.job.id: each for each in statuses}))
@@ -184,7 +184,7 @@ class Page:
         if self.store.has_surveys:
             rows = [survey_row(each, view, owns(each.job)) for each in jobs.values()]
             rows.append(example_row(self._shared.exact.request))
-            with self._watch.paused():
+            with self._watch.ignore_changes():
                 self._list.param.update(rows=rows, chosen=EXAMPLE if view.is_example else view.survey, ready=True)
 
     def _show_address(self) -> None:
@@ -201,7 +201,7 @@ class Page:
 
     def _open_form(self) -> SurveyForm:
         if self._form is None:
-            self._form = SurveyForm(self._viewer, self._on_submitted, asset("widgets.css"))
+            self._form = SurveyForm(self._viewer, self._on_submitted, read_asset("widgets.css"))
         if self._form.panel not in self._entering:
             self._entering.append(self._form.panel)
             self._side.css_classes = ["with-form"]

@@ -22,7 +22,7 @@ from panel.io.state import set_curdoc
 from starlette.requests import Request
 from starlette.types import Message, Receive, Scope, Send
 
-from gear_rattle.service.explorer.common.changes import wait_for_browser
+from gear_rattle.service.explorer.common.changes import delay_changes_until_loaded
 
 if TYPE_CHECKING:
     import panel as pn
@@ -85,7 +85,7 @@ class _PageHandler(Handler):
             made.server_doc(doc, title=self._title)
 
 
-class Pages:
+class PageApplication:
     """An ASGI application that has a page at ``/``, its websocket at ``/ws``, scripts and styles.
 
     Parameters
@@ -147,7 +147,7 @@ class Pages:
 
     async def serve_websocket(self, session: ServerSession, scope: Scope, receive: Receive, send: Send) -> None:
         """Serve the websocket of a page until the browser or the service ends it."""
-        wait_for_browser(session.document)
+        delay_changes_until_loaded(session.document)
         if sys.version_info < (3, 12):
             from gear_rattle.service.explorer.page.whole_messages import serve_socket
 

@@ -12,10 +12,10 @@ from panel.custom import JSComponent
 
 from gear_rattle.service.explorer.common.address import MOST_PINS, Pin
 from gear_rattle.service.explorer.common.changes import handler_in_event_loop
-from gear_rattle.service.explorer.common.viewer import Viewer
-from gear_rattle.service.explorer.files import asset
+from gear_rattle.service.explorer.common.viewer import PageSession
+from gear_rattle.service.explorer.files import read_asset
 from gear_rattle.service.explorer.pins.table import PinResults, csv_text, results_of_point, table_lines
-from gear_rattle.service.explorer.point.state import open_point_as_pin
+from gear_rattle.service.explorer.point.state import pin_of_open_point
 from gear_rattle.service.explorer.point.work import PointTasks
 from gear_rattle.service.explorer.state.events import PinAdded, PinRemoved, PointOpened
 from gear_rattle.service.explorer.state.store import JOBS, Store
@@ -36,8 +36,8 @@ class PinTable(JSComponent):
     lines = param.List(default=[])
     csv = param.String(default="")
 
-    _esm = asset("component.js") + asset("pins.js")
-    _stylesheets = [asset("pins.css")]  # noqa: RUF012 - Panel's own components declare this as a list
+    _esm = read_asset("component.js") + read_asset("pins.js")
+    _stylesheets = [read_asset("pins.css")]  # noqa: RUF012 - Panel's own components declare this as a list
 
     def __init__(self, on_action: Callable[[str, int], None], **values: Any) -> None:
         super().__init__(**values)
@@ -50,10 +50,10 @@ class PinTable(JSComponent):
             self._on_action(str(message.get("action")), number)
 
 
-class Pins:
+class PinsView:
     """Table of the pinned points, with a button that pins the open point. The store has the pinned points."""
 
-    def __init__(self, viewer: Viewer, store: Store) -> None:
+    def __init__(self, viewer: PageSession, store: Store) -> None:
         self._viewer, self._store = viewer, store
         self._results: dict[Pin, PinResults | str] = {}
         self._work: dict[Pin, PointTasks] = {}
@@ -76,7 +76,7 @@ class Pins:
             work.stop()
 
     def _on_table_action(self, action: str, number: int) -> None:
-        pins, opened = self._store.view.pins, open_point_as_pin(self._store)
+        pins, opened = self._store.view.pins, pin_of_open_point(self._store)
         if action == "pin" and opened is not None and opened not in pins:
             if len(pins) == MOST_PINS:
                 self._viewer.tell(FULL)
@@ -92,14 +92,14 @@ class Pins:
                 self._viewer.tell(OTHER)
 
     def _start_computing(self) -> None:
-        if self._next_pin() is not None and (self._task is None or self._task.done()):
+        if self._next_pin_to_compute() is not None and (self._task is None or self._task.done()):
             self._task = self._viewer.start(self._compute_all())
 
-    def _next_pin(self) -> Pin | None:
+    def _next_pin_to_compute(self) -> Pin | None:
         return next((each for each in self._store.view.pins if each not in self._work), None)
 
     async def _compute_all(self) -> None:
-        while (pin := self._next_pin()) is not None:
+        while (pin := self._next_pin_to_compute()) is not None:
             self._work[pin] = work = PointTasks(self._viewer.front, self._viewer.document, pin.model.name)
             # `asyncio.wait` does not raise the CancelledError of a task whose pin was removed meanwhile
             await asyncio.wait([work.start(self._compute_pin(pin, work))])
@@ -124,7 +124,7 @@ class Pins:
         await work.change(show)
 
     def _show(self) -> None:
-        pins, opened = self._store.view.pins, open_point_as_pin(self._store)
+        pins, opened = self._store.view.pins, pin_of_open_point(self._store)
         self.table.param.update(
             offered=opened.label if opened is not None and opened not in pins else "",
             heads=[f"{i}: {each.label}" for i, each in enumerate(pins, start=1)],

@@ -43,7 +43,7 @@ def results_of_point(pin: Pin, count: int) -> PinResults:
     found = sampled_attractors(gear, count)
     if gear.parameters.harmonics:
         return PinResults(None, gear.quiet_limit, found)
-    if not model_at(gear).in_closed_form:
+    if not model_at(gear).has_closed_forms:
         found = add_letters(found, gear.orbits())
     return PinResults(gear.region(), gear.quiet_limit, found)
 
@@ -79,7 +79,7 @@ def table_lines(pins: Sequence[Pin], results: Mapping[Pin, PinResults | str]) ->
     lines.append(["Quiet up to ε", *(number_text(each.quiet_limit) if each else "" for each in all_known)])
     lines.append(["Largest λ₁ of rattling", *(_largest_exponent(each) if each else "" for each in all_known)])
     names = dict.fromkeys(name for each in all_known if each for name, _ in _named_motions(each))
-    return lines + [[name, *(_fractions_and_exponents(each, name) for each in all_known)] for name in names]
+    return lines + [[name, *(_fractions_and_exponents_text(each, name) for each in all_known)] for name in names]
 
 
 def _region_name(results: PinResults) -> str:
@@ -99,7 +99,7 @@ def _largest_exponent(results: PinResults) -> str:
     return number_text(max(rattling, default=math.nan))
 
 
-def _fractions_and_exponents(results: PinResults | None, name: str) -> str:
+def _fractions_and_exponents_text(results: PinResults | None, name: str) -> str:
     """Return fractions and exponents of a point's attractors with this name; a dash for none, "" without results."""
     if results is None:
         return ""

@@ -20,7 +20,7 @@ import xarray as xr
 from gear_rattle.service.database.tables import JobRow
 from gear_rattle.service.errors import MissingError
 from gear_rattle.service.explorer.map.planes import SIDE, MapPlane, maps_of
-from gear_rattle.service.explorer.places.example import CLOSED_FORMS, MAPS, REQUEST, load_sampled
+from gear_rattle.service.explorer.places.example import CLOSED_FORMS, MAPS, REQUEST, load_stored_variables
 from gear_rattle.service.explorer.places.example import KEPT as SAMPLED
 from gear_rattle.workers import Axis, SurveyRequest
 from gear_rattle.workers.pictures.planes import drawn_numbers, plane_of
@@ -180,10 +180,7 @@ class ExactMaps:
             return self._unfinished[key]
 
     def plane(self, variable: str, index: int) -> MapPlane:
-        """Return a map of the explorer's example. The call blocks: use a thread.
-
-        index: number of the attractor or orbit, for a variable that has a map for each.
-        """
+        """Return a map of the explorer's example; `index` is the number of an orbit. It blocks: use a thread."""
         return ExamplePlane(self._cells, self._dataset, variable, index)
 
     @cached_property
@@ -192,7 +189,7 @@ class ExactMaps:
 
     @cached_property
     def _dataset(self) -> xr.Dataset:
-        return _closed_form_dataset(self._cells).merge(load_sampled(), join="exact")
+        return _closed_form_dataset(self._cells).merge(load_stored_variables(), join="exact")
 
 
 def _closed_form_dataset(cells: Cells, names: Collection[str] = ()) -> xr.Dataset:

@@ -27,7 +27,7 @@ MAPS = ("quiet_fraction", "n_attractors", "lyapunov_max", "worst_level", "chaoti
 KEPT = (*MAPS, "attractor_fraction", "attractor_m", "attractor_n_plus", "attractor_n_minus")
 
 
-def load_sampled() -> xr.Dataset:
+def load_stored_variables() -> xr.Dataset:
     """Return the variables that are stored in the example's file. Reading blocks: use a thread."""
     with ZipStore(EXAMPLE, mode="r") as store:
         return xr.open_zarr(store, consolidated=False).load()

@@ -73,10 +73,10 @@ class BasinsTab:
                 computations = (partial(self._compute_basins_at, chosen, *each) for each in OTHER_POINT_RESOLUTIONS)
                 self._other_point_parts = [(self._panel.under_basins, each) for each in computations]
         self._mark_initial_state()
-        for is_away in (False, True):
-            task = self._tasks.get(is_away)
-            if point.is_ready and self._missing_parts(is_away) and (task is None or task.done()):
-                self._tasks[is_away] = point.work.start(self._compute_missing_parts(is_away))
+        for is_at_other_point in (False, True):
+            task = self._tasks.get(is_at_other_point)
+            if point.is_ready and self._missing_parts(is_at_other_point) and (task is None or task.done()):
+                self._tasks[is_at_other_point] = point.work.start(self._compute_missing_parts(is_at_other_point))
 
     def _show_slider(self, chosen: Pair | None) -> None:
         """Set the slider to the chosen point (δ, ε) of the diagram, or to the open point if `chosen` is None."""
@@ -89,25 +89,26 @@ class BasinsTab:
             open_point_stop if state.at is None else round(SLIDER_STEPS * state.at), open_point_stop, chosen or here
         )
 
-    def _missing_parts(self, is_away: bool) -> list[Part]:
+    def _missing_parts(self, is_at_other_point: bool) -> list[Part]:
         """Return the parts of the basins that the open tab needs and that are not begun yet.
 
-        is_away: True for the parts at the other point that the slider chooses, False for the parts at the open point.
+        is_at_other_point: True for the parts at the other point that the slider chooses, False for the parts at the
+        open point.
 
         Returns
         -------
         list[Part]
             The parts in their order; the caller removes a part from this list when it begins the part. The list is
-            empty if the open tab shows no basins, or if `is_away` is True while the slider is at the open point, or
-            False while the slider is at another point.
+            empty if the open tab shows no basins, or if `is_at_other_point` is True while the slider is at the open
+            point, or False while the slider is at another point.
         """
         tab = self._point.state.shown_tab
-        if is_away:
+        if is_at_other_point:
             return self._other_point_parts if self._chosen_point is not None and tab in (BASINS, MOTION) else []
         return self._open_point_parts if self._chosen_point is None and tab == BASINS else []
 
-    async def _compute_missing_parts(self, is_away: bool) -> None:
-        while missing := self._missing_parts(is_away):
+    async def _compute_missing_parts(self, is_at_other_point: bool) -> None:
+        while missing := self._missing_parts(is_at_other_point):
             await self._point.work.run_part(*missing.pop(0))
 
     async def _compute_open_point_basins(self, side: int, method: str) -> None:
@@ -124,7 +125,9 @@ class BasinsTab:
         await self._point.work.change(show)
 
     async def _compute_lines(self) -> None:
-        found = await self._point.work.compute(parts.plane_lines, self._point.gear, what="The manifolds", slow=True)
+        found = await self._point.work.compute(
+            parts.compute_plane_lines, self._point.gear, what="The manifolds", slow=True
+        )
 
         def show() -> None:
             self._lines = found

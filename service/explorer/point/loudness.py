@@ -46,7 +46,7 @@ def intensity_table(
     return html_table("How hard each rattles", ("Motion", *heads, explained), rows)
 
 
-def loudest_in_words(
+def describe_loudest_motion(
     attractors: Sequence[rattle.Attractor],
     found: Sequence[rattle.Intensity | None],
     delta: float,
@@ -60,15 +60,15 @@ def loudest_in_words(
     name = f"{'The loudest motion' if len(known) > 1 else 'Its rattle'}, {legend_name(attractor)},"
     if machine is not None:
         si = machine.in_si(one)
-        level, speed = f"{_decibels(si.level)} dB re 1 pW", f"{number_text(si.mean_velocity)} m/s"
+        level, speed = f"{_decibel_text(si.level)} dB re 1 pW", f"{number_text(si.mean_velocity)} m/s"
     else:
-        level = f"{_decibels(one.level(natural_energy(delta)))} dB (0 dB is {ZERO_LEVEL})"
+        level = f"{_decibel_text(one.level(natural_energy(delta)))} dB (0 dB is {ZERO_LEVEL})"
         speed = number_text(one.mean_speed)
     return f"{name} has {level}, and impacts of a mean speed of {speed}."
 
 
 def _dimensionless_texts(found: rattle.Intensity, delta: float) -> list[str]:
-    level = _decibels(found.level(natural_energy(delta)))
+    level = _decibel_text(found.level(natural_energy(delta)))
     energy = _value_with_error(found.energy, found.errors.energy)
     return [number_text(found.impacts), number_text(found.mean_speed), number_text(found.largest_speed), energy, level]
 
@@ -76,10 +76,10 @@ def _dimensionless_texts(found: rattle.Intensity, delta: float) -> list[str]:
 def _si_texts(found: rattle.Intensity, machine: Machine) -> list[str]:
     si = machine.in_si(found)
     numbers = [number_text(each) for each in (si.impacts, si.mean_velocity, si.largest_velocity, si.energy)]
-    return [*numbers, _value_with_error(si.power, si.power_error), _decibels(si.level)]
+    return [*numbers, _value_with_error(si.power, si.power_error), _decibel_text(si.level)]
 
 
-def _decibels(level: float) -> str:
+def _decibel_text(level: float) -> str:
     """Return a level in dB as text, rounded to 0.01 dB, because rounding errors may turn 0 dB into 1e-15 dB."""
     return number_text(round(level, 2) + 0.0)
 

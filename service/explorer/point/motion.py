@@ -9,7 +9,7 @@ from bokeh.models import ColumnDataSource, HoverTool
 from bokeh.models.annotations import Span
 
 import rattle
-from gear_rattle.service.explorer.common.figures import ink_of, line_colour, themed_figure
+from gear_rattle.service.explorer.common.figures import foreground_colour, line_colour, themed_figure
 from gear_rattle.service.explorer.common.glyphs import clear
 from gear_rattle.service.explorer.point.words import PERIOD, count_in_words, recurrence_in_words
 
@@ -27,7 +27,7 @@ class MotionPictures:
         self.portrait: Any = themed_figure("portrait", theme, "Φ", "", 260, walls, (-7.0, 7.0))
         self.samples = ColumnDataSource({"t": [], "phi": [], "velocity": []})
         self._impacts = ColumnDataSource({"t": [], "phi": [], "speed": []})
-        ink = ink_of(theme)
+        ink = foreground_colour(theme)
         style: dict[str, Any] = {"line_color": ink, "line_width": 3, "line_alpha": 0.55}
         self._walls = {
             side: [Span(location=side, dimension=dimension, **style) for dimension in ("width", "height")]

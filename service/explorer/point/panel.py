@@ -16,7 +16,7 @@ from gear_rattle.service.explorer.common.point_state import ANSWER, BASINS, DIAG
 from gear_rattle.service.explorer.common.text import Text
 from gear_rattle.service.explorer.common.watch import WidgetWatcher, on_press
 from gear_rattle.service.explorer.design.tolerance_fields import ToleranceFields
-from gear_rattle.service.explorer.files import asset
+from gear_rattle.service.explorer.files import read_asset
 from gear_rattle.service.explorer.point import basins, loudness, motion, point_diagram
 from gear_rattle.service.explorer.state.events import (
     AttractorChosen,
@@ -38,7 +38,7 @@ CLICKED_STATE = -1  # value of the menu of motions for the motion from a clicked
 
 
 @dataclass(frozen=True)
-class FigurePlace:
+class FigurePanel:
     """Panel for a figure below the diagram, empty and hidden at first.
 
     x_range: range of the parameter axis, which this figure and the diagram share.
@@ -55,12 +55,12 @@ class PointPanel:
     ----------
     dispatch : Callable[[Event], None]
         Takes an event for each choice of a viewer.
-    profile_place : FigurePlace | None
+    profile_place : FigurePanel | None
         Panel for the profile of a survey, which stands below the diagram. None for an empty panel.
     """
 
-    def __init__(self, theme: str, dispatch: Callable[[Event], None], profile_place: FigurePlace | None = None) -> None:
-        self.theme, self._dispatch, self._profile_place = theme, dispatch, profile_place or FigurePlace()
+    def __init__(self, theme: str, dispatch: Callable[[Event], None], profile_place: FigurePanel | None = None) -> None:
+        self.theme, self._dispatch, self._profile_place = theme, dispatch, profile_place or FigurePanel()
         self._open_point_stop = 0  # slider position of the open point; all others are other points of the diagram
         self._watch = WidgetWatcher()
         self._texts = [self._new_text() for _ in range(18)]
@@ -98,7 +98,7 @@ class PointPanel:
 
     def show_tab(self, tab: str) -> None:
         """Show this tab, and no other."""
-        with self._watch.paused():
+        with self._watch.ignore_changes():
             self._tabs.param.update(value=tab, visible=True)
         for name, body in self._bodies.items():
             body.visible = name == tab
@@ -139,7 +139,7 @@ class PointPanel:
 
     @property
     def _sheets(self) -> list[str]:
-        return [asset(name) for name in ("widgets.css", "point.css")]
+        return [read_asset(name) for name in ("widgets.css", "point.css")]
 
     @cached_property
     def picture(self) -> basins.BasinsPicture:
@@ -170,7 +170,7 @@ class PointPanel:
         there chooses the open point itself.
         """
         self._open_point_stop = open_point_stop
-        with self._watch.paused():
+        with self._watch.ignore_changes():
             self.diagram_slider.param.update(value=stop, label=f"Along the diagram, at δ {at[0]:.5g}, ε {at[1]:.5g}")
 
     @cached_property
@@ -189,7 +189,7 @@ class PointPanel:
 
     def offer_motions(self, options: Mapping[str, int], chosen: int | None) -> None:
         """Fill the menu of motions. options: numbers of the motions by name. chosen: the selected number, or None."""
-        with self._watch.paused():
+        with self._watch.ignore_changes():
             self.motion_choice.param.update(options=dict(options), value=chosen)
 
     @cached_property
@@ -257,7 +257,7 @@ class PointPanel:
 
     def show_direction(self, chosen: str) -> None:
         """Select the button of the diagram's direction, "epsilon" or "delta"."""
-        with self._watch.paused():
+        with self._watch.ignore_changes():
             self.direction.value = chosen
 
     @cached_property

@@ -13,9 +13,9 @@ import rattle
 from gear_rattle.service.explorer.design import rattling
 from gear_rattle.service.operations import diagrams
 from rattle import Diagram
-from rattle.attractors import attractors_of_cell, classified, sampled_speed
+from rattle.attractors import attractors_of_cell, classify_plane_states, sampled_speed
 from rattle.continuation import plane_scale
-from rattle.flight import wrapped
+from rattle.flight import wrap_phase_difference
 from rattle.models import AnyGear, Capability, model_at, require_capability
 
 ARCLENGTH, SPACING = 60.0, 0.02  # arclength of a drawn manifold; spacing of points on manifolds and Γ
@@ -184,13 +184,10 @@ def survey_attractors(cell: xr.Dataset, starts: int) -> SampledAttractors | None
 
 
 def sampled_attractors(gear: AnyGear, count: int) -> SampledAttractors:
-    """Return the attractors that `count` samples reach, with their multipliers.
-
-    If the model has A to D in closed form, the attractors also have their letters.
-    """
+    """Return the attractors that `count` samples reach, with multipliers and, where A to D are known, letters."""
     found = gear.attractors(count)
     multipliers = tuple(_multipliers_of(gear, each) for each in found)
-    orbits = gear.orbits() if model_at(gear).in_closed_form else ()
+    orbits = gear.orbits() if model_at(gear).has_closed_forms else ()
     return SampledAttractors(count, found, multipliers, tuple(_letter_of_attractor(orbits, each) for each in found))
 
 
@@ -218,7 +215,10 @@ def add_letters(found: SampledAttractors, orbits: Iterable[rattle.Orbit]) -> Sam
 
 def _letter_of_attractor(orbits: Iterable[rattle.Orbit], attractor: rattle.Attractor) -> str:
     for orbit in orbits:
-        if abs(orbit.v - attractor.v) < SAME_ORBIT and abs(wrapped(orbit.tau - attractor.tau)) < SAME_ORBIT:
+        if (
+            abs(orbit.v - attractor.v) < SAME_ORBIT
+            and abs(wrap_phase_difference(orbit.tau - attractor.tau)) < SAME_ORBIT
+        ):
             return orbit.name
     return ""
 
@@ -228,12 +228,12 @@ def margin(gear: Any) -> Margin:
     v, tau, undecided = gear.boundary_distance()
     leads_to = None
     if 0 < v < np.inf:
-        table, _, _ = classified(gear.states, np.array([tau]), np.array([v]))
+        table, _, _ = classify_plane_states(gear.states, np.array([tau]), np.array([v]))
         (leads_to,) = attractors_of_cell(table, table.samples)
     return Margin(v, tau, undecided, leads_to, largest_sampled_speed(gear.delta, gear.epsilon, gear.beta))
 
 
-def plane_lines(gear: AnyGear, arclength: float = ARCLENGTH) -> PlaneLines:
+def compute_plane_lines(gear: AnyGear, arclength: float = ARCLENGTH) -> PlaneLines:
     """Return Γ if the model has one, the stable manifolds of the saddles A and B, and the unstable manifold of A."""
     require_capability(Capability.MANIFOLDS, model_at(gear))
     from rattle.plot import gamma_line, manifold_line
@@ -334,7 +334,7 @@ def basins(gear: AnyGear, side: int, method: str) -> rattle.Basins:
 
 def basins_at_other_point(gear: AnyGear, side: int, method: str) -> BasinsAndOrbits:
     """Return the basins of attraction, and the motions A to D, of a gear at another point than the clicked one."""
-    orbits = gear.orbits() if model_at(gear).in_closed_form else ()
+    orbits = gear.orbits() if model_at(gear).has_closed_forms else ()
     return BasinsAndOrbits(basins(gear, side, method), orbits)
 
 
@@ -343,7 +343,7 @@ def motion_from(gear: AnyGear, tau: float, v: float, periods: float, points: int
     return gear.trajectory(tau, v, periods, points)
 
 
-def warm_up(gear: AnyGear) -> None:
+def load_point_kernels(gear: AnyGear) -> None:
     """Load all kernels that a point of this model needs, by running each part at its smallest size."""
     sampled_attractors(gear, 16)
     for method in ("cells", "refined", "direct"):
@@ -352,7 +352,7 @@ def warm_up(gear: AnyGear) -> None:
     rattling.warm_up_sounds(gear)
     has = model_at(gear).has
     if Capability.MANIFOLDS in has:
-        plane_lines(gear, arclength=1.0)
+        compute_plane_lines(gear, arclength=1.0)
     if Capability.MARGIN in has:
         margin(gear)
     if Capability.DIAGRAMS in has:

@@ -12,10 +12,10 @@ from bokeh.models.annotations import Span
 
 from gear_rattle.service.explorer.common.address import Pair
 from gear_rattle.service.explorer.common.changes import handler_in_event_loop
-from gear_rattle.service.explorer.common.figures import LEFT_BORDER, ink_of, themed_figure
+from gear_rattle.service.explorer.common.figures import LEFT_BORDER, foreground_colour, themed_figure
 from gear_rattle.service.explorer.common.glyphs import clear
 from gear_rattle.service.explorer.common.watch import WidgetWatcher
-from gear_rattle.service.explorer.files import asset
+from gear_rattle.service.explorer.files import read_asset
 from gear_rattle.service.explorer.point.parts import DiagramLines, EventImpacts
 from gear_rattle.service.explorer.point.words import (
     ChaosEvent,
@@ -57,7 +57,7 @@ class DiagramPicture:
         name, speeds = NAMES["epsilon"], (0.0, 7.0)
         self.figure: Any = themed_figure("diagram", theme, name, "impact speed v", HEIGHT, axis, speeds)
         self.figure.min_border_left = LEFT_BORDER
-        ink = ink_of(theme)
+        ink = foreground_colour(theme)
         self._seen = {}
         for upward, shade, size in zip((True, False), (UPWARD[theme], DOWNWARD), DOT_SIZES, strict=True):
             self._seen[upward] = ColumnDataSource({"x": [], "v": []})
@@ -90,7 +90,7 @@ class DiagramPicture:
         self.figure.add_layout(self._here)
         self.speeds = pn.widgets.RadioButtonGroup(
             label="Speeds of the diagram", options={"Dense speeds": DENSE, "All speeds": ALL}, visible=False,
-            color="primary", variant="outline", stylesheets=[asset("widgets.css")],
+            color="primary", variant="outline", stylesheets=[read_asset("widgets.css")],
         )  # fmt: skip
         WidgetWatcher().call_on_change(self.speeds, self._fit_speed_axis)
         self._found: DiagramLines | None = None

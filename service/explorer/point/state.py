@@ -91,10 +91,10 @@ class OpenPoint(Listeners):
     @property
     def state(self) -> PointState:
         """State of the tabs. An initial condition above the largest speed in the picture of the basins is left out."""
-        return self.store.view.point_state.limited_to(self._fastest)
+        return self.store.view.point_state.without_start_above(self._fastest)
 
     @property
-    def is_away(self) -> bool:
+    def is_at_other_point(self) -> bool:
         """True if the basins and the motion of another point (δ, ε) of the diagram are shown."""
         return self.shown_point.gear is not self.gear
 
@@ -119,7 +119,7 @@ class OpenPoint(Listeners):
         quiet, the first.
         """
         own = self._known_attractors[self.attractor_number] if self._known_attractors else None
-        if not self.is_away:
+        if not self.is_at_other_point:
             return own
         there = self.shown_point.attractors
         named = [each for each in there if own is not None and each.name == own.name]
@@ -150,7 +150,7 @@ def machine_and_model(
     return found, model_at(found.gear)
 
 
-def open_machine_and_model(store: Store) -> tuple[Machine | None, Model] | None:
+def machine_and_model_of_open_point(store: Store) -> tuple[Machine | None, Model] | None:
     """Return the machine and the model of the open point; None if no point is open or the map's survey is unknown."""
     view = store.view
     if view.point is None or not store.has_surveys or (view.survey and store.request is None):
@@ -158,9 +158,9 @@ def open_machine_and_model(store: Store) -> tuple[Machine | None, Model] | None:
     return machine_and_model(view.point, view.machine, store.machine, store.model)
 
 
-def open_point_as_pin(store: Store) -> Pin | None:
+def pin_of_open_point(store: Store) -> Pin | None:
     """Return the open point as a pin; None if no point is open, or if the map's survey is not known yet."""
-    opened, point = open_machine_and_model(store), store.view.point
+    opened, point = machine_and_model_of_open_point(store), store.view.point
     return None if opened is None or point is None else pin_of(*point, opened[1])
 
 

@@ -102,7 +102,11 @@ class MotionTab:
 
     async def _compute_spectrum(self, attractor: rattle.Attractor, shade: str) -> None:
         point, requested, gear = self._point, self._motion_key, self._point.shown_point.gear
-        machine = machine_at_other_point(point.machine, gear.delta, gear.epsilon) if point.is_away else point.machine
+        machine = (
+            machine_at_other_point(point.machine, gear.delta, gear.epsilon)
+            if point.is_at_other_point
+            else point.machine
+        )
         found = await point.work.compute(rattling.spectrum_lines, gear, attractor, what="The spectrum")
 
         def show() -> None:

@@ -24,7 +24,7 @@ from gear_rattle.service.explorer.point.work import PointTasks, waiting_html
 from gear_rattle.service.explorer.state.store import Store, window_of
 from gear_rattle.service.state import Front
 from rattle import Machine
-from rattle.models import Capability, Model, lacking, model_at
+from rattle.models import Capability, Model, missing_capability_error, model_at
 
 COUNT = 1024  # number of initial conditions from which the basin fractions are estimated
 PAINT_SECONDS = 0.05  # seconds to wait, so that a browser shows the words before it lays out pictures
@@ -78,7 +78,7 @@ class PointView:
             (panel.safe, "the margin"), (panel.extents, "where each motion begins and ends"),
         ):  # fmt: skip
             text.html = waiting_html(what)
-        self._answer = Answer(point, panel, front)
+        self._answer = PointAnswer(point, panel, front)
         for tab in (BasinsTab, MotionTab, DiagramTab, YieldPart):
             tab(point, panel)
 
@@ -93,7 +93,7 @@ class PointView:
             self._point.end()
 
 
-class Answer:
+class PointAnswer:
     """The words and tables of a point's panel, which fill its answer tab and its numbers tab.
 
     `OpenPoint.is_ready` is set when the words are shown. Pictures come after the words, because the service takes time
@@ -108,9 +108,9 @@ class Answer:
         is_compiled = front.kernels.is_compiled(self._model.name)
         if not is_compiled:
             panel.likely.html = faint_html(COMPILING)
-        if self._model.in_closed_form and is_compiled:
+        if self._model.has_closed_forms and is_compiled:
             self._show_orbits(parts.period_one(self._gear))
-        elif self._model.in_closed_form:
+        elif self._model.has_closed_forms:
             point.work.start(point.work.run_part(panel.orbits, self._show_closed_form_orbits))
         point.follow(self._on_view_change, "point_state")
         point.subscribe(self._on_view_change, READY)
@@ -137,7 +137,7 @@ class Answer:
         await point.work.change(lambda: point.update(is_ready=True))
         if self._gear.parameters.harmonics:
             await point.work.set_text(panel.orbits, f"<p>{OF_ONE_COSINE}</p>")
-        elif not self._model.in_closed_form:
+        elif not self._model.has_closed_forms:
             await point.work.run_part(panel.orbits, self._compute_orbits)
         await point.work.run_part(panel.extents, self._compute_extents)
 
@@ -164,7 +164,7 @@ class Answer:
         found = await point.work.compute(rattling.motion_intensities, gear, attractors, what="The intensities")
         said = loudness.intensity_table(attractors, found, gear.delta, point.machine, point.palette)
         await point.work.set_text(self._panel.loud, said)
-        loudest = loudness.loudest_in_words(attractors, found, gear.delta, point.machine)
+        loudest = loudness.describe_loudest_motion(attractors, found, gear.delta, point.machine)
         await point.work.set_text(self._panel.loudest, f"<p>{escape(loudest)}</p>" if loudest else "")
 
     async def _compute_extents(self) -> None:
@@ -184,7 +184,7 @@ class Answer:
                 found = None
             known.append(found)
             await point.work.change(partial(self._show_extents, known))
-        if extents.has_swept_chaos(attractors, known):
+        if extents.has_bracketed_chaos_end(attractors, known):
             with suppress(UnavailableError):  # if this fails, the end of chaos stays the bracket that the sweep found
                 known[:] = await point.work.compute(
                     extents.add_crisis, gear, attractors, known, what="The boundary crisis", slow=True
@@ -220,7 +220,7 @@ class Answer:
     async def _compute_margin(self) -> None:
         point, safe = self._point, self._panel.safe
         if Capability.MARGIN not in self._model.has:
-            await point.work.set_text(safe, f"<p>{lacking(Capability.MARGIN, self._model)}</p>")
+            await point.work.set_text(safe, f"<p>{missing_capability_error(Capability.MARGIN, self._model)}</p>")
             return
         found = await point.work.compute(parts.margin, self._gear, what="The margin", slow=True)
         said = words.margin_in_words(self._gear, found, point.period)

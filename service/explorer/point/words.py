@@ -130,15 +130,12 @@ def point_in_words(gear: AnyGear) -> str:
         backlash += f", {each.in_words} = {number_text(model.numbers[each.name], 6)}"
     if harmonics := gear.parameters.harmonics:
         backlash += f", {harmonics_in_words(harmonics)}"
-    backlash += f": {region_in_words(gear.region())}." if model.in_closed_form else "."
+    backlash += f": {region_in_words(gear.region())}." if model.has_closed_forms else "."
     return f"{at}{backlash}"
 
 
 def quiet_limit_in_words(gear: AnyGear, period: str = PERIOD) -> str:
-    """Return in words the ε up to which quiet running is possible.
-
-    Below SN1 the text also has the ε at which P(1,1,0) begins, if the model has a closed form for it.
-    """
+    """Describe the ε up to which quiet running is possible and, if it is known, the ε at which P(1,1,0) begins."""
     if gear.epsilon >= gear.quiet_limit:
         quiet = (
             f"The gear cannot run quietly here: above an eccentricity of {number_text(gear.quiet_limit)} the teeth "
@@ -146,7 +143,7 @@ def quiet_limit_in_words(gear: AnyGear, period: str = PERIOD) -> str:
         )
     else:
         quiet = f"Quiet running is possible here, and up to an eccentricity of {number_text(gear.quiet_limit)}."
-    born = gear.sn1 if model_at(gear).in_closed_form else None
+    born = gear.sn1 if model_at(gear).has_closed_forms else None
     if born is not None and gear.epsilon < born:
         return f"{quiet} Rattle with one impact every {period}, P(1,1,0), begins at ε = {number_text(born)}."
     return quiet
@@ -316,7 +313,7 @@ def attractors_table(found: SampledAttractors, palette: Palette) -> str:
     return html_table(f"Attractors from {count_in_words(found.starts, 'start')}", heads, rows)
 
 
-def bracket_text(value: float, error: float) -> str:
+def value_with_error_text(value: float, error: float) -> str:
     """Return "value ± error", the error rounded up at its first digit or to an integer; "value" for an error of 0."""
     if error == 0.0:
         return number_text(value)
@@ -341,7 +338,7 @@ def end_in_words(end: ExtentEnd, is_upper: bool, scale: float = 1.0) -> str:
     str
         Such as "0.05964: begins by a saddle-node (SN1)".
     """
-    at, side = bracket_text(scale * end.epsilon, scale * end.error), "above" if is_upper else "below"
+    at, side = value_with_error_text(scale * end.epsilon, scale * end.error), "above" if is_upper else "below"
     if end.kind == RANGE:
         return f"does not end up to {at}" if is_upper else at
     if end.kind == LOST:
@@ -417,7 +414,7 @@ def chaos_events(
         At most two events for each chaotic attractor.
     """
     return [
-        (what, legend_name(each), (gear.delta, end.epsilon), bracket_text(end.epsilon, end.error))
+        (what, legend_name(each), (gear.delta, end.epsilon), value_with_error_text(end.epsilon, end.error))
         for each, extent in zip(attractors, extents, strict=False)
         if each.kind == "chaotic" and extent is not None
         for what, end in (("beginning of chaos", extent.low), ("end of chaos", extent.high))

@@ -42,7 +42,7 @@ async def _prepare_process(front: Front) -> None:
     try:
         await compute_in_process(
             front,
-            parts.warm_up,
+            parts.load_point_kernels,
             rattle.Gear(0.6, 0.1),
             model=DEFAULT_MODEL,
             what="The kernels",

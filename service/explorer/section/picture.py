@@ -8,7 +8,7 @@ import numpy as np
 from bokeh.models import BasicTicker, ColumnDataSource, FixedTicker, HoverTool, Range1d
 
 from gear_rattle.service.explorer.common.address import Pair
-from gear_rattle.service.explorer.common.figures import LEFT_BORDER, ink_of, themed_figure
+from gear_rattle.service.explorer.common.figures import LEFT_BORDER, foreground_colour, themed_figure
 from gear_rattle.service.explorer.common.glyphs import clear
 from gear_rattle.service.explorer.section.profile import Profile
 
@@ -23,7 +23,7 @@ class ProfilePicture:
         self.figure: Any = themed_figure("profile", theme, "", "", HEIGHT, x_range, (0.0, 1.0))
         self.figure.min_border_left = LEFT_BORDER
         self.steps = ColumnDataSource({"x": [], "value": [], "what": []})
-        drawn = self.figure.line("x", "value", source=self.steps, line_color=ink_of(theme), line_width=1.8)
+        drawn = self.figure.line("x", "value", source=self.steps, line_color=foreground_colour(theme), line_width=1.8)
         tooltips = [("", "@what"), ("at", "$x{%.6g}")]
         self.figure.add_tools(
             HoverTool(renderers=[drawn], tooltips=tooltips, formatters={"$x": "printf"}, mode="vline")

@@ -13,12 +13,12 @@ from gear_rattle.service.explorer.common.address import MapChoice, View
 from gear_rattle.service.explorer.common.drawings import DrawingRunner, Show
 from gear_rattle.service.explorer.common.point_state import DIAGRAM
 from gear_rattle.service.explorer.common.text import Text, alert_html, faint_html
-from gear_rattle.service.explorer.common.viewer import Viewer
+from gear_rattle.service.explorer.common.viewer import PageSession
 from gear_rattle.service.explorer.common.watch import WidgetWatcher
 from gear_rattle.service.explorer.map.planes import map_options
 from gear_rattle.service.explorer.map.shared import SharedState
-from gear_rattle.service.explorer.point.panel import FigurePlace
-from gear_rattle.service.explorer.point.state import open_machine_and_model
+from gear_rattle.service.explorer.point.panel import FigurePanel
+from gear_rattle.service.explorer.point.state import machine_and_model_of_open_point
 from gear_rattle.service.explorer.section.picture import ProfilePicture
 from gear_rattle.service.explorer.section.profile import Ends, profile_in_words, profile_of
 from gear_rattle.service.explorer.state.events import DiagramEndChosen, ProfileChosen
@@ -35,10 +35,10 @@ NO_END_POINT = "The end point needs a δ above 0 and an ε of at least 0."
 class ProfileSection:
     """Section for the profile of a survey along the diagram of the open point, in the panel `profile_place`."""
 
-    def __init__(self, shared: SharedState, viewer: Viewer, store: Store, theme: str, sheet: str) -> None:
+    def __init__(self, shared: SharedState, viewer: PageSession, store: Store, theme: str, sheet: str) -> None:
         self._shared, self._viewer, self._store = shared, viewer, store
         self._theme, self._sheet = theme, sheet
-        self.profile_place = FigurePlace()
+        self.profile_place = FigurePanel()
         self.said = Text("", sheet, margin=(0, 4))
         self._shown_ends: tuple[Any, ...] = ()
         self.drawings = DrawingRunner(viewer, self._show_error)
@@ -77,7 +77,7 @@ class ProfileSection:
     def _on_view_change(self) -> None:
         view, job = self._store.view, self._store.job
         is_seen = view.point is not None and view.point_state.shown_tab == DIAGRAM
-        opened, request = open_machine_and_model(self._store), self._store.request
+        opened, request = machine_and_model_of_open_point(self._store), self._store.request
         if not is_seen or opened is None or request is None:
             self.drawings.stop()
             self.profile_place.panel.visible = False
@@ -106,7 +106,7 @@ class ProfileSection:
         def show() -> None:
             self._set_options(options, chosen, ends)
             limits = self.picture.show(found, span, view.profile_limits if view.profile == chosen else None)
-            with self._watch.paused():
+            with self._watch.ignore_changes():
                 self.low.value, self.high.value = limits
             if self._shown_ends != (ends, span):  # otherwise the axis stays where a viewer has moved it
                 self._shown_ends = ends, span
@@ -117,7 +117,7 @@ class ProfileSection:
         yield show
 
     def _set_options(self, options: dict[str, str], chosen: MapChoice, ends: Ends) -> None:
-        with self._watch.paused():
+        with self._watch.ignore_changes():
             self.variable.param.update(options=options, value=chosen.address_text)
             self.delta.value, self.epsilon.value = ends[1]
 

@@ -10,12 +10,12 @@ from typing import Annotated, Any, TypeVar
 from fastapi import Query
 from pydantic import BaseModel, Field, create_model
 
-from rattle.models import ADDED, DEFAULT_MODEL, owner_of
+from rattle.models import ADDED, DEFAULT_MODEL, model_of_parameter
 
 Route = TypeVar("Route", bound=Callable[..., Any])
 
 
-def query_of(name: str, without: str = DEFAULT_MODEL, example: float | None = None) -> Any:
+def annotate_query(name: str, without: str = DEFAULT_MODEL, example: float | None = None) -> Any:
     """Return the annotated type of a query parameter of a route: the parameter `name` that a model adds.
 
     without: words after "else" in the description: the model that the route uses if a request lacks this parameter.
@@ -23,7 +23,7 @@ def query_of(name: str, without: str = DEFAULT_MODEL, example: float | None = No
     each = ADDED[name]
     upper = each.greatest if math.isfinite(each.greatest) else None
     words = f"of {each.of}" if each.of else each.label
-    text = f"{words}: the {owner_of(name).name} model; else {without}"
+    text = f"{words}: the {model_of_parameter(name).name} model; else {without}"
     above, least = (None, 0) if each.may_be_zero else (0, None)
     examples = None if example is None else [example]
     query = Query(gt=above, ge=least, le=upper, allow_inf_nan=False, description=text, examples=examples)
@@ -33,7 +33,7 @@ def query_of(name: str, without: str = DEFAULT_MODEL, example: float | None = No
 def machine_texts() -> dict[str, str]:
     """Return {name: description} of the numbers of a machine that select another model, such as `stiffness`."""
     return {
-        each.machine_number: f"{each.machine_text}: the {owner_of(name).name} model"
+        each.machine_number: f"{each.machine_text}: the {model_of_parameter(name).name} model"
         for name, each in ADDED.items()
         if each.machine_number is not None
     }
@@ -71,12 +71,12 @@ def with_queries(after: dict[str, dict[str, Any]]) -> Callable[[Route], Route]:
 def with_fields(base: type[BaseModel]) -> Any:
     """Return a subclass of a document with a further field for each parameter that a model adds."""
     fields: dict[str, Any] = {
-        name: (float | None, Field(description=f"{each.described}; null: the {DEFAULT_MODEL} model"))
+        name: (float | None, Field(description=f"{each.full_label}; null: the {DEFAULT_MODEL} model"))
         for name, each in ADDED.items()
     }
     return create_model(f"_{base.__name__}", __base__=base, **fields)
 
 
-def added_document(numbers: dict[str, float]) -> dict[str, float | None]:
+def added_fields(numbers: dict[str, float]) -> dict[str, float | None]:
     """Return the fields that `with_fields` adds, with None for parameters that the model does not have."""
     return {name: numbers.get(name) for name in ADDED}

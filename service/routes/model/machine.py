@@ -14,9 +14,9 @@ from pydantic import BaseModel, Field
 from gear_rattle.service.harmonics import HARMONIC_HELP, read_harmonics
 from gear_rattle.service.operations.points import json_number
 from gear_rattle.service.routes.model.added import (
-    added_document,
+    added_fields,
+    annotate_query,
     machine_texts,
-    query_of,
     with_fields,
     with_queries,
 )
@@ -59,7 +59,7 @@ POSITIVE_NUMBERS = ("stiffness", "driven_inertia", "driven_drag", "driven_radius
 Harmonics = Annotated[Sequence[str], Query(description=HARMONIC_HELP, max_length=MOST_HARMONICS)]
 #: Query parameters to add: after `beta` the parameters that models add, after `drive` further numbers of a machine.
 ADDED_QUERIES: dict[str, dict[str, Any]] = {
-    "beta": {name: query_of(name) for name in ADDED},
+    "beta": {name: annotate_query(name) for name in ADDED},
     "drive": {
         name: Annotated[float | None, positive_query(text, zero=name not in POSITIVE_NUMBERS)]
         for name, text in (machine_texts() | SECOND_GEAR).items()
@@ -67,7 +67,7 @@ ADDED_QUERIES: dict[str, dict[str, Any]] = {
 }
 
 
-@with_queries({"drive": {"restitution": query_of("restitution", example=0.7), **ADDED_QUERIES["drive"]}})
+@with_queries({"drive": {"restitution": annotate_query("restitution", example=0.7), **ADDED_QUERIES["drive"]}})
 async def machine_of_query(
     inertia: Annotated[float, positive_query(INERTIA, 0.003)],
     drag: Annotated[float, positive_query(DRAG, 0.0005)],
@@ -82,7 +82,7 @@ async def machine_of_query(
     return Machine(inertia, drag, backlash, eccentricity, radius, drive=drive, rpm=rpm, **further_numbers)
 
 
-@with_queries({"drive": {"restitution": query_of("restitution", example=0.7), **ADDED_QUERIES["drive"]}})
+@with_queries({"drive": {"restitution": annotate_query("restitution", example=0.7), **ADDED_QUERIES["drive"]}})
 async def measured_machine_of_query(
     inertia: Annotated[float, positive_query(INERTIA, 0.003)],
     drag: Annotated[float, positive_query(DRAG, 0.0005)],
@@ -230,7 +230,7 @@ def machine_document(found: Machine) -> MachineDocument:
         delta=gear.delta,
         epsilon=gear.epsilon,
         beta=gear.beta,
-        **added_document(found.added),
+        **added_fields(found.added),
         units=UnitsDocument(**{name: json_number(value) for name, value in found.units._asdict().items()}),
         harmonics=list(found.harmonics),
         revolutions=found.revolutions,

@@ -11,7 +11,7 @@ from pydantic import BaseModel, Field
 from gear_rattle.service.harmonics import read_harmonics
 from gear_rattle.service.operations.points import curves_document
 from gear_rattle.service.operations.processes import compute_in_process
-from gear_rattle.service.routes.model.added import added_document, query_of, with_fields, with_queries
+from gear_rattle.service.routes.model.added import added_fields, annotate_query, with_fields, with_queries
 from gear_rattle.service.routes.model.machine import Harmonics
 from gear_rattle.service.routes.model.points import Backlash, Multiplier
 from gear_rattle.service.state import FrontState
@@ -104,7 +104,7 @@ class Curves(_Numbers):
     dependencies=[Depends(set_query_etag)],
     responses={200: {"links": examples.CURVES_LINKS}, **NOT_MODIFIED, **declare_problems(422)},
 )
-@with_queries({"beta": {name: query_of(name, f"the {DEFAULT_MODEL} one") for name in ADDED}})
+@with_queries({"beta": {name: annotate_query(name, f"the {DEFAULT_MODEL} one") for name in ADDED}})
 async def curves(
     front: FrontState,
     beta: Backlash = 0.6,
@@ -132,5 +132,5 @@ async def curves(
         what="The curves",
         advice="Request a smaller window.",
     )
-    numbers: dict[str, Any] = added_document(model.numbers)
+    numbers: dict[str, Any] = added_fields(model.numbers)
     return Curves(beta=beta, **numbers, window=RectangleDocument(**window), **found)

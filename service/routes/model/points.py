@@ -12,7 +12,7 @@ import rattle
 from gear_rattle.service.errors import LimitError
 from gear_rattle.service.operations.points import json_number, orbits_document
 from gear_rattle.service.operations.processes import compute_in_process
-from gear_rattle.service.routes.model.added import added_document, with_fields
+from gear_rattle.service.routes.model.added import added_fields, with_fields
 from gear_rattle.service.routes.model.machine import PointQuery, RequestedPoint
 from gear_rattle.service.state import Front, FrontState
 from gear_rattle.service.web import examples
@@ -160,7 +160,7 @@ async def orbits(front: FrontState, point: PointQuery) -> OrbitsDocument:
     """Return the period-one orbits of a point, or of a machine in SI units."""
     gear = point.gear
     model = model_at(gear)
-    if model.in_closed_form:
+    if model.has_closed_forms:
         await front.kernels.wait_until_compiled(model.name)
         found = await run_in_threadpool(orbits_document, gear)
     else:
@@ -233,7 +233,7 @@ def point_document(gear: AnyGear) -> dict[str, Any]:
     """Return the fields of `PointDocument` for a gear."""
     point = gear.parameters.point()
     plain: dict[str, Any] = {name: point[name] for name in ("delta", "epsilon", "beta")}
-    return plain | added_document(point) | {"harmonics": list(gear.parameters.harmonics)}
+    return plain | added_fields(point) | {"harmonics": list(gear.parameters.harmonics)}
 
 
 def attractor_document(item: rattle.Attractor) -> AttractorDocument:

@@ -131,7 +131,7 @@ def test_intensities_are_told_in_both_units() -> None:
     assert "<td>100</td>" in si  # impacts a second, as in docs/engineers.md
     assert "<td>103.2</td>" in si
     assert f"<td>{loudness.number_text(found[loud].energy)}</td>" in plain  # type: ignore[union-attr]
-    said = loudness.loudest_in_words(attractors, found, MACHINE.delta, None)
+    said = loudness.describe_loudest_motion(attractors, found, MACHINE.delta, None)
     assert "0 dB is the energy of one impact of speed 2πδ in each forcing period" in said
     natural = rattle.Gear(0.6, 0.1)
     (c,) = (each for each in natural.orbits() if each.name == "C")
@@ -144,7 +144,7 @@ def test_intensities_are_told_in_both_units() -> None:
 
 def test_a_machine_s_point_is_told_in_si_and_heard(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def quick(work: Callable[..., Any], *arguments: Any) -> Any:
-        if work in (parts.basins, parts.plane_lines, parts.margin, parts.diagram):
+        if work in (parts.basins, parts.compute_plane_lines, parts.margin, parts.diagram):
             raise UnavailableError("not in this test")
         return work(*((arguments[0], 64) if work is parts.sampled_attractors else arguments))
 

@@ -14,7 +14,7 @@ from waiting import HANG, eventually
 from gear_rattle.service.database.tables import JobRow, State
 from gear_rattle.service.explorer.common import drawings
 from gear_rattle.service.explorer.common.drawings import DrawingRunner, Show
-from gear_rattle.service.explorer.common.viewer import THREADS, Viewer
+from gear_rattle.service.explorer.common.viewer import THREADS, PageSession
 from rattle import RattleError
 
 
@@ -138,12 +138,12 @@ def test_a_survey_that_runs_is_drawn_once_in_a_while(monkeypatch: pytest.MonkeyP
 
 def test_threads_whose_work_was_given_up_keep_their_place(monkeypatch: pytest.MonkeyPatch) -> None:
     """Lines of windows that a viewer had left were traced in fifty threads, and the service answered nobody."""
-    monkeypatch.setattr(Viewer, "require", lambda *_: None)
+    monkeypatch.setattr(PageSession, "require", lambda *_: None)
     begun, go_on = list[int](), threading.Event()
 
     async def main() -> None:
         unused: Any = None
-        viewer = Viewer(unused, None, unused)
+        viewer = PageSession(unused, None, unused)
 
         async def trace(number: int) -> None:
             def work() -> int:

@@ -24,7 +24,7 @@ from gear_rattle.service.explorer.design.extents import (
     MotionExtent,
     add_crisis,
     followed_range,
-    has_swept_chaos,
+    has_bracketed_chaos_end,
     motion_extent,
 )
 from gear_rattle.service.explorer.point import parts, words
@@ -91,11 +91,11 @@ def test_chaos_is_swept_to_a_bracket_and_ends_in_the_crisis(delta: float, epsilo
     assert extent.high.kind == SWEPT
     assert extent.high.motion_beyond in ("quiet", "undecided")  # the first transients are long
     assert abs(extent.high.epsilon - crisis) < 2 * extent.high.error < 2e-4
-    assert has_swept_chaos([chaotic], [extent])
+    assert has_bracketed_chaos_end([chaotic], [extent])
     (exact,) = add_crisis(gear, [chaotic], [extent])
     assert exact is not None
     assert (exact.high.kind, exact.high.epsilon, exact.high.error) == (CRISIS, crisis, 0.0)
-    assert not has_swept_chaos([chaotic], [exact])
+    assert not has_bracketed_chaos_end([chaotic], [exact])
     low = extent.low
     assert low.kind == SWEPT
     below, above = (

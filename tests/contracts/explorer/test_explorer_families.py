@@ -15,7 +15,7 @@ from gear_rattle.service.database.tables import JobRow, State
 from gear_rattle.service.explorer.common.address import Pin, View
 from gear_rattle.service.explorer.families.description import longest_run
 from gear_rattle.service.explorer.families.view import FamiliesView
-from gear_rattle.service.explorer.further.difference import Difference
+from gear_rattle.service.explorer.further.difference import DifferenceMap
 from gear_rattle.service.explorer.map.colouring import colouring, valueless_cells
 from gear_rattle.service.explorer.map.picture import picture_query
 from gear_rattle.service.explorer.map.readout import cell_in_words
@@ -184,7 +184,7 @@ def test_families_of_two_surveys_are_not_compared(tmp_path: Path) -> None:
     async def body(front: Front, shown: Shown, _: FamiliesView) -> None:
         plane = shown.shared.plane(joined(front), LARGEST, 0, 0)
         with pytest.raises(SurveyError, match="numbered differently"):
-            Difference(plane, plane)
+            DifferenceMap(plane, plane)
         window = plane.block(((0.42, 0.43), (0.1, 0.11)))
         whole, part = (colouring(plane, each, "auto", False) for each in (plane.block(), window))
         assert (part.palette, part.low, part.high) == (whole.palette, whole.low, whole.high)  # in every window

@@ -15,7 +15,7 @@ import rattle
 from gear_rattle.service.access.keys import Caller
 from gear_rattle.service.app import create_app
 from gear_rattle.service.explorer.common.address import Ranges
-from gear_rattle.service.explorer.common.viewer import Viewer
+from gear_rattle.service.explorer.common.viewer import PageSession
 from gear_rattle.service.explorer.page.form import (
     CELLS,
     FINENESS,
@@ -31,7 +31,7 @@ from gear_rattle.service.explorer.places.example import REQUEST as EXAMPLE
 from gear_rattle.service.explorer.state.store import window_of
 from gear_rattle.service.settings import Settings
 from gear_rattle.workers import SurveyRequest
-from gear_rattle.workers.survey.refined.asked import Refine
+from gear_rattle.workers.survey.refined.asked import RefineOptions
 from rattle import ParameterError
 from rattle.models import Impacting
 
@@ -60,14 +60,14 @@ HARMONIC = SurveyRequest.model_validate(
 HARMONIC_IN_SI = SurveyRequest.model_validate(
     {"machine": MACHINE | {"teeth": 20, "driven_teeth": 40, "driven_inertia": 0.02, "driven_drag": 0.06}} | MESH
 )
-REFINED = ASKED.model_copy(update={"refine": Refine(audit=0.07)})
+REFINED = ASKED.model_copy(update={"refine": RefineOptions(audit=0.07)})
 
 
 def with_form(data: Path, body: Callable[[SurveyForm], None]) -> None:
     async def main() -> None:
         app = create_app(Settings(data=data, preload=False, explorer=False), no_cluster)
         async with app.router.lifespan_context(app):
-            viewer = Viewer(app.state.front, Caller(), Document())
+            viewer = PageSession(app.state.front, Caller(), Document())
             body(SurveyForm(viewer, lambda _: None, ""))
             viewer.end()
 

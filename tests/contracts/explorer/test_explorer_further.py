@@ -18,7 +18,7 @@ import rattle
 from gear_rattle.service.database.tables import JobRow
 from gear_rattle.service.explorer.common.address import ComparisonChoice, View
 from gear_rattle.service.explorer.further import difference
-from gear_rattle.service.explorer.further.difference import Difference, require_small
+from gear_rattle.service.explorer.further.difference import DifferenceMap, require_small_survey
 from gear_rattle.service.explorer.further.maps import ComparisonMaps
 from gear_rattle.service.explorer.further.one import NO_FIRST
 from gear_rattle.service.explorer.map import overlays
@@ -69,7 +69,7 @@ def test_a_difference_is_of_each_cell_with_the_one_that_it_is_in(
 
         for variable, index in (("orbit_velocity", 3), ("orbit_phase", 0), ("region", 0)):
             first, other = planes(variable, index)
-            found = Difference(first, other)
+            found = DifferenceMap(first, other)
             assert not found.has_same_grid
             for i, j in np.ndindex(found.values.shape):
                 delta, epsilon = float(first.delta[j]), float(first.epsilon[i])
@@ -90,7 +90,7 @@ def test_a_difference_is_of_each_cell_with_the_one_that_it_is_in(
         changed = np.mean([rattle.regions(d, e, 0.6) != rattle.regions(o, e, 0.5) for d, e, o in _pairs(first, other)])
         assert shades["different"] == pytest.approx(changed)
         (same,) = planes("orbit_velocity", 3)[:1]
-        nothing = Difference(same, same)
+        nothing = DifferenceMap(same, same)
         assert nothing.has_same_grid
         known = np.isfinite(same.values)
         assert known.any()
@@ -100,7 +100,7 @@ def test_a_difference_is_of_each_cell_with_the_one_that_it_is_in(
         assert colours.title.startswith("difference: ")
         monkeypatch.setattr(difference, "MOST_CELLS", 23)
         with pytest.raises(SurveyError, match="at most 23 cells, and one of these surveys has 24 cells"):
-            require_small(ORBITS)
+            require_small_survey(ORBITS)
 
     with_map(tmp_path, body)
 
@@ -155,7 +155,7 @@ def test_further_maps_have_the_window_and_the_cursor_of_the_first(tmp_path: Path
         shown.reset()
         one.survey.value = f"{other.id},0"
         one.minus.value = ["first map less this one"]
-        await eventually(lambda: isinstance(one.plane, Difference))
+        await eventually(lambda: isinstance(one.plane, DifferenceMap))
         assert (
             "small less other, each cell of the first survey with the nearest cell of the second, which has 3 × 4"
             in one.title.html

@@ -17,20 +17,20 @@ from fastapi.testclient import TestClient
 from service_support import BODY, compute, front_end, front_of
 
 from gear_rattle.service.database.tables import State
-from gear_rattle.service.explorer.common.glyphs import style_of
+from gear_rattle.service.explorer.common.glyphs import line_style_of
 from gear_rattle.service.explorer.map import planes, shared
 from gear_rattle.service.explorer.map.colouring import NAME_SIZE, Colouring, colouring, family_places, shown_values
 from gear_rattle.service.explorer.map.cursor import cursor_after_steps, window_with_cursor, zoomed_window
 from gear_rattle.service.explorer.map.figure import MapFigure
 from gear_rattle.service.explorer.map.overlays import points_in_window
-from gear_rattle.service.explorer.map.planes import Atlas, LeveledPlane, MapBlock, MapPlane
+from gear_rattle.service.explorer.map.planes import LeveledPlane, MapBlock, MapCache, MapPlane
 from gear_rattle.service.explorer.map.readout import cell_in_words
 from gear_rattle.service.explorer.map.shared import MOST_DRAWINGS
 from gear_rattle.service.explorer.state.events import DiagramEndChosen, Event, PointOpened
 from gear_rattle.workers import SurveyRequest, complete, is_incomplete, open_survey
 from gear_rattle.workers.pictures.levels import level_opener, reduce_map
 from gear_rattle.workers.pictures.maps import readable_description
-from gear_rattle.workers.pictures.names import is_overlapping, place_names
+from gear_rattle.workers.pictures.names import arrange_names, is_overlapping
 from gear_rattle.workers.survey.levels import grid
 from gear_rattle.workers.survey.values.quantities import variables_of_groups
 from gear_rattle.workers.survey.values.schema import Group
@@ -83,7 +83,7 @@ def leveled(client: TestClient, survey: str, monkeypatch: pytest.MonkeyPatch) ->
 @pytest.fixture
 def plane(client: TestClient, survey: str) -> MapPlane:
     front = front_of(client)
-    found, whole = Atlas(front).plane(front.database.job(survey), "region", 0)
+    found, whole = MapCache(front).plane(front.database.job(survey), "region", 0)
     assert whole
     return found
 
@@ -138,7 +138,7 @@ def test_of_a_survey_with_levels_is_read_what_is_drawn(
 ) -> None:
     front = front_of(client)
     job = front.database.job(leveled)
-    plane, whole = Atlas(front).plane(job, variable, index)
+    plane, whole = MapCache(front).plane(job, variable, index)
     assert whole
     assert isinstance(plane, LeveledPlane)
     in_memory = MapPlane(front, job, variable, index)
@@ -208,7 +208,7 @@ def test_legend_colours_and_limits_are_the_map_s(plane: MapPlane) -> None:
 @pytest.mark.parametrize("log", [False, True])
 def test_own_limits_and_the_scale_of_colours(client: TestClient, survey: str, log: bool) -> None:
     front = front_of(client)
-    speeds, _ = Atlas(front).plane(front.database.job(survey), "orbit_velocity", 0)
+    speeds, _ = MapCache(front).plane(front.database.job(survey), "orbit_velocity", 0)
     found = colouring(speeds, speeds.block(), (1.5, 4.0), log)
     drawn = new_map()
     drawn.draw_cells(speeds.block(), found)
@@ -226,7 +226,7 @@ def test_values_beyond_the_limits_are_marked(
     client: TestClient, survey: str, limits: Any, below: bool, above: bool
 ) -> None:
     front = front_of(client)
-    speeds, _ = Atlas(front).plane(front.database.job(survey), "orbit_velocity", 0)
+    speeds, _ = MapCache(front).plane(front.database.job(survey), "orbit_velocity", 0)
     found = colouring(speeds, speeds.block(), limits, False)
     values = speeds.values[np.isfinite(speeds.values)]
     low, high = (found.low, found.high) if limits == "full" else limits
@@ -242,7 +242,7 @@ def test_values_beyond_the_limits_are_marked(
 
 def test_zeros_have_no_colour_of_a_log_scale(client: TestClient, survey: str) -> None:
     front = front_of(client)
-    speeds, _ = Atlas(front).plane(front.database.job(survey), "orbit_velocity", 0)
+    speeds, _ = MapCache(front).plane(front.database.job(survey), "orbit_velocity", 0)
     block = speeds.block()
     where = np.flatnonzero(np.isfinite(block.values))[:5]
     block.values.flat[where] = [0.0, 0.0, 0.0, -1.0, -2.0]
@@ -272,7 +272,7 @@ def test_attractors_have_phases_that_mean_something(
     front.database.set_state(survey_id, State.SUCCESSFUL)
     job = front.database.job(survey_id)
     kinds, phases, periods = (
-        Atlas(front).plane(job, name, 0)[0] for name in ("attractor_kind", "attractor_phase", "attractor_m")
+        MapCache(front).plane(job, name, 0)[0] for name in ("attractor_kind", "attractor_phase", "attractor_m")
     )
     periodic = kinds.values == KINDS.index("periodic")
     assert 0 < periodic.sum() < periodic.size
@@ -293,7 +293,7 @@ def test_lines_have_the_colours_of_the_key_and_their_points() -> None:
     for name in ("SN1", "G1"):
         drawn.draw_line(name, pieces)
         line = drawn.figure.select_one({"name": name})
-        assert line.glyph.line_color == style_of(name)[0]
+        assert line.glyph.line_color == line_style_of(name)[0]
         np.testing.assert_array_equal(line.data_source.data["xs"][0], [0.5, 0.6])
         np.testing.assert_array_equal(line.data_source.data["ys"][0], [0.1, 0.2])
     drawn.show_overlays(["SN1"])
@@ -476,12 +476,12 @@ def test_names_of_regions_stay_inside_the_frame(monkeypatch: pytest.MonkeyPatch)
 
 
 def test_a_name_without_room_is_left_out() -> None:
-    assert place_names([(20.0, 20.0)], [(45.0, 18.0)], (40.0, 40.0)) == [None]
-    (found,) = place_names([(50.0, 50.0)], [(45.0, 18.0)], (400.0, 400.0))
+    assert arrange_names([(20.0, 20.0)], [(45.0, 18.0)], (40.0, 40.0)) == [None]
+    (found,) = arrange_names([(50.0, 50.0)], [(45.0, 18.0)], (400.0, 400.0))
     assert found is not None
     assert found.leader is None
     everywhere = [(200.0, 200.0)] * 12
-    placed = place_names(everywhere, [(45.0, 18.0)] * 12, (400.0, 400.0))
+    placed = arrange_names(everywhere, [(45.0, 18.0)] * 12, (400.0, 400.0))
     assert sum(each is not None and each.leader is not None for each in placed) >= 3
 
 

@@ -18,12 +18,12 @@ from gear_rattle.service.access.keys import Caller
 from gear_rattle.service.app import create_app
 from gear_rattle.service.errors import UnavailableError
 from gear_rattle.service.explorer.common.address import MOST_PINS, Pin, View, pin_of
-from gear_rattle.service.explorer.common.viewer import Viewer
+from gear_rattle.service.explorer.common.viewer import PageSession
 from gear_rattle.service.explorer.pins import pins_view
-from gear_rattle.service.explorer.pins.pins_view import Pins
+from gear_rattle.service.explorer.pins.pins_view import PinsView
 from gear_rattle.service.explorer.pins.table import COMPUTED, PinResults, csv_text, results_of_point, table_lines
 from gear_rattle.service.explorer.places.example import REQUEST as EXAMPLE
-from gear_rattle.service.explorer.point.state import open_point_as_pin
+from gear_rattle.service.explorer.point.state import pin_of_open_point
 from gear_rattle.service.explorer.state.events import PinAdded, PointOpened, SurveyChosen
 from gear_rattle.service.explorer.state.store import Store
 from gear_rattle.service.settings import Settings
@@ -149,14 +149,14 @@ def test_pins_are_taken_and_given_up(tmp_path: Path, monkeypatch: pytest.MonkeyP
     async def main() -> None:
         app = create_app(Settings(data=tmp_path, preload=False, explorer=False), no_cluster)
         async with app.router.lifespan_context(app):
-            viewer = Viewer(app.state.front, Caller(), Document())
+            viewer = PageSession(app.state.front, Caller(), Document())
             viewer.tell = said.append
             await several(Store(View(pins=(HERE, STIFF)), EXAMPLE), viewer)
             await use(Store(View(pins=(HERE,)), EXAMPLE), viewer)
             viewer.end()
 
-    async def several(store: Store, viewer: Viewer) -> None:
-        pins = Pins(viewer, store)
+    async def several(store: Store, viewer: PageSession) -> None:
+        pins = PinsView(viewer, store)
         store.update_surveys({})
         await settled()
         assert pins.table.lines[4] == ["Region", "0.6 is busy.", f"{STIFF.delta} is busy."]
@@ -165,8 +165,8 @@ def test_pins_are_taken_and_given_up(tmp_path: Path, monkeypatch: pytest.MonkeyP
         for _ in range(20):
             await asyncio.sleep(0)
 
-    async def use(store: Store, viewer: Viewer) -> None:
-        pins = Pins(viewer, store)
+    async def use(store: Store, viewer: PageSession) -> None:
+        pins = PinsView(viewer, store)
 
         def open_pin(pin: Pin) -> None:
             store.dispatch(PointOpened((pin.delta, pin.epsilon)))
@@ -216,9 +216,9 @@ def test_the_point_that_a_page_is_opened_with_is_offered_once_its_gear_is_known(
         shown.open((0.6, 0.1))
         for pin in (QUIET, Pin(0.55, 0.1, 0.5)):
             shown.store.dispatch(PinAdded(pin))
-        assert open_point_as_pin(shown.store) is None
+        assert pin_of_open_point(shown.store) is None
         shown.follow(job)  # as news does
-        assert open_point_as_pin(shown.store) == Pin(0.6, 0.1, 0.5)
+        assert pin_of_open_point(shown.store) == Pin(0.6, 0.1, 0.5)
         assert shown.map.pins_at.data["name"] == ["2"]  # that of its gear
 
     with_map(tmp_path, body)

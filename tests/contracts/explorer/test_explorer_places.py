@@ -12,7 +12,7 @@ from waiting import eventually
 import rattle
 from gear_rattle.service.explorer.common.point_state import PointState
 from gear_rattle.service.explorer.design.places import CORNERS, CRISES, EITHER_WAY, bookmarks
-from gear_rattle.service.explorer.places.example import EXAMPLE, REQUEST, load_sampled
+from gear_rattle.service.explorer.places.example import EXAMPLE, REQUEST, load_stored_variables
 from gear_rattle.service.explorer.point import parts
 from gear_rattle.service.explorer.point.point_diagram import diagram_table
 from gear_rattle.service.explorer.state.events import DiagramEndChosen
@@ -51,7 +51,7 @@ def test_a_figure_s_diagram_goes_as_far_as_the_paper_s() -> None:
 def test_the_example_is_what_its_survey_finds() -> None:
     """At random cells, with other starts: within four standard errors of both samples."""
     assert EXAMPLE.stat().st_size <= 300_000  # it comes with the wheel
-    example = load_sampled()
+    example = load_stored_variables()
     rng = np.random.default_rng(61)
     chosen = [(rng.integers(example.sizes["epsilon"]), rng.integers(example.sizes["delta"])) for _ in range(24)]
     seen = [example.isel(epsilon=i, delta=j) for i, j in chosen]

@@ -132,12 +132,12 @@ def test_attractors_have_their_letters_and_multipliers() -> None:
 
 def test_lines_are_the_manifolds_and_gamma() -> None:
     gear = rattle.Gear(0.6, 0.1)
-    found = {line.name: line.points for line in parts.plane_lines(gear).lines}
+    found = {line.name: line.points for line in parts.compute_plane_lines(gear).lines}
     assert set(found) == {"Γ", "Wˢ(A)", "Wˢ(B)", "Wᵘ(A)"}
     a = next(orbit for orbit in gear.orbits() if orbit.name == "A")
     for name in ("Wˢ(A)", "Wᵘ(A)"):
         assert np.nanmin(np.hypot(found[name][:, 0] - a.tau, found[name][:, 1] - a.v)) < 0.02
-    assert len(parts.plane_lines(rattle.Gear(0.6, 0.03)).lines) <= 1  # no saddle there
+    assert len(parts.compute_plane_lines(rattle.Gear(0.6, 0.03)).lines) <= 1  # no saddle there
 
 
 @pytest.mark.parametrize(("delta", "epsilon"), [(0.6, 0.1), (0.03, 0.005), (1e-9, 0.0), (5.0, 3.0)])
@@ -154,15 +154,15 @@ def test_a_view_where_real_gears_are_has_their_scales() -> None:
     highest = parts.largest_sampled_speed(gear.delta, gear.epsilon, gear.beta)
     assert highest == pytest.approx(1.5 * np.sqrt(16 * np.pi * gear.delta * gear.beta) + 2 * np.pi * gear.epsilon)
     assert parts.basins(gear, 20, "cells").v_max == highest
-    for line in parts.plane_lines(gear).lines:
+    for line in parts.compute_plane_lines(gear).lines:
         steps = np.abs(np.diff(line.points, axis=0)) / [1.0, highest / 7]
         assert np.nanmax(steps[:, 1]) < 0.05 + 1e-9, line.name
     low, high = diagrams.diagram_span(gear, "epsilon")
     assert high - low < gear.epsilon
     more = rattle.Gear(0.03, 0.005, 0.03)  # more damping: a margin of weak damping takes a while
     assert parts.margin(more).v_max == parts.largest_sampled_speed(more.delta, more.epsilon, more.beta) < 7
-    assert PointState(start=(0.3, 0.02)).limited_to(highest).start == (0.3, 0.02)
-    assert PointState(start=(0.3, 4.0)).limited_to(highest).start is None
+    assert PointState(start=(0.3, 0.02)).without_start_above(highest).start == (0.3, 0.02)
+    assert PointState(start=(0.3, 4.0)).without_start_above(highest).start is None
 
 
 def test_a_set_of_orbits_that_is_no_region_is_named() -> None:
@@ -400,7 +400,7 @@ def test_a_state_is_kept(state: dict[str, str]) -> None:
     ],
 )  # fmt: skip
 def test_what_of_a_state_cannot_be_read_is_as_by_default(state: dict[str, str]) -> None:
-    assert PointState.read(state).limited_to(7.0) == PointState()
+    assert PointState.read(state).without_start_above(7.0) == PointState()
 
 
 @pytest.mark.parametrize(

@@ -124,7 +124,7 @@ def test_changes_wait_while_a_browser_takes_its_document(monkeypatch: pytest.Mon
         await tick()
         assert made == ["before"]
         changes.change_document(document, lambda: made.append("asked for before"))
-        changes.wait_for_browser(document)
+        changes.delay_changes_until_loaded(document)
         changes.change_document(document, lambda: made.append("meanwhile"))
         await tick()
         assert made == ["before"]

@@ -23,24 +23,24 @@ from gear_rattle.service.database.tables import JobRow, State
 from gear_rattle.service.explorer.common.address import EXAMPLE, KEYBOARD, EnteredMachine, Pair, View
 from gear_rattle.service.explorer.common.news import JobStatus, StatusPublisher
 from gear_rattle.service.explorer.common.point_state import PointState
-from gear_rattle.service.explorer.common.viewer import Viewer
+from gear_rattle.service.explorer.common.viewer import PageSession
 from gear_rattle.service.explorer.design.go_to import GoToPanel
-from gear_rattle.service.explorer.files import tour_html
+from gear_rattle.service.explorer.files import help_html
 from gear_rattle.service.explorer.map import shared as map_shared
 from gear_rattle.service.explorer.map import view as map_view
 from gear_rattle.service.explorer.map.beside import RightSide
 from gear_rattle.service.explorer.map.colouring import Colouring, colouring
 from gear_rattle.service.explorer.map.controls import FEATURED, MapControls
 from gear_rattle.service.explorer.map.figure import MapFigure
-from gear_rattle.service.explorer.map.overlays import key_entries
-from gear_rattle.service.explorer.map.planes import Atlas, MapPlane, maps_of
+from gear_rattle.service.explorer.map.overlays import map_key_entries
+from gear_rattle.service.explorer.map.planes import MapCache, MapPlane, maps_of
 from gear_rattle.service.explorer.map.readout import cell_position
 from gear_rattle.service.explorer.map.shared import SharedState, default_variable, is_closed_form
 from gear_rattle.service.explorer.map.survey_map import block_of
 from gear_rattle.service.explorer.map.view import MapView
 from gear_rattle.service.explorer.page.rows import example_row, survey_row
 from gear_rattle.service.explorer.places.exact import ExactMaps, ExactPlane
-from gear_rattle.service.explorer.point.panel import FigurePlace
+from gear_rattle.service.explorer.point.panel import FigurePanel
 from gear_rattle.service.explorer.state.events import (
     BookmarkChosen,
     PointClosed,
@@ -68,7 +68,7 @@ STIFF = SurveyRequest(
 )  # fmt: skip
 
 
-class Here(Viewer):
+class Here(PageSession):
     """A viewer whose document nobody sees: changes are made at once."""
 
     def change(self, what: Callable[[], object]) -> None:
@@ -78,7 +78,7 @@ class Here(Viewer):
 class Shown:
     """The map of a page, with its controls and the open point, as the page has them around its store."""
 
-    def __init__(self, shared: SharedState, viewer: Viewer, view: View) -> None:
+    def __init__(self, shared: SharedState, viewer: PageSession, view: View) -> None:
         self.shared, self.viewer = shared, viewer
         self.store = store = Store(view, shared.exact.request)
         self.map = MapFigure("light", store.dispatch)
@@ -86,7 +86,7 @@ class Shown:
         self.controls = MapControls(shared, store, "")
         self.go_to = GoToPanel(store, "")
         self.beside = RightSide(
-            shared, viewer, store, "light", FigurePlace(), self.go_to.panel, self.panel.readout.pane
+            shared, viewer, store, "light", FigurePanel(), self.go_to.panel, self.panel.readout.pane
         )
         self.title, self.said, self.readout = self.panel.title, self.panel.said, self.panel.readout
         self.lines, self.keys = self.panel.lines, self.panel.keys
@@ -145,7 +145,9 @@ def with_map(
         app = create_app(Settings(data=data, preload=False), no_cluster)
         async with app.router.lifespan_context(app):
             front: Front = app.state.front
-            shared = SharedState(front, StatusPublisher(front), Atlas(front), app.state.overlaid, ExactMaps(), looked)
+            shared = SharedState(
+                front, StatusPublisher(front), MapCache(front), app.state.overlaid, ExactMaps(), looked
+            )
             viewer = Here(front, Caller(), Document())
             shown = Shown(shared, viewer, View(is_variable_chosen="variable" in view, **{"overlays": ()} | view))
             viewer.document.add_root(shown.map.figure)
@@ -563,8 +565,8 @@ def test_few_lines_are_on_until_a_viewer_chooses_and_over_regions_all_of_their_b
 
 
 def test_each_line_has_the_sentence_of_the_help() -> None:
-    rows = dict(re.findall(r"<td>(.*?)</td>\s*<td>(.*?)</td>", tour_html()))
-    found = {each["label"]: each["meaning"] for each in key_entries(Impacting())}
+    rows = dict(re.findall(r"<td>(.*?)</td>\s*<td>(.*?)</td>", help_html()))
+    found = {each["label"]: each["meaning"] for each in map_key_entries(Impacting())}
     points = found.pop("COD20–23")
     assert found == {label: rows[label] for label in found}
     assert set(found) == {*rattle.curves.NAMES} - {"quiet_limit"} | {

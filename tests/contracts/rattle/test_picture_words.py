@@ -39,7 +39,7 @@ def test_basins_say_the_damping_and_which_way_the_speed_goes() -> None:
 
 def test_figure_6_names_its_marks(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(basins, "ARCLENGTH", 20.0)
-    figure = basins.basins_with_manifolds(0.6, 0.1, resolution=20).figure
+    figure = basins.draw_basins_with_manifolds(0.6, 0.1, resolution=20).figure
     names = [text.get_text() for text in figure.legends[0].get_texts()]
     assert {"saddle", "attractor", "grazing curve Γ"} <= set(names)
     (axes,) = figure.axes

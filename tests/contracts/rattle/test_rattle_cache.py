@@ -40,10 +40,10 @@ def wait():
 """
 COMPILING = """
 import logging
-from rattle.numerics.compile import compile_apart
+from rattle.numerics.compile import compile_in_subprocess
 
 logging.basicConfig(level=logging.INFO, format="%(message)s")
-compile_apart("impacting", "work:held")
+compile_in_subprocess("impacting", "work:held")
 print("there")
 """
 

@@ -28,7 +28,7 @@ from rattle.orbits.orbits_a_to_d import PAPER_REGIONS, REGIONS
 from rattle.plot import FIGURES, basins, colour, draw, legend_name, plane, save
 from rattle.plot.colours import Palette
 from rattle.plot.drawing import new_figure
-from rattle.plot.paper_figures import ParameterForm, Range, parse, request
+from rattle.plot.paper_figures import ParameterForm, Range, parse_option, request
 from rattle.plot.paper_ranges import FIGURE_7, FIGURE_8
 from rattle.plot.plane import IN_PAPER, draw_curve, draw_points
 
@@ -49,7 +49,7 @@ def figure_4() -> Figure:
 def figure_6() -> Figure:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(basins, "ARCLENGTH", either(150.0, basins.ARCLENGTH))
-        drawing = basins.basins_with_manifolds(0.6, 0.1, resolution=CELLS)
+        drawing = basins.draw_basins_with_manifolds(0.6, 0.1, resolution=CELLS)
     assert drawing.notes == ()
     return drawing.figure
 
@@ -251,7 +251,7 @@ def test_what_does_not_exist_is_left_out_and_said(
 ) -> None:
     monkeypatch.setattr(basins, "ARCLENGTH", 20.0)
     delta, epsilon, beta = point
-    drawing = basins.basins_with_manifolds(delta, epsilon, beta, resolution=20)
+    drawing = basins.draw_basins_with_manifolds(delta, epsilon, beta, resolution=20)
     assert any(note.startswith(f"{missing} left out: ") for note in drawing.notes)
     assert any(basin in text for text in texts(drawing.figure.axes[0]) if "Delta" in text)
     names = {orbit.name for orbit in Gear(*point).orbits() if orbit.v < 7}
@@ -338,13 +338,13 @@ def test_other_planes_are_drawn(delta: Range, epsilon: Range, beta: float, tmp_p
 
 
 def test_options_are_numbers_or_a_range() -> None:
-    assert parse("--delta", []) is None
-    assert parse("--delta", ["0.1"]) == (0.1,)
-    assert parse("--delta", ["0.1", "0.3"]) == (0.1, 0.3)
-    assert parse("--delta", ["0.1:0.3"]) == Range(0.1, 0.3)
+    assert parse_option("--delta", []) is None
+    assert parse_option("--delta", ["0.1"]) == (0.1,)
+    assert parse_option("--delta", ["0.1", "0.3"]) == (0.1, 0.3)
+    assert parse_option("--delta", ["0.1:0.3"]) == Range(0.1, 0.3)
     for texts_ in (["x"], [""], ["1:2:3"], [":"], ["1:2", "3"], ["1:"]):
         with pytest.raises(ParameterError, match="--delta"):
-            parse("--delta", texts_)
+            parse_option("--delta", texts_)
 
 
 @pytest.mark.parametrize(

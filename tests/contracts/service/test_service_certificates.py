@@ -98,7 +98,7 @@ def test_its_document_says_how_far_the_proofs_are(tmp_path: Path, monkeypatch: p
                 on_proved(done, 1000)
                 shown.append(client.get(here).json())
 
-        monkeypatch.setattr(manager, "complete_on", prove)
+        monkeypatch.setattr(manager, "complete_on_cluster", prove)
         path = client.post("/v1/surveys", json=ASKED).headers["location"]
         accepted.put(path)
         wait_until(lambda: client.get(path).json()["state"] == "successful")

@@ -192,7 +192,7 @@ def test_a_service_whose_database_was_taken_writes_no_more(database_url: str) ->
         lambda: database.accept(new(), 9),
         lambda: database.set_state(survey_id, State.RUNNING),
         lambda: database.add_tile(survey_id, DoneTile(0, 6, 0.1, 0, [])),
-        lambda: database.keep_tiles(survey_id, set()),
+        lambda: database.keep_only_tiles(survey_id, set()),
     ):
         with pytest.raises(UnavailableError, match="Another service"):
             write()

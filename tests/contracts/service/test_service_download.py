@@ -19,9 +19,9 @@ from gear_rattle.service.database import DoneTile
 from gear_rattle.service.database.tables import State
 from gear_rattle.service.errors import MissingError
 from gear_rattle.service.explorer.map.colouring import colouring
-from gear_rattle.service.explorer.map.planes import Atlas
+from gear_rattle.service.explorer.map.planes import MapCache
 from gear_rattle.service.explorer.page.form import cost_in_words
-from gear_rattle.service.operations.estimate import cell_seconds, estimate, most_similar_survey
+from gear_rattle.service.operations.estimate import estimate, measure_cell_seconds, most_similar_survey
 from gear_rattle.workers import SurveyRequest, compute_tile, open_survey, tiles_of
 from gear_rattle.workers.storage.store import open_groups
 from gear_rattle.workers.survey.values.schema import RowForm
@@ -169,12 +169,12 @@ def test_a_store_that_was_moved_away_is_said_to_be_gone(tmp_path: Path) -> None:
                 refused = client.get(f"/v1/surveys/{survey_id}/{ending}")
                 assert_problem(refused, 404, code="not_in_survey")
             with pytest.raises(MissingError):
-                Atlas(front).plane(front.database.job(survey_id), "region", 0)
+                MapCache(front).plane(front.database.job(survey_id), "region", 0)
 
 
 def test_a_map_of_a_survey_that_runs_grows_by_the_tiles_that_are_new(client: TestClient, running: str) -> None:
     front = front_of(client)
-    atlas, survey = Atlas(front), front.database.job(running)
+    atlas, survey = MapCache(front), front.database.job(running)
     plane, whole = atlas.plane(survey, "region", 0)
     assert whole
     last = tiles_of(REQUEST)[-1]
@@ -206,8 +206,8 @@ def test_a_cost_is_taken_from_the_survey_most_like(client: TestClient, running: 
     assert most_similar_survey(many, jobs) is None  # sixteen times the sample: not proportional
     refined = SurveyRequest(**BODY | {"refine": True, "tile": {}})
     assert most_similar_survey(refined, jobs) is None  # few of its cells are computed
-    assert 0 < cell_seconds(other) < 1
+    assert 0 < measure_cell_seconds(other) < 1
     of_all, at_most = (asyncio.run(estimate(front, each)) for each in (more, refined))
-    assert (at_most.seconds, at_most.is_most, of_all.is_most) == (of_all.seconds, True, False)
+    assert (at_most.seconds, at_most.is_upper_bound, of_all.is_upper_bound) == (of_all.seconds, True, False)
     assert "at most about" in cost_in_words(at_most)
     assert "if all cells were computed" in cost_in_words(at_most)

@@ -9,7 +9,7 @@ import pytest
 from service_support import front_end
 
 import gear_rattle.service.app
-from gear_rattle.service.explorer.files import tour_html
+from gear_rattle.service.explorer.files import help_html
 from gear_rattle.service.explorer.map.controls import FEATURED
 from gear_rattle.service.explorer.map.overlays import LABELS
 from gear_rattle.workers.pictures.look import LINES, POINTS
@@ -71,7 +71,7 @@ def test_documents_are_pages_before_a_site_is_built(
 
 
 def test_the_help_of_the_page_names_every_map_line_region_and_point() -> None:
-    named = set(re.findall(r"<td>(.*?)</td>", tour_html()))
+    named = set(re.findall(r"<td>(.*?)</td>", help_html()))
     assert named >= {each.button for each in FEATURED}
     assert named >= {LABELS.get(line, line) for line in LINES if line != POINTS}
     assert named >= {*PAPER_REGIONS, *MARKERS}

@@ -171,11 +171,11 @@ def test_tiles_whose_chunks_are_lost_are_forgotten(client: TestClient) -> None:
     for index in range(4):
         database.add_tile(survey_id, DoneTile(index, 6, 0.5, index, []))
     told = len(database.events(survey_id, 0))
-    assert database.keep_tiles(survey_id, {0, 2}) == 2
+    assert database.keep_only_tiles(survey_id, {0, 2}) == 2
     (repair,) = database.events(survey_id, 0)[told:]  # or whoever watches would see progress fall without a word
     assert "2 tiles are lost or damaged" in repair.data["message"]
     assert repair.data["tiles_done"] == 2
-    assert database.keep_tiles(survey_id, {0, 2}) == 0
+    assert database.keep_only_tiles(survey_id, {0, 2}) == 0
     assert len(database.events(survey_id, 0)) == told + 1
     document = client.get(f"/v1/surveys/{survey_id}").json()
     assert database.tiles_done(survey_id) == {0, 2}

@@ -51,7 +51,7 @@ class Compilation:
 def note(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
     """Return the missing file that would say that all kernels are compiled."""
     missing = tmp_path / "kernels.note"
-    monkeypatch.setattr("gear_rattle.service.kernels.note_of", lambda _model, _work: missing)
+    monkeypatch.setattr("gear_rattle.service.kernels.completion_note_path", lambda _model, _work: missing)
     return missing
 
 
@@ -157,7 +157,7 @@ from rattle import RattleError
 from rattle.families.join import joined
 from rattle.models import MODELS, Capability
 from rattle.attractors import SampleSpec
-from gear_rattle.service.operations.estimate import cell_seconds
+from gear_rattle.service.operations.estimate import measure_cell_seconds
 from gear_rattle.service.explorer.point import parts as point_parts
 from gear_rattle.service.kernels import compile_kernels
 from gear_rattle.service.routes.model.basin_picture import _draw_basins
@@ -189,7 +189,7 @@ for delta, epsilon, beta in ((0.5, 0.25, 0.6), (1.5, 0.4, 0.3))[: 1 if added els
     for method in ("cells", "refined", "direct"):
         point_parts.basins(gear, 20, method)
     point_parts.motion_from(gear, 0.3, 4.0, 1.0, 2)
-    point_parts.plane_lines(gear)
+    point_parts.compute_plane_lines(gear)
     if Capability.MARGIN in model.has:
         point_parts.margin(gear)
     for direction in diagrams.SPANS:
@@ -199,7 +199,7 @@ for delta, epsilon, beta in ((0.5, 0.25, 0.6), (1.5, 0.4, 0.3))[: 1 if added els
 fields = {"model": name, **added}
 groups = ["region", "orbits", "attractors", "lyapunov", "basins", "intensity", *([] if added else ["grazing"])]
 axes = {"delta": {"start": 0.5, "stop": 0.6, "num": 2}, "epsilon": {"start": 0.05, "stop": 0.1, "num": 2}}
-cell_seconds(SurveyRequest(**axes, initial_conditions={"count": 4}, quantities=groups, **fields))
+measure_cell_seconds(SurveyRequest(**axes, initial_conditions={"count": 4}, quantities=groups, **fields))
 usual = SurveyRequest(**axes, initial_conditions={"count": 4}, **fields)
 template_of(usual)
 compute_tile(usual, tiles_of(usual)[0])

@@ -121,11 +121,11 @@ def test_a_survey_with_families_is_joined_after_its_tiles(tmp_path: Path, monkey
     monkeypatch.setattr(manager, "create_store", lambda *_: None)
     monkeypatch.setattr(manager, "tiles_done", lambda *_: set())
     monkeypatch.setattr(manager, "is_incomplete", lambda request, _: "families" in request.quantities)
-    for name in ("run_tiles", "complete_on", "finish_store"):
+    for name in ("run_tiles", "complete_on_cluster", "finish_store"):
         monkeypatch.setattr(manager, name, note(name))
     with service(tmp_path) as client:
         asked = BODY | {"quantities": ["attractors", "lyapunov", "families"]}
         for body in (asked, BODY):
             path = client.post("/v1/surveys", json=body).headers["location"]
             wait_until(lambda path=path: client.get(path).json()["state"] == "successful")
-    assert done == ["run_tiles", "complete_on", "finish_store", "run_tiles", "finish_store"]
+    assert done == ["run_tiles", "complete_on_cluster", "finish_store", "run_tiles", "finish_store"]

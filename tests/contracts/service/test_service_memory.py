@@ -11,12 +11,12 @@ from waiting import HANG
 #: Bytes of large blocks that the system was asked for each by itself, after larger ones than these were freed.
 ASKED = """
 import ctypes
-from gear_rattle.service.web.server import return_large_blocks
+from gear_rattle.service.web.server import make_malloc_return_memory
 class Info(ctypes.Structure):
     names = "arena ordblks smblks hblks hblkhd usmblks fsmblks uordblks fordblks keepcost"
     _fields_ = [(name, ctypes.c_size_t) for name in names.split()]
 if {serves}:
-    return_large_blocks()
+    make_malloc_return_memory()
 mallinfo = ctypes.CDLL(None).mallinfo2
 mallinfo.restype = Info
 freed = bytearray(24 << 20)

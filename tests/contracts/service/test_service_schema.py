@@ -31,7 +31,7 @@ from gear_rattle.service.database.tables import JobKind, Scope, State
 from gear_rattle.service.errors import UnavailableError
 from gear_rattle.service.jobs import manager
 from gear_rattle.service.operations import estimate, windows
-from gear_rattle.service.operations.crises import Crises
+from gear_rattle.service.operations.crises import CrisisCurves
 from gear_rattle.service.operations.design_limits import DesignLimits
 from gear_rattle.service.operations.points import curves_document, intensities, orbits_document
 from gear_rattle.service.routes import download, limits
@@ -146,7 +146,7 @@ def serving(finished: Path, data: Path, **changes: Any) -> Iterator[tuple[str, F
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(manager.JobManager, "_compute_until_pause", compute)
         for kind, name in (
-            (Crises, "crisis_of"),
+            (CrisisCurves, "crisis_of"),
             (DesignLimits, "limits_over"),
             (windows, "refine_window"),
         ):

@@ -11,12 +11,14 @@ from waiting import wait_until
 from gear_rattle.service.app import create_app
 from gear_rattle.service.database.survey_rows import ActiveSurvey
 from gear_rattle.service.jobs import manager, turns
-from gear_rattle.service.jobs.turns import TURN_SECONDS, Turns
+from gear_rattle.service.jobs.turns import TURN_SECONDS, TurnScheduler
 from gear_rattle.service.settings import Settings
 from gear_rattle.workers import TileRecord
 
 
-def served(turns: Turns, cells: dict[str, int], owners: dict[str, str] | None = None, each: int = 3) -> Iterator[str]:
+def served(
+    turns: TurnScheduler, cells: dict[str, int], owners: dict[str, str] | None = None, each: int = 3
+) -> Iterator[str]:
     """The surveys that have turns, each of so many cells, until all are computed; others may be added meanwhile."""
     while cells:
         active = [ActiveSurvey(name, (owners or {}).get(name), left) for name, left in cells.items()]
@@ -31,7 +33,7 @@ def served(turns: Turns, cells: dict[str, int], owners: dict[str, str] | None = 
 
 def test_a_small_survey_is_behind_no_more_than_two_turns() -> None:
     cells = {"A": 1000, "B": 1000}
-    order = served(Turns(), cells)
+    order = served(TurnScheduler(), cells)
     for _ in range(7):
         next(order)
     cells["c"] = 3
@@ -41,7 +43,7 @@ def test_a_small_survey_is_behind_no_more_than_two_turns() -> None:
 def test_no_survey_waits_for_ever_behind_small_ones() -> None:
     """Although a new one comes with every turn."""
     cells = {"A": 40}
-    order = served(Turns(), cells)
+    order = served(TurnScheduler(), cells)
     had = [next(order)]
     for number in range(100):
         cells[f"small {number}"] = 1
@@ -53,23 +55,23 @@ def test_no_survey_waits_for_ever_behind_small_ones() -> None:
 def test_keys_have_turns_one_after_the_other_however_many_surveys_they_have() -> None:
     cells = {f"{owner} {number}": 30 for owner, count in (("x", 9), ("y", 1)) for number in range(count)}
     owners = {name: name[0] for name in cells}
-    order = list(served(Turns(), cells, owners))
+    order = list(served(TurnScheduler(), cells, owners))
     assert [name[0] for name in order[:20]] == ["x", "y"] * 10
 
 
 def test_one_without_cells_left_counts_as_the_largest() -> None:
     """Proving its attractors takes hours."""
     cells = {"proved": 0, "A": 1000, "B": 2000}
-    order = [each for _, each in zip(range(12), _kept(Turns(), cells), strict=False)]
+    order = [each for _, each in zip(range(12), _kept(TurnScheduler(), cells), strict=False)]
     assert order.count("A") == 6
     assert order.count("proved") == order.count("B") == 3
     cells["c"] = 3
-    following = _kept(Turns(), cells)
+    following = _kept(TurnScheduler(), cells)
     assert "c" in (next(following), next(following))
-    assert next(_kept(Turns(), {"proved": 0})) == "proved"
+    assert next(_kept(TurnScheduler(), {"proved": 0})) == "proved"
 
 
-def _kept(turns: Turns, cells: dict[str, int]) -> Iterator[str]:
+def _kept(turns: TurnScheduler, cells: dict[str, int]) -> Iterator[str]:
     """The surveys that have turns, of which none gets further."""
     while following := turns.next_survey([ActiveSurvey(name, None, left) for name, left in cells.items()]):
         turns.begin_turn(following)
@@ -78,7 +80,7 @@ def _kept(turns: Turns, cells: dict[str, int]) -> Iterator[str]:
 
 def test_a_turn_is_bounded_in_seconds_whatever_a_tile_takes() -> None:
     now = 0.0
-    turns = Turns(lambda: now)
+    turns = TurnScheduler(lambda: now)
     turns.begin_turn(ActiveSurvey("A", None, 9))
     now = TURN_SECONDS - 0.01
     assert not turns.is_turn_over
@@ -174,7 +176,7 @@ def test_what_follows_from_tiles_makes_room_too_and_what_is_verified_is_looked_a
     monkeypatch.setattr(manager, "is_incomplete", lambda request, _: request.name == "bounded" and not done)
     monkeypatch.setattr(manager, "finish_store", lambda *_: None)
     monkeypatch.setattr(manager, "run_tiles", run_tiles)
-    monkeypatch.setattr(manager, "complete_on", complete)
+    monkeypatch.setattr(manager, "complete_on_cluster", complete)
     app = create_app(Settings(data=tmp_path, explorer=False, preload=False), idle_cluster)
     with local_client(app) as client:
         bounded = BODY | {"name": "bounded", "epsilon": BODY["epsilon"] | {"num": 8}}

@@ -170,7 +170,7 @@ def test_however_they_are_shared_out_the_files_are_the_same(store, whole, tmp_pa
 
     def prove(parts):
         given.append([len(part) for part in parts])
-        return certified.prove_here(parts)
+        return certified.prove_in_this_process(parts)
 
     with open_survey(store) as survey:
         certify_survey(survey, tmp_path / "certificates.zarr", prove, at_once=2)

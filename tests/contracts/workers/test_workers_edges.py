@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import rattle
-from gear_rattle.workers.boundaries.edges import FamilyEdges, edges_in_part, edges_of
+from gear_rattle.workers.boundaries.edges import FamilyEdges, count_edges, find_edges_in_part
 from gear_rattle.workers.survey.crossings import Crossings, crossings_of
 from rattle import curves
 from rattle.families.family_table import Families
@@ -36,8 +36,8 @@ def found_in(families: Families, names: tuple[str, ...], side: int) -> FamilyEdg
         for i in range(0, EPSILON.size, side)
         for j in range(0, DELTA.size, side)
     ]
-    ends = (edges_in_part(part, DELTA.size, rows.cell, families.family, crossings) for part in parts)
-    return edges_of(ends, np.arange(families.table.cells.size), families.table, names)
+    ends = (find_edges_in_part(part, DELTA.size, rows.cell, families.family, crossings) for part in parts)
+    return count_edges(ends, np.arange(families.table.cells.size), families.table, names)
 
 
 @pytest.fixture(scope="module")

@@ -14,7 +14,7 @@ from gear_rattle.service.cli import app
 from gear_rattle.workers import Axis, SurveyError, SurveyRequest, create_store, join_survey, open_survey, tiles_of
 from gear_rattle.workers.boundaries.explain import MOST_CURVES, Explanation, explain
 from gear_rattle.workers.boundaries.labels import PERIODIC
-from gear_rattle.workers.boundaries.pairs import CellGrid, crossed_pairs
+from gear_rattle.workers.boundaries.pairs import CellGrid, are_pairs_crossed
 from rattle import curves
 
 pytestmark = pytest.mark.usefixtures("templates_once")
@@ -80,7 +80,7 @@ def test_a_boundary_that_no_curve_makes_is_left_over() -> None:
 def test_crossings_are_those_of_a_closed_form() -> None:
     grid = CellGrid(regions_only(0.6, (0.4, 1.0), (0.005, 0.3)))
     pairs = grid.differing_pairs()
-    found = crossed_pairs(curves.trace("SN1", 0.6, (0.4, 1.0), (0.005, 0.3)), grid, pairs)
+    found = are_pairs_crossed(curves.trace("SN1", 0.6, (0.4, 1.0), (0.005, 0.3)), grid, pairs)
     ends = [np.array([grid.point(cell) for cell in side]) for side in (pairs.first, pairs.second)]
     above = [epsilon > rattle.sn1(delta) for delta, epsilon in (side.T for side in ends)]
     before_cod22 = np.minimum(ends[0][:, 0], ends[1][:, 0]) < 0.76

@@ -22,8 +22,8 @@ from gear_rattle.workers import (
     SurveyRequest,
     create_store,
     finish_store,
-    is_short,
     run_tiles_here,
+    takes_few_seconds,
     tiles_done,
     tiles_of,
 )
@@ -68,13 +68,13 @@ def test_what_is_short_is_known_from_the_request_alone() -> None:
     def asked(**fields: Any) -> SurveyRequest:
         return SurveyRequest(**FIELDS | {"initial_conditions": {"count": 64}} | fields)
 
-    assert is_short(asked(), 42)
-    assert not is_short(asked(), 61 * 60)  # the README's
-    assert not is_short(asked(initial_conditions={"count": 4096}), 100)
-    assert is_short(asked(quantities=["region", "orbits"]), 10_000)
-    assert not is_short(asked(quantities=["region", "basins"]), 100)
-    assert not is_short(asked(model="stiff", kappa=1e4), 100)
-    assert not is_short(asked(delta={"start": 0.001, "stop": 0.9, "num": 4}), 100)
+    assert takes_few_seconds(asked(), 42)
+    assert not takes_few_seconds(asked(), 61 * 60)  # the README's
+    assert not takes_few_seconds(asked(initial_conditions={"count": 4096}), 100)
+    assert takes_few_seconds(asked(quantities=["region", "orbits"]), 10_000)
+    assert not takes_few_seconds(asked(quantities=["region", "basins"]), 100)
+    assert not takes_few_seconds(asked(model="stiff", kappa=1e4), 100)
+    assert not takes_few_seconds(asked(delta={"start": 0.001, "stop": 0.9, "num": 4}), 100)
 
 
 def test_a_stop_keeps_the_finished_tiles_and_leaves_the_one_at_work(

@@ -20,7 +20,7 @@ from gear_rattle.workers import (
 from gear_rattle.workers.kinds import tiles_of
 from gear_rattle.workers.pictures import largest
 from gear_rattle.workers.pictures.largest import OTHERS, family_colours, family_names, open_maps
-from gear_rattle.workers.pictures.look import LARGEST, SHARE, Look
+from gear_rattle.workers.pictures.look import LARGEST, SHARE, PictureLook
 from gear_rattle.workers.pictures.maps import map_picture
 from rattle.plot.colours import KIND_COLOURS, colour
 
@@ -150,7 +150,8 @@ def test_what_cannot_be_drawn_says_why(stored: Path, tmp_path: Path) -> None:
 def test_a_picture_has_the_map(stored: Path) -> None:
     survey = open_maps(partial(open_survey, stored), LARGEST)
     whole, window = (
-        map_picture(survey, LARGEST, 1, look=look, form="svg") for look in (Look(), Look(delta=(0.42, 0.45)))
+        map_picture(survey, LARGEST, 1, look=look, form="svg")
+        for look in (PictureLook(), PictureLook(delta=(0.42, 0.45)))
     )
     assert b"rattling" in whole
     assert whole != window

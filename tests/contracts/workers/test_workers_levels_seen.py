@@ -9,7 +9,7 @@ import xarray as xr
 from depth import either
 from matplotlib.colors import to_rgb
 
-from gear_rattle.workers.pictures.levels import DisplayedCells, level_part_for, reduce_cells
+from gear_rattle.workers.pictures.levels import DisplayedCells, finest_level_part, reduce_cells
 from gear_rattle.workers.pictures.maps import CODE_COLOURS, map_picture
 from gear_rattle.workers.survey.levels.grid import possible_levels
 from gear_rattle.workers.survey.values.evaluate import FAILED
@@ -98,14 +98,14 @@ def test_what_is_not_computed_or_failed_is_told() -> None:
 
 def test_the_finest_level_that_there_is_room_for() -> None:
     levels = possible_levels((3000, 1000))
-    assert level_part_for(levels, (0, 0), (3000, 1000), (3000, 1000)).level is None
-    whole = level_part_for(levels, (0, 0), (3000, 1000), (512, 512))
+    assert finest_level_part(levels, (0, 0), (3000, 1000), (3000, 1000)).level is None
+    whole = finest_level_part(levels, (0, 0), (3000, 1000), (512, 512))
     assert whole.level is not None
     assert whole.level.shape == (375, 250)
-    some = level_part_for(levels, (1001, 500), (2001, 1000), (512, 512))
+    some = finest_level_part(levels, (1001, 500), (2001, 1000), (512, 512))
     assert some.level == levels[0]
     assert some.at == (slice(500, 1001), slice(250, 500))
-    assert level_part_for(levels[:1], (0, 0), (3000, 1000), (9, 9)).level == levels[0]
+    assert finest_level_part(levels[:1], (0, 0), (3000, 1000), (9, 9)).level == levels[0]
 
 
 def test_an_island_is_in_the_picture() -> None:

@@ -13,8 +13,8 @@ from written import compute_and_write
 import rattle
 from gear_rattle.workers import Axis, SurveyRequest, Window, create_store, finish_store, tiles_of, window_survey
 from gear_rattle.workers.pictures.figure import survey_figure
-from gear_rattle.workers.pictures.look import Look
-from gear_rattle.workers.pictures.machine_axes import round_numbers
+from gear_rattle.workers.pictures.look import PictureLook
+from gear_rattle.workers.pictures.machine_axes import tick_values
 from gear_rattle.workers.pictures.maps import map_figure, map_picture
 from gear_rattle.workers.storage.export import csv_lines, write_netcdf
 
@@ -119,16 +119,16 @@ def test_a_picture_has_speed_and_eccentricity_as_axes_rising_to_the_right_and_up
     watched = map_figure(survey, "watched_periods")
     assert "forcing period" not in watched.axes[0].get_title() + watched.axes[1].get_ylabel()
     assert "revolutions" in watched.axes[1].get_ylabel()
-    window = Look(delta=(float(survey.delta[0]), float(survey.delta[1])), epsilon=(0.0, 5e-4))
+    window = PictureLook(delta=(float(survey.delta[0]), float(survey.delta[1])), epsilon=(0.0, 5e-4))
     drawing = map_picture(survey, "region", look=window, form="svg").decode()
     for said in ("speed, rpm", "eccentricity, µm", "damping δ", "eccentricity ε"):
         assert f"<!-- {said} -->" in drawing
 
 
 def test_ticks_are_round_numbers() -> None:
-    assert round_numbers(1000.0, 3000.0) == [1000.0, 1500.0, 2000.0, 2500.0, 3000.0]
-    assert round_numbers(80.0, 10000.0) == [100.0, 200.0, 500.0, 1000.0, 2000.0, 5000.0, 10000.0]
-    assert round_numbers(0.0, 0.06) == pytest.approx([0.0, 0.01, 0.02, 0.03, 0.04, 0.05, 0.06])
+    assert tick_values(1000.0, 3000.0) == [1000.0, 1500.0, 2000.0, 2500.0, 3000.0]
+    assert tick_values(80.0, 10000.0) == [100.0, 200.0, 500.0, 1000.0, 2000.0, 5000.0, 10000.0]
+    assert tick_values(0.0, 0.06) == pytest.approx([0.0, 0.01, 0.02, 0.03, 0.04, 0.05, 0.06])
 
 
 def test_a_finer_window_is_of_the_same_machine(stored: tuple[SurveyRequest, Path]) -> None:

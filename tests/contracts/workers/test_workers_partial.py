@@ -182,7 +182,7 @@ def test_the_time_left_is_told_within_a_factor_of_one_and_a_half(threads: int) -
         i, j = tile.epsilon.start + side // 2, tile.delta.start + side // 2
         record = TileRecord(tile.index, 1, (), 0, float(costs[i, j]))
         run_state.partial[tile.index] = PartialTile({}, np.zeros((side, side), bool), record, 0.0)
-        run_state.record_measured(tile)
+        run_state.record_measured_cell(tile)
     assert not run_state.tiles_to_measure(tiles, columns)
     run_state.partial.clear()
     run_state.predict_costs(tiles, columns)
@@ -196,7 +196,7 @@ def test_the_time_left_is_told_within_a_factor_of_one_and_a_half(threads: int) -
         ends.append((end, tile.index, seconds))
     total, told = max(idle), 0
     for end, index, seconds in sorted(ends):
-        run_state.record_ended(TileRecord(index, side * side, (), 0, seconds))
+        run_state.record_finished_tile(TileRecord(index, side * side, (), 0, seconds))
         left = run_state.seconds_left(threads)
         assert left is not None
         if 0.2 * total <= end <= 0.9 * total:  # at the very end a tile more or less decides

@@ -267,7 +267,7 @@ def test_a_cell_that_fails_leaves_its_tile_computed(monkeypatch: pytest.MonkeyPa
     def fails(*_: Any) -> None:
         raise rattle.RattleError("no flight")
 
-    monkeypatch.setattr(computing, "refined_cells", fails)
+    monkeypatch.setattr(computing, "refine_cells", fails)
     request = changed(REFINED, quantities=("region",), delta=(0.55, 0.75, 6), epsilon=(0.02, 0.12, 5))
     arrays, record = compute_tile(request, tiles_of(request)[0])
     assert record.filled_cells == 0

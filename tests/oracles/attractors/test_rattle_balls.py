@@ -8,7 +8,7 @@ import pytest
 import rattle
 from rattle.attractors.ball import Centres, centres_of, find_radii_one_by_one
 from rattle.attractors.chaos import SAME_FOOTPRINT, write_group_numbers
-from rattle.attractors.rows import rows_of
+from rattle.attractors.rows import attractor_rows
 from rattle.attractors.samples import GRID, Outcome, SampleSets
 from rattle.attractors.speeds import sampled_speeds
 from rattle.impacting.attractors.balls import find_radii_in_lanes
@@ -106,7 +106,7 @@ def test_rows_are_what_sorting_all_samples_gives(missed):
     impacts, time = rng.integers(1, 1000, kind.size), rng.random(kind.size)
     known = rng.integers(3, 6, cells) if missed else np.zeros(cells, np.int64)
     row = np.empty(kind.size, np.int64)
-    rows = rows_of(kind, which, impacts, time, known, row)
+    rows = attractor_rows(kind, which, impacts, time, known, row)
     of = [(int(c), int(k), int(w)) for c, k, w in zip(cell, kind, which, strict=True)]
     expected = sorted({*of, *((c, Outcome.PERIODIC, j) for c in range(cells) for j in range(known[c]))})
     assert list(zip(rows.cell.tolist(), rows.kind.tolist(), rows.which.tolist(), strict=True)) == expected

@@ -9,7 +9,7 @@ from depth import deep, either
 from figure4 import KNOWN, label
 
 import rattle
-from rattle.attractors.basins import Basins, GrowingClassification, boundary_cells, classified
+from rattle.attractors.basins import Basins, GrowingClassification, boundary_cells, classify_plane_states
 from rattle.attractors.cell_map import groups_of_map
 from rattle.attractors.measures import fit_power_law
 
@@ -137,7 +137,7 @@ def test_a_cell_does_not_depend_on_the_others():
     found = gear.basins(60, method="direct")
     tau, v = (x.ravel() for x in np.meshgrid(found.tau, found.v))
     order = np.random.default_rng(5).permutation(tau.size)
-    table, rows, _impacts = classified(rattle.Gear(0.6, 0.1).states, tau[order], v[order])
+    table, rows, _impacts = classify_plane_states(rattle.Gear(0.6, 0.1).states, tau[order], v[order])
     kinds = np.array([rattle.KINDS.index(a.kind) for a in found.attractors])
     assert (table.kind[rows] == kinds[found.labels.ravel()[order]]).all()
 

@@ -46,7 +46,7 @@ def test_the_proof_and_the_panels_agree():
         wall, tau, w = int(rng.choice([1, -1])), rng.random(), 10 ** rng.uniform(-6, 1.17)
         w *= -wall
         flight = law.flight_from_phase(tau, w, delta, epsilon, forcing.DRIFT)
-        ok, target, s, w1, *_ = first_impact.quick_impact(wall, tau, flight, beta)
+        ok, target, s, w1, *_ = first_impact.guess_first_impact(wall, tau, flight, beta)
         if ok:
             proved += 1
             march_status, march_target, march_s = panel_march.march(wall, tau, w, delta, epsilon, beta, forcing.DRIFT)

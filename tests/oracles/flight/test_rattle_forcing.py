@@ -61,7 +61,7 @@ def rng():
 def test_derivatives_of_the_forcing(rng):
     for _ in range(200):
         t, epsilon, x = rng.random(), rng.uniform(0, 0.5), rng.uniform(-1, 1)
-        at = forcing.phase_at(t)
+        at = forcing.sine_cosine_at(t)
         assert at == pytest.approx((math.sin(2 * math.pi * t), math.cos(2 * math.pi * t)), abs=1e-15)
         for order, found in (
             (1, forcing.add_slope(x, *at, epsilon) - x),
@@ -85,14 +85,14 @@ def test_changes_of_the_forcing_over_a_flight(rng):
         with mp.workdps(40):
             drop = derivative(0, t0, epsilon) + s * derivative(1, t0, epsilon) - derivative(0, t0 + mp.mpf(s), epsilon)
             loss = derivative(1, t0, epsilon) - derivative(1, t0 + mp.mpf(s), epsilon)
-        step, (sine0, cosine0) = forcing.versines(s), forcing.phase_at(t0)
+        step, (sine0, cosine0) = forcing.versines(s), forcing.sine_cosine_at(t0)
         dsin, cosine1 = forcing.phase_changes(step, sine0, cosine0)
         tolerance = 1e-8 if s < 1e-6 else 1e-12
         found = forcing.tangent_drop(step, sine0, cosine0, epsilon)
         assert found == pytest.approx(float(drop), rel=tolerance, abs=1e-15 * s)
         assert forcing.slope_loss_of_change(dsin, epsilon) == pytest.approx(float(loss), rel=tolerance)
         later = sine0 + dsin, cosine1
-        assert later == pytest.approx(forcing.phase_at((t0 + s) % 1.0), abs=1e-14)
+        assert later == pytest.approx(forcing.sine_cosine_at((t0 + s) % 1.0), abs=1e-14)
         assert forcing.slope_loss(sine0, cosine0, *later, epsilon) == pytest.approx(float(loss), abs=1e-14)
         after = forcing.IN_DOUBLE.add_acceleration_after(0.25, sine0, dsin, cosine1, epsilon)
         assert after == pytest.approx(forcing.add_acceleration(0.25, *later, epsilon), abs=1e-14)
@@ -102,9 +102,9 @@ def test_changes_of_the_forcing_over_a_flight(rng):
 
 def test_a_short_step_of_the_phase(rng):
     for u in (1e-4, -1e-4, 1e-6):
-        sine, cosine = forcing.phase_at(t0 := rng.random())
-        later = forcing.later_phase(forcing.short_step(u), sine, cosine)
-        assert later == pytest.approx(forcing.phase_at(t0 + u), abs=3e-15)
+        sine, cosine = forcing.sine_cosine_at(t0 := rng.random())
+        later = forcing.later_phase(forcing.short_versines(u), sine, cosine)
+        assert later == pytest.approx(forcing.sine_cosine_at(t0 + u), abs=3e-15)
 
 
 def test_bounds_hold_at_every_phase(rng):
@@ -115,7 +115,7 @@ def test_bounds_hold_at_every_phase(rng):
         assert abs(slopes).max() <= forcing.largest_slope(epsilon) * (1 + 1e-12)
         assert abs(accelerations).max() <= float(forcing.largest_acceleration32(np.float32(epsilon))) * (1 + 1e-6)
         assert np.ptp(slopes) <= float(forcing.slope_range32(np.float32(epsilon))) * (1 + 1e-6)
-        sine, cosine = forcing.phase_at(t0)
+        sine, cosine = forcing.sine_cosine_at(t0)
         loss = float(derivative(1, t0, epsilon)) - slopes.min()
         largest = forcing.largest_slope_loss32(np.float32(sine), np.float32(cosine), np.float32(epsilon))
         assert loss <= float(largest) + 1e-6
@@ -126,14 +126,14 @@ def test_the_contact_force_and_what_is_known_of_it(rng):
     for _ in range(20):
         delta, epsilon = rng.uniform(0.05, 2.0), rng.uniform(0.01, 0.5)
         exact = np.array([float(force(x, delta, epsilon)) for x in t])
-        found = [forcing.contact_force(*forcing.phase_at(x), delta, epsilon, forcing.DRIFT) for x in t]
+        found = [forcing.contact_force(*forcing.sine_cosine_at(x), delta, epsilon, forcing.DRIFT) for x in t]
         assert found == pytest.approx(exact, abs=1e-12)
         assert exact[:-1].mean() == pytest.approx(forcing.mean_force(delta), rel=1e-12)
         kernel_swing, swing = forcing.contact_force_swing(delta, epsilon), np.ptp(exact) / 2
         assert swing == pytest.approx(kernel_swing, rel=1e-5)
         share = kernel_swing / exact[:-1].mean()
-        assert forcing.relative_swing(delta, epsilon) == pytest.approx(share, rel=1e-12)
-        assert Forcing(epsilon).relative_swing(delta) == pytest.approx(share, rel=1e-12)
+        assert forcing.relative_force_amplitude(delta, epsilon) == pytest.approx(share, rel=1e-12)
+        assert Forcing(epsilon).relative_force_amplitude(delta) == pytest.approx(share, rel=1e-12)
         assert Forcing(epsilon).least_force(np.float64(delta)) == pytest.approx(exact.min(), abs=1e-4)
         assert abs((t[np.argmin(exact)] - forcing.phase_of_least_force(delta) + 0.5) % 1.0 - 0.5) < 1e-3
         assert forcing.has_swing_beyond(0.99 * share, delta, epsilon)
@@ -144,7 +144,9 @@ def test_the_contact_force_and_what_is_known_of_it(rng):
         assert lines.real == pytest.approx(float(force(0.3, delta, epsilon)), rel=1e-13)
         assert lines.imag == pytest.approx(0.0, abs=1e-12)
         rate = float(derivative(3, 0.3, epsilon) + delta * derivative(2, 0.3, epsilon))
-        assert forcing.contact_force_rate(*forcing.phase_at(0.3), delta, epsilon) == pytest.approx(rate, rel=1e-12)
+        assert forcing.contact_force_rate(*forcing.sine_cosine_at(0.3), delta, epsilon) == pytest.approx(
+            rate, rel=1e-12
+        )
         arc = forcing.negative_arc(delta, epsilon)
         assert arc.exists == (exact.min() < 0.0)
         if arc.exists:
@@ -166,7 +168,7 @@ def test_the_force_ahead_of_a_contact_and_its_integral(rng):
     for _ in range(50):
         delta, epsilon, t, s = rng.uniform(0.05, 2), rng.uniform(0, 0.5), rng.random(), rng.uniform(0, 2)
         wall = int(rng.choice([1, -1]))
-        mean, a, b = forcing.force_ahead(wall, *forcing.phase_at(t), delta, epsilon)
+        mean, a, b = forcing.force_fourier_coefficients(wall, *forcing.sine_cosine_at(t), delta, epsilon)
         ahead = mean + a * math.cos(2 * math.pi * s) + b * math.sin(2 * math.pi * s)
         assert ahead == pytest.approx(wall * float(force(t + s, delta, epsilon)), abs=1e-12)
         exact = wall * float(integral(t, s, delta, epsilon))

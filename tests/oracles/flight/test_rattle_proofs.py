@@ -18,9 +18,9 @@ from rattle.flight.first_impact import safe_impact
 from rattle.flight.forcing import DRIFT, TWO_PI, negative_arc
 from rattle.flight.guess import (
     ERROR,
+    convert_flight_to_single,
     estimated_minimum,
     first_guess,
-    flight_in_single,
     height_scale,
     refine_time,
     speed_scale,
@@ -28,7 +28,7 @@ from rattle.flight.guess import (
     taylor_coefficients,
 )
 from rattle.flight.law import evaluate, evaluate32, evaluate_short, flight_from_phase
-from rattle.flight.proof import arc_in_single, has_single_turn, height_lower_bound
+from rattle.flight.proof import convert_arc_to_single, has_single_turn, height_lower_bound
 
 F32 = np.float32
 RNG_SEED = 2009
@@ -164,7 +164,7 @@ def _single_precision(n, seed):
         longest = min(2.0 / delta, 8.0)
         s = F32(np.random.uniform(0.0, longest) if k % 3 else flights.log_uniform(1e-7, longest))
         flight = flight_from_phase(tau, w, delta, epsilon, DRIFT)
-        short = flight_in_single(flight)
+        short = convert_flight_to_single(flight)
         found = evaluate32(s, short)
         true = evaluate(float(s), flight)
         worst0 = max(worst0, abs(found[0] - true[0]) / height_scale(s, short))
@@ -211,13 +211,13 @@ def _depths(n, seed, regime):
         if wall < 0:
             continue
         flight = flight_from_phase(tau, w, delta, epsilon, DRIFT)
-        short, gap, up = flight_in_single(flight), F32(2.0 * beta), F32(1.0)
+        short, gap, up = convert_flight_to_single(flight), F32(2.0 * beta), F32(1.0)
         s = first_guess(up, gap, F32(1.0 / delta), short)
         series = taylor_coefficients(s, short)
         _height, minimum = estimated_minimum(s, series, short)
         s += step_to_level(True, F32(0.0), series)
         s, _u, _speed = refine_time(s, F32(0.0), short)
-        arc = arc_in_single(negative_arc(delta, epsilon))
+        arc = convert_arc_to_single(negative_arc(delta, epsilon))
         certain = has_single_turn(up, True, F32(tau), s, minimum.time, short, arc)
         bound = height_lower_bound(s, minimum, short.delta)
         if bound > -1e29 and certain and s > 0.0 and minimum.time < s and delta * s < 2.0:

@@ -5,9 +5,9 @@ import pytest
 from depth import deep
 
 import rattle
-from rattle.attractors.basins import classified
+from rattle.attractors.basins import classify_plane_states
 from rattle.impacting.attractors.boundary_distance import slowest_preimages
-from rattle.impacting.orbits.periodic import period_one_saddle
+from rattle.impacting.orbits.periodic import period_one_orbit
 from rattle.orbits.manifolds import manifold
 
 
@@ -18,7 +18,7 @@ def more(*points):
 
 def lowest(point):
     """The least v on W^s(A), where a parabola through its lowest points has it."""
-    found = manifold(period_one_saddle("A", *point), "stable", -1, 6.0, spacing=0.002)
+    found = manifold(period_one_orbit("A", *point), "stable", -1, 6.0, spacing=0.002)
     i = int(np.argmin(found.v))
     tau, v = found.tau[i - 1 : i + 2], found.v[i - 1 : i + 2]
     c, b, a = np.polyfit(tau - tau[1], v, 2)
@@ -49,7 +49,7 @@ def test_no_state_of_a_dense_grid_is_lower(point):
     found = gear.boundary_distance()
     low = max(gear.capture_speed, 0.25 * found.v)
     tau, v = (x.ravel() for x in np.meshgrid((np.arange(120) + 0.5) / 120, np.geomspace(low, found.v, 80)[:-1]))
-    table, rows, _impacts = classified(rattle.Gear(*point).states, tau, v)
+    table, rows, _impacts = classify_plane_states(rattle.Gear(*point).states, tau, v)
     assert set(np.unique(table.kind[rows])) == {rattle.KINDS.index("quiet")}
 
 
@@ -69,7 +69,7 @@ def test_thin_basins_are_not_missed(point):
     assert np.isfinite(found.v)
     rows = np.geomspace(gear.capture_speed, found.v / 1.04, 24)
     tau, v = (x.ravel() for x in np.meshgrid((np.arange(500) + 0.5) / 500, rows))
-    table, row, _impacts = classified(rattle.Gear(*point).states, tau, v)
+    table, row, _impacts = classify_plane_states(rattle.Gear(*point).states, tau, v)
     assert set(np.unique(table.kind[row])) == {rattle.KINDS.index("quiet")}
     # among long chaotic transients the last bit of a state decides where it goes: it, or one that is hardly higher
     v = found.v * (1 + np.linspace(0.0, 1e-12, 64))

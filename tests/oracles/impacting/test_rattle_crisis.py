@@ -13,7 +13,7 @@ from rattle.impacting.bifurcations.codimension_two import codimension_two
 from rattle.impacting.crisis.curve import contact_at_delta, contact_at_gap
 from rattle.impacting.map.iterate import iterate
 from rattle.impacting.orbits.period_one import orbits_at
-from rattle.impacting.orbits.periodic import period_one_saddle
+from rattle.impacting.orbits.periodic import period_one_orbit
 from rattle.orbits.saddles import local_manifold
 
 CRISIS = 0.0974223469577094  # at δ = 0.762, to the last digit by a bisection of its own, below
@@ -27,7 +27,7 @@ def corner():
 
 def corner_leaves(delta, epsilon):
     """Return whether the image of the first crossing of Γ by W^u(A) leaves A away from the attractor."""
-    saddle = period_one_saddle("A", delta, epsilon)
+    saddle = period_one_orbit("A", delta, epsilon)
     local = local_manifold(saddle, stable=False)
     s = local.size * local.multiplier ** np.linspace(-1.0, 0.0, 201)
     j = next(j for j in range(1, 60) if local.map(local.at(s), j)[3].any())
@@ -66,7 +66,7 @@ def test_the_tangency_at_06():
     assert found.piece == (1, 1)
     for shift, leaves in ((-1e-9, False), (1e-9, True)):
         epsilon = found.epsilon + shift
-        saddle = period_one_saddle("A", 0.6, epsilon)
+        saddle = period_one_orbit("A", 0.6, epsilon)
         s = found.parameter * (1.0 + np.linspace(-1e-4, 1e-4, 4001))
         tau, v = local_manifold(saddle, stable=False).image(s, 0)[1]
         gone = escapes(tau % 1.0, v, 0.8 * saddle.v, 60, 0.6, epsilon, 0.6) <= 60
@@ -90,7 +90,7 @@ def test_lifetimes_at_a_tangency():
     found, error, exponent, exponent_error, chi = crisis_of(0.6, epsilon, 200, 20_000, 1)
     assert abs(found - crisis) < 3 * error
     assert error < 3e-6
-    large, small = np.abs(period_one_saddle("A", 0.6, crisis).multipliers)
+    large, small = np.abs(period_one_orbit("A", 0.6, crisis).multipliers)
     assert exponent == pytest.approx(np.log(small) / (2 * np.log(large * small)), abs=3 * exponent_error)
     assert exponent_error < 0.3
     assert chi < 5

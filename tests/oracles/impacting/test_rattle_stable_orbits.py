@@ -12,7 +12,7 @@ from mpmath import mp
 import rattle
 from rattle.flight.first_impact import OK, first_impact
 from rattle.flight.forcing import DRIFT
-from rattle.flight.law import folded, wrapped
+from rattle.flight.law import fold_phase, wrap_phase_difference
 from rattle.impacting.map.impact_map import impact_tangent
 from rattle.impacting.orbits.limits import quiet_limit
 from rattle.impacting.orbits.stable import find_stable_orbits
@@ -41,7 +41,9 @@ def around(n_plus, tau, v, delta, epsilon, beta):
     impacts = [(1, tau, v)]
     while n_plus > 0:
         wall, time, speed = impacts[-1]
-        status, s, wall, w1, *_ = first_impact(wall, float(folded(time)), -wall * speed, delta, epsilon, beta, DRIFT)
+        status, s, wall, w1, *_ = first_impact(
+            wall, float(fold_phase(time)), -wall * speed, delta, epsilon, beta, DRIFT
+        )
         assert status == OK
         impacts.append((int(wall), time + s, abs(w1)))
         n_plus -= wall > 0
@@ -149,7 +151,9 @@ def test_none_is_missing_that_starts_and_continuation_prove_to_exist(name):
     assert len(existing) > 150
     for i, n_plus, n_minus, tau, v in existing:
         same = (found.n_plus[i] == n_plus) & (found.n_minus[i] == n_minus)
-        assert np.any(same & (np.abs(wrapped(found.tau[i] - tau)) < 1e-6) & (np.abs(found.v[i] / v - 1) < 1e-6))
+        assert np.any(
+            same & (np.abs(wrap_phase_difference(found.tau[i] - tau)) < 1e-6) & (np.abs(found.v[i] / v - 1) < 1e-6)
+        )
 
 
 def test_a_cell_lists_them_whatever_its_sample_finds():

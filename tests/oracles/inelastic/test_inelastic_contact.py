@@ -64,7 +64,7 @@ def test_captured_means_that_the_chatter_completes() -> None:
         first = int(np.argmax(events[:, 1] != IMPACT))
         assert events[first, 1] == CONTACT
         assert np.all(events[:first, 2] == 1)
-        zeros = gear.force_zeros
+        zeros = gear.contact_force_zeros
         if zeros.size:
             ahead = np.min((zeros - tau) % 1.0)
             assert events[first, 0] - tau < ahead
@@ -121,7 +121,7 @@ def test_impulses_balance_with_contact() -> None:
             for edge in edges:
                 before = np.flatnonzero(motion.impact_time <= motion.time[edge + 1])[-1]
                 begin, wall = motion.impact_time[before] + x.tau, motion.impact_wall[before]
-                zeros = gear.force_zeros
+                zeros = gear.contact_force_zeros
                 end = begin + np.min((zeros - begin) % 1.0)
                 t, weights = np.polynomial.legendre.leggauss(60)
                 grid = 0.5 * (begin + end) + 0.5 * (end - begin) * t
@@ -148,7 +148,7 @@ def test_quiet_is_contact_that_is_never_released() -> None:
 def test_contact_forgets() -> None:
     """States that are captured before one release go on alike, to the bit, and the tangent map is 0."""
     gear = InelasticGear(0.6, 0.25, 0.6, 0.6, 0.0, BUMPS)
-    zeros = gear.force_zeros
+    zeros = gear.contact_force_zeros
     assert zeros.size
     tau = float(zeros[0] - 0.02) % 1.0
     found = [gear.impact(tau - shift, speed) for shift in (0.0, 1e-3) for speed in (1e-4, 2e-4)]

@@ -7,7 +7,7 @@ from inelastic_high_precision import Gear, bisected, first_impact, force, state
 from mpmath import mp, mpf
 
 import rattle
-from rattle.inelastic.map.cells import point_with
+from rattle.inelastic.map.cells import make_inelastic_point
 from rattle.inelastic.map.flight import evaluate_forced_flight, forced_flight
 from rattle.inelastic.map.harmonics import force_at
 
@@ -48,7 +48,7 @@ def test_zeros_of_the_contact_force(count: int, highest: int) -> None:
     seen = 0
     for _ in range(either(10, 100)):
         ours, exact = random_gear(rng, count, highest)
-        found = ours.force_zeros
+        found = ours.contact_force_zeros
         grid = np.linspace(0, 1, 4000 * highest + 1)
         values = np.full(grid.size, exact.delta * exact.drift)
         for k, a, phase in exact.harmonics:
@@ -70,7 +70,7 @@ def test_a_force_that_just_touches_zero() -> None:
         limit = rattle.Gear(0.4, 0.1, 0.6, restitution=0.9, harmonics=harmonics).quiet_limit
         for scale, count in ((1 - 1e-12, 0), (1 + 1e-12, 2)):
             gear = rattle.Gear(0.4, limit * scale, 0.6, restitution=0.9, harmonics=harmonics)
-            assert gear.force_zeros.size == count
+            assert gear.contact_force_zeros.size == count
 
 
 @pytest.mark.parametrize(("count", "highest"), [(0, 2), (4, 12), (30, 200)])
@@ -143,7 +143,7 @@ def test_one_cosine_is_that_of_the_elastic_gear() -> None:
     rng = np.random.default_rng(3)
     for _ in range(300):
         delta, epsilon, beta = (float(x) for x in rng.uniform((0.05, 0.0, 0.2), (1.0, 0.3, 1.0)))
-        elastic, same = rattle.Gear(delta, epsilon, beta), point_with(delta, epsilon, beta, 1.0, 0.0)
+        elastic, same = rattle.Gear(delta, epsilon, beta), make_inelastic_point(delta, epsilon, beta, 1.0, 0.0)
         assert same.harmonics.shape == (3, 1)
         wall, tau, speed = int(rng.choice([1, -1])), float(rng.random()), float(10.0 ** rng.uniform(-3, 0.7))
         other = rattle.inelastic.InelasticGear(delta, epsilon, beta).first_impact(wall, tau, -wall * speed)

@@ -9,7 +9,7 @@ from scipy.ndimage import distance_transform_edt
 import rattle
 from rattle.attractors.basins import boundary_cells
 from rattle.errors import ParameterError, RattleError
-from rattle.impacting.orbits.periodic import period_one_saddle
+from rattle.impacting.orbits.periodic import period_one_orbit
 from rattle.orbits.images import images
 from rattle.orbits.manifolds import manifold
 from rattle.orbits.saddles import eigenvectors, local_manifold
@@ -18,7 +18,7 @@ GEAR = rattle.Gear(0.6, 0.1)
 
 
 def saddle(name):
-    return period_one_saddle(name, GEAR.delta, GEAR.epsilon)
+    return period_one_orbit(name, GEAR.delta, GEAR.epsilon)
 
 
 @pytest.mark.parametrize("name", ["A", "B", "D"])
@@ -123,4 +123,4 @@ def test_what_is_refused():
     with pytest.raises(ParameterError, match="side"):
         manifold(saddle("A"), "stable", 0, 1.0)
     with pytest.raises(RattleError, match="the orbit B does not exist"):
-        period_one_saddle("B", 0.762, 0.0974)
+        period_one_orbit("B", 0.762, 0.0974)

@@ -21,7 +21,7 @@ from rattle.proof.areas import one_impact, quiet_enclosure, two_impacts
 from rattle.proof.areas.block import ABSENT, ATTRACTING, CAPTURED, LOUD, QUIET, REGIONS, SADDLE, ProvedBlock
 from rattle.proof.areas.capture import _growth_coefficient, require_captures
 from rattle.proof.areas.checker.check import check
-from rattle.proof.areas.checker.intervals import BlockRefused
+from rattle.proof.areas.checker.intervals import BlockRefusal
 from rattle.proof.areas.columns import cut_into_columns, prove_column
 from rattle.proof.areas.finder import Prover
 from rattle.proof.areas.piece import PlanePiece, hull
@@ -61,7 +61,7 @@ def finder_says(block):
 def checker_says(block):
     try:
         check(block.json())
-    except BlockRefused as why:
+    except BlockRefusal as why:
         return str(why)
     return ""
 
@@ -267,7 +267,7 @@ def test_documents_that_are_none_are_refused():
         {"epsilon": ["0.1", "0"]}, {"epsilon": ["-0.1", "0"]}, {"epsilon": ["nan", "0"]}, {"claim": CAPTURED},
         {"claim": CAPTURED, "speed": "0"}, {"claim": CAPTURED, "speed": "9"},
     ):  # fmt: skip
-        with pytest.raises(BlockRefused):
+        with pytest.raises(BlockRefusal):
             check(json.dumps({**good, **changes}))
 
 

@@ -9,7 +9,7 @@ from stiff_high_precision import integrated
 
 import rattle
 from rattle.attractors.table import KINDS
-from rattle.continuation.conditions import Kind
+from rattle.continuation.conditions import EventKind
 from rattle.errors import ParameterError
 from rattle.stiff import StiffGear, diagram, from_limit, saddle_node_1, trace
 
@@ -85,7 +85,7 @@ def test_monodromy_is_that_of_solve_ivp() -> None:
 def test_a_motion_goes_on_through_a_graze_with_another_label(found) -> None:
     """Two branches end at a graze, at one place in (τ, v), with one contact more or less and the same multipliers."""
     ends = [(each, k) for each in found().branches for k in (0, -1) if "graze" in each.ends[k]]
-    grazes = [event for event in found().events if event.kind is Kind.GRAZING]
+    grazes = [event for event in found().events if event.kind is EventKind.GRAZING]
     joined, merged = 0, 0
     for event in grazes:
         here = []
@@ -149,7 +149,7 @@ def test_saddle_nodes_flips_and_letters() -> None:
     found = diagram((0.6, 0.055), (0.6, 0.09), BETA, 1e4, 4, 2)
     first = next(event for event in found.events if event.orbit.label == (1, 1, 0))
     assert first.orbit.epsilon == pytest.approx(saddle_node_1(0.6, 1e4).epsilon, abs=1e-10)
-    flips = [event.orbit for event in found.events if event.kind is Kind.FLIP and event.orbit.m == 1]
+    flips = [event.orbit for event in found.events if event.kind is EventKind.FLIP and event.orbit.m == 1]
     named = {branch.curve_of(event): event.orbit.epsilon for branch in found.branches for event in branch.events}
     assert named.items() >= {"SN1": first.orbit.epsilon, "PD1": flips[0].epsilon}.items()
     assert named["SN2"] == pytest.approx(0.0688360290, abs=1e-9)  # docs/stiff.md
@@ -202,7 +202,9 @@ def test_along_kappa() -> None:
     found = along_kappa()
     assert found.added["kappa"][[0, -1]] == pytest.approx([1e2, 1e6])
     np.testing.assert_allclose(np.diff(found.added["kappa"] ** -0.5), (1e-3 - 1e-1) / 6)
-    fold = next(event for event in found.events if event.kind is Kind.SADDLE_NODE and event.orbit.label == (1, 1, 1))
+    fold = next(
+        event for event in found.events if event.kind is EventKind.SADDLE_NODE and event.orbit.label == (1, 1, 1)
+    )
     assert fold.orbit.kappa == pytest.approx(229.5, abs=0.5)
     assert found.positions(fold) == pytest.approx((fold.orbit.kappa**-0.5 - 1e-1) / (1e-3 - 1e-1))
     branch = next(each for each in found.branches if each.label == (1, 1, 1))
@@ -221,7 +223,7 @@ def test_turned_round_it_is_the_same() -> None:
     )
     here, there = ([(e.kind, e.orbit.label) for e in each.events] for each in (one, other))
     assert sorted(here) == sorted(there)
-    assert (Kind.GRAZING, (1, 1, 0)) in here
+    assert (EventKind.GRAZING, (1, 1, 0)) in here
     mirrored = sorted(1.0 - float(other.positions(event)) for event in other.events)
     assert sorted(float(one.positions(event)) for event in one.events) == pytest.approx(mirrored, abs=1e-9)
 

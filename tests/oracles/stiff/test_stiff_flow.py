@@ -9,7 +9,7 @@ from mpmath import mp, mpf
 from stiff_high_precision import Contact, integrated
 
 from rattle.flight.first_impact import OK, SIGMA_MINUS, SIGMA_PLUS
-from rattle.flight.forcing import force_ahead
+from rattle.flight.forcing import force_fourier_coefficients
 from rattle.stiff import StiffGear
 from rattle.stiff.map import contact, flow
 from rattle.stiff.map.quiet import quiet_depth, quiet_limit
@@ -20,7 +20,7 @@ EPS = np.finfo(float).eps
 
 
 def state_after(wall, tau, x0, w0, delta, epsilon, kappa, s):
-    forced = force_ahead(wall, math.sin(2 * math.pi * tau), math.cos(2 * math.pi * tau), delta, epsilon)
+    forced = force_fourier_coefficients(wall, math.sin(2 * math.pi * tau), math.cos(2 * math.pi * tau), delta, epsilon)
     return contact.contact_state(s, contact.Contact(x0, w0, *forced, delta, kappa))[:2]
 
 

@@ -7,7 +7,7 @@ import pytest
 from stiff_high_precision import integrated
 
 import rattle
-from rattle.continuation.conditions import Kind
+from rattle.continuation.conditions import EventKind
 from rattle.errors import ParameterError, RattleError
 from rattle.numerics.complex_step import derivatives
 from rattle.stiff import (
@@ -189,7 +189,7 @@ def test_curves_in_two_parameters_hold_the_saddle_nodes_of_branches() -> None:
     beside = from_limit(impacting("D", delta, epsilon + 0.005), kappa)
     folds = [e.orbit.epsilon for e in stiff_branch(beside, "epsilon", (epsilon - 0.01, epsilon + 0.02)).events]
     assert min(abs(fold - epsilon) for fold in folds) < 1e-9
-    line = stiff_curve(StiffEvent(Kind.SADDLE_NODE, saddle_node_1(0.6, kappa), 0), (0.5, 0.7), (0.02, 0.12), 12)
+    line = stiff_curve(StiffEvent(EventKind.SADDLE_NODE, saddle_node_1(0.6, kappa), 0), (0.5, 0.7), (0.02, 0.12), 12)
     for x in line[:: max(len(line) // 4, 1)]:
         assert saddle_node_1(float(x[-2]), kappa).epsilon == pytest.approx(x[-1], abs=1e-10)
 

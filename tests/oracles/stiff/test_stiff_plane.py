@@ -9,9 +9,9 @@ from rattle.errors import ParameterError
 from rattle.numerics.complex_step import derivatives
 from rattle.stiff import StiffGear, attractors_of, period_one, regions, saddle_node_1
 from rattle.stiff.map.return_map import StiffPoint, step_tangent
-from rattle.stiff.orbits.closure import Cycle, departure_of, write_residuals
+from rattle.stiff.orbits.closure import ContactCycle, departure_of, write_residuals
 from rattle.stiff.orbits.equations import StiffItinerary
-from rattle.stiff.orbits.families import families, members
+from rattle.stiff.orbits.families import families, find_family_members
 
 
 def test_the_compiled_closure_is_that_of_the_equations() -> None:
@@ -27,7 +27,9 @@ def test_the_compiled_closure_is_that_of_the_equations() -> None:
         x = np.concatenate([times, durations, [delta, epsilon]])
         exact, by_all = derivatives(StiffItinerary(walls, m, beta, p).residual, x)
         value, jacobian = np.empty(2 * c), np.empty((2 * c, 2 * c + 1))
-        assert write_residuals(np.delete(x, 2 * c), Cycle(np.array(walls), m, delta, beta, kappa), value, jacobian)
+        assert write_residuals(
+            np.delete(x, 2 * c), ContactCycle(np.array(walls), m, delta, beta, kappa), value, jacobian
+        )
         np.testing.assert_allclose(value, exact, atol=1e-13 * (1 + np.abs(exact).max()))
         np.testing.assert_allclose(jacobian, np.delete(by_all, 2 * c, 1), atol=1e-11 * np.abs(by_all).max())
         checked += 1
@@ -95,7 +97,7 @@ def test_what_samples_find_is_among_the_motions(kappa: float) -> None:
 )
 def test_a_family_that_only_a_graze_leads_to_is_found(delta, epsilon, beta, kappa, names) -> None:
     """Near resonance the limit leads to no P(1,1,1), but a P(1,1,0) touches Σ⁻, and the return map has both."""
-    found = members(delta, epsilon, beta, kappa)
+    found = find_family_members(delta, epsilon, beta, kappa)
     assert "".join(member.name for member in found) == names
     for member in found:
         tau, v = departure_of(member.y, member.cycle)
@@ -128,8 +130,8 @@ def test_letters_go_through_the_graze_to_the_fold() -> None:
     top = fold.points[fold.folds].max(axis=0)[-1]
     assert top == pytest.approx(0.1631523594, abs=1e-9)
     for off, names in ((-1e-9, "ABCD"), (1e-9, "AD")):
-        assert "".join(sorted(member.name for member in members(0.6, top + off, 0.6, 1e4))) == names
-    walls = {member.name: len(member.cycle.walls) for member in members(0.6, top - 1e-9, 0.6, 1e4)}
+        assert "".join(sorted(member.name for member in find_family_members(0.6, top + off, 0.6, 1e4))) == names
+    walls = {member.name: len(member.cycle.walls) for member in find_family_members(0.6, top - 1e-9, 0.6, 1e4)}
     assert walls == {"A": 1, "B": 2, "C": 2, "D": 2}
     born = saddle_node_1(0.6, 1e4).epsilon
     np.testing.assert_array_equal(regions(0.6, [born - 1e-9, born + 1e-9], 0.6, 1e4), [1, 2])

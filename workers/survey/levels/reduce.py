@@ -33,7 +33,7 @@ class LevelCodes(NamedTuple):
     occurs: np.ndarray
 
 
-def pooled_cells(
+def pool_cells(
     values: np.ndarray, step: Pair, pool: Callable[[np.ndarray, np.ndarray], np.ndarray], filler: float = 0
 ) -> np.ndarray:
     """Combine each group of step[0] × step[1] cells to one cell by the function `pool`; `filler` pads the edges."""
@@ -49,8 +49,8 @@ def reduced_codes(values: np.ndarray, known: np.ndarray, steps: Sequence[Pair], 
     counts = {code: (values == code) & known for code in there}
     of = known.astype(np.int32)
     for step in steps:
-        counts = {code: pooled_cells(count.astype(np.int32), step, np.add) for code, count in counts.items()}
-        of = pooled_cells(of, step, np.add)
+        counts = {code: pool_cells(count.astype(np.int32), step, np.add) for code, count in counts.items()}
+        of = pool_cells(of, step, np.add)
         most, highest = np.zeros(of.shape, values.dtype), np.zeros(of.shape, np.int32)
         occurs = np.zeros(of.shape, mask_type(number))
         for code, count in counts.items():
@@ -82,10 +82,8 @@ def reduced_numbers(values: np.ndarray, known: np.ndarray, steps: Sequence[Pair]
     total, count, of = np.where(finite, values, 0.0), finite.astype(np.int32), known.astype(np.int32)
     least, largest = values, values
     for step in steps:
-        total, count, of = (pooled_cells(each, step, np.add) for each in (total, count, of))
-        least, largest = (
-            pooled_cells(each, step, pool, np.nan) for each, pool in ((least, np.fmin), (largest, np.fmax))
-        )
+        total, count, of = (pool_cells(each, step, np.add) for each in (total, count, of))
+        least, largest = (pool_cells(each, step, pool, np.nan) for each, pool in ((least, np.fmin), (largest, np.fmax)))
         # Rounding may put a mean below the least or above the largest value, so it is clipped.
         mean = np.clip(_quotients(total, count), least, largest)
         yield _as_float32(mean, least, largest, _quotients(count, of))
@@ -110,7 +108,7 @@ def reduced_phases(values: np.ndarray, known: np.ndarray, steps: Sequence[Pair])
     along, across = np.where(finite, np.cos(angle), 0.0), np.where(finite, np.sin(angle), 0.0)
     count, of = finite.astype(np.int32), known.astype(np.int32)
     for level, step in enumerate(steps, start=1):
-        along, across, count, of = (pooled_cells(each, step, np.add) for each in (along, across, count, of))
+        along, across, count, of = (pool_cells(each, step, np.add) for each in (along, across, count, of))
         mean = np.where(count > 0, np.arctan2(across, along) / (2 * np.pi) % 1.0, np.nan)
         here = mean
         for each in reversed(steps[:level]):
@@ -118,7 +116,7 @@ def reduced_phases(values: np.ndarray, known: np.ndarray, steps: Sequence[Pair])
         away = (values - here[: values.shape[0], : values.shape[1]] + 0.5) % 1.0 - 0.5
         least = largest = away
         for each in steps[:level]:
-            least, largest = pooled_cells(least, each, np.fmin, np.nan), pooled_cells(largest, each, np.fmax, np.nan)
+            least, largest = pool_cells(least, each, np.fmin, np.nan), pool_cells(largest, each, np.fmax, np.nan)
         yield _as_float32(mean, mean + least, mean + largest, _quotients(count, of))
 
 

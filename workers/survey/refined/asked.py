@@ -13,7 +13,7 @@ BLOCK = 32  # cells along a side of a block; blocks begin at rows and columns th
 AUDITED_SHARE = 0.02  # default of `Refine.audit`, the share of filled cells to audit
 
 
-class Refine(StrictRecord):
+class RefineOptions(StrictRecord):
     """Options of a refined survey, which computes some cells, more cells where motions differ, and fills the others.
 
     audit: share of the filled cells that are computed as a check, to estimate how many filled cells are wrong. bound:
@@ -27,7 +27,7 @@ class Refine(StrictRecord):
 
 def _replace_bool_by_options(value: Any) -> Any:
     """Return the default options if the value is True, None if it is False, and any other value unchanged."""
-    return (Refine() if value else None) if isinstance(value, bool) else value
+    return (RefineOptions() if value else None) if isinstance(value, bool) else value
 
 
 RefineOrNot = BeforeValidator(_replace_bool_by_options)

@@ -10,7 +10,7 @@ from gear_rattle.workers.survey.refined.blocks import Blocks, LeafCells, Leaves
 from gear_rattle.workers.survey.values.cells import Cells
 from rattle import Attractors
 from rattle.attractors import CHAOTIC, PERIODIC, QUIET, UNDECIDED
-from rattle.families import GridPiece, in_order, no_attractors, together
+from rattle.families import GridPiece, argsort_attractors, concat_tables, no_attractors
 
 #: Kinds of motion (undecided counts as one) that only samples show, because continuation follows periodic orbits only.
 SAMPLED_KINDS = (QUIET, CHAOTIC, UNDECIDED)
@@ -59,8 +59,8 @@ class Evidence:
         found = found.replace(cell=cells[found.cell])
         for which, kind in enumerate(SAMPLED_KINDS):
             np.add.at(self.samples[which], found.cell[found.kind == kind], found.samples[found.kind == kind])
-        table = together(self.table, found)
-        order = in_order(table)
+        table = concat_tables(self.table, found)
+        order = argsort_attractors(table)
         self.table = table.take(order)
         self._continue_orbits(found.take(found.kind == PERIODIC))
 

@@ -21,7 +21,7 @@ from gear_rattle.workers.survey.values.evaluate import arrange_in_slots, kind_fr
 from gear_rattle.workers.survey.values.schema import SAMPLED, Group, Quantity
 from rattle import Attractors, wilson_interval
 from rattle.attractors import CHAOTIC, QUIET
-from rattle.families import in_order, together
+from rattle.families import argsort_attractors, concat_tables
 
 #: Variables that are computed from the trajectory of a chaotic attractor, which a filled cell does not have.
 TRAJECTORY_VARIABLES = ("lyapunov_max", "sum_rule_error", "impulse_balance_error")
@@ -128,7 +128,7 @@ class FillingPlan(NamedTuple):
     seed: int
 
 
-def refined_cells(whole: Cells, rows: slice, columns: slice, plan: FillingPlan) -> RefinedCells:
+def refine_cells(whole: Cells, rows: slice, columns: slice, plan: FillingPlan) -> RefinedCells:
     """Refine the cells rows × columns of the grid `whole`: compute some cells, and fill the others.
 
     The values of a cell depend only on its block, and not on the tile.
@@ -153,12 +153,12 @@ def refined_cells(whole: Cells, rows: slice, columns: slice, plan: FillingPlan) 
         evidence.region[cell[empty]] = np.broadcast_to(evidence.region[cell[:, :1, :1]], cell.shape)[empty]
         if compares_attractors:
             more = fill_leaves(evidence, leaves)
-            table, added_width = together(table, more.table), np.append(added_width, more.added_width)
+            table, added_width = concat_tables(table, more.table), np.append(added_width, more.added_width)
     height, width = rows.stop - rows.start, columns.stop - columns.start
     row, column = np.divmod(table.cell, blocks.shape[1])
     mine = (row < height) & (column < width)
     table = table.replace(cell=row * width + column)
-    order = np.flatnonzero(mine)[in_order(table.take(mine))]
+    order = np.flatnonzero(mine)[argsort_attractors(table.take(mine))]
 
     def without_added_edges(values: np.ndarray) -> np.ndarray:
         """Return values, one for each cell of the frame, as a plane (rows, columns) without the edges of the frame."""

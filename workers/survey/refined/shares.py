@@ -11,7 +11,7 @@ from gear_rattle.workers.survey.refined.blocks import Leaves
 from gear_rattle.workers.survey.refined.evidence import SAMPLED_KINDS, Evidence
 from rattle import Attractors
 from rattle.attractors import PERIODIC, UNDECIDED
-from rattle.families import GridPiece, no_attractors, together
+from rattle.families import GridPiece, concat_tables, no_attractors
 
 HALF_WIDTH_95 = 1.96  # half-width of a 95 % interval in standard deviations
 
@@ -58,10 +58,8 @@ def fill_leaves(evidence: Evidence, leaves: Leaves) -> Filling:
         if block in evidence.existing and block not in blocks:
             blocks[block] = branches_of(evidence.existing[block])
         leaf = _Leaf(evidence, cell[i], known[i], empty[i])
-        parts += (
-            leaf.filling_with_orbits(blocks[block], row, column) if block in blocks else leaf.filling_without_orbits()
-        )
-    return Filling(together(*(each.table for each in parts)), np.concatenate([each.added_width for each in parts]))
+        parts += leaf.fill_with_orbits(blocks[block], row, column) if block in blocks else leaf.fill_without_orbits()
+    return Filling(concat_tables(*(each.table for each in parts)), np.concatenate([each.added_width for each in parts]))
 
 
 def branches_of(existing: GridPiece) -> Branches:
@@ -95,12 +93,12 @@ class _Leaf:
     known: np.ndarray
     empty: np.ndarray
 
-    def filling_without_orbits(self) -> list[Filling]:
+    def fill_without_orbits(self) -> list[Filling]:
         """Return the attractors for the empty cells of a leaf whose block has no periodic orbits."""
         fractions, deviations = self._fit_fractions(np.zeros((int(self.known.sum()), 0)))
         return self._fill_sampled_kinds(fractions, deviations)
 
-    def filling_with_orbits(self, branches: Branches, top: int, left: int) -> list[Filling]:
+    def fill_with_orbits(self, branches: Branches, top: int, left: int) -> list[Filling]:
         """Return the attractors for the empty cells of a leaf whose block has periodic orbits.
 
         branches: the periodic orbits of the leaf's block. top, left: the leaf's first row and column in the block.

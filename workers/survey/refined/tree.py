@@ -58,10 +58,10 @@ class Tree:
         self._compute_leaves([self.blocks.undivided_leaves()])
         for number, (before, now) in enumerate(pairwise(self.rounds), start=1):
             self._current_round = now  # `_are_uniform` is now False for leaves that this round computes as a whole
-            self._compute_leaves(self._divide_failing(self._are_uniform))
+            self._compute_leaves(self._divide_failing_leaves(self._are_uniform))
             self._number = number
             self._chosen = (before.drawn <= self.draws) & (self.draws < now.drawn)
-            self._compute_leaves(self._divide_failing(self._audit_leaves))
+            self._compute_leaves(self._divide_failing_leaves(self._audit_leaves))
 
     def _compute_leaves(self, waiting: list[Leaves]) -> None:
         """Compute the edges of new leaves, and divide leaves until all leaves in `filled` are uniform.
@@ -71,10 +71,10 @@ class Tree:
         """
         while True:
             self._compute_and_divide(waiting)
-            if not (waiting := self._divide_failing(self._are_uniform)):
+            if not (waiting := self._divide_failing_leaves(self._are_uniform)):
                 break
 
-    def _divide_failing(self, judge: Callable[[Leaves], np.ndarray]) -> list[Leaves]:
+    def _divide_failing_leaves(self, judge: Callable[[Leaves], np.ndarray]) -> list[Leaves]:
         """Keep those leaves of `filled` that pass the test `judge`, and return the quarters of the other leaves."""
         kept, others = list[Leaves](), list[Leaves]()
         for leaves in self.filled:

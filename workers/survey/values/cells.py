@@ -102,9 +102,9 @@ class Cells:
         return rattle.boundary_distances(self.delta, self.epsilon[:, None], self.model.beta, self.v_max)
 
     @cached_property
-    def rests_late(self) -> np.ndarray:
+    def becomes_quiet_late(self) -> np.ndarray:
         """Flags (n_epsilon, n_delta) of cells whose quiet motion takes so many impacts that it may look chaotic."""
-        return self.model.rests_late(self.delta, self.epsilon[:, None])
+        return self.model.becomes_quiet_late(self.delta, self.epsilon[:, None])
 
     @cached_property
     def basin_entropy(self) -> np.ndarray:
@@ -114,7 +114,7 @@ class Cells:
         undecided, or if ε is so near the quiet limit that states could be undecided.
         """
         found = np.full((2, *self.shape), np.nan)
-        for (i, j), late in np.ndenumerate(self.rests_late):
+        for (i, j), late in np.ndenumerate(self.becomes_quiet_late):
             if not late:
                 point = float(self.delta[j]), float(self.epsilon[i])
                 basins = self.model.gear(*point).basins(BASIN_RESOLUTION, self.v_max, "refined")

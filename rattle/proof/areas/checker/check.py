@@ -11,8 +11,8 @@ from functools import lru_cache
 from typing import Any
 
 from .column import Column
-from .intervals import IV, BlockRefused, Interval, interval_between, number_from_text, require
-from .one_impact import OneImpact
+from .intervals import IV, BlockRefusal, Interval, interval_between, number_from_text, require
+from .one_impact import OneImpactBlock
 from .quiet_motion import BounceBounds, require_side_of_quiet_limit
 
 #: Most times that the δ interval of a block is halved before the block is refused.
@@ -39,18 +39,18 @@ column = lru_cache(maxsize=64)(Column)  # claims about the same δ and β share 
 
 
 def prove_claim(claim: str, beta: Fraction, delta: Ends, epsilon: Ends, depth: int = 0) -> None:
-    """Raise BlockRefused unless a claim is proved on a block, which may be halved in δ up to DELTA_HALVINGS times.
+    """Raise BlockRefusal unless a claim is proved on a block, which may be halved in δ up to DELTA_HALVINGS times.
 
     depth: how often the block has been halved already.
 
     Raises
     ------
-    BlockRefused
+    BlockRefusal
         If the claim is not proved.
     """
     try:
         prove_on_whole_block(claim, beta, delta, epsilon)
-    except BlockRefused:
+    except BlockRefusal:
         if depth == DELTA_HALVINGS:
             raise
         half = (delta[0] + delta[1]) / 2
@@ -59,7 +59,7 @@ def prove_claim(claim: str, beta: Fraction, delta: Ends, epsilon: Ends, depth: i
 
 
 def prove_on_whole_block(claim: str, beta: Fraction, delta: Ends, epsilon: Ends) -> None:
-    """Raise BlockRefused unless a claim is proved on a block as a whole, without cutting it."""
+    """Raise BlockRefusal unless a claim is proved on a block as a whole, without cutting it."""
     d, e = interval_between(*delta), interval_between(*epsilon)
     if claim in QUIET:
         return require_side_of_quiet_limit(d, e, QUIET[claim])
@@ -74,20 +74,20 @@ def prove_on_whole_block(claim: str, beta: Fraction, delta: Ends, epsilon: Ends)
 
 
 def prove_captures(beta: Fraction, delta: Ends, epsilon: Ends, speed: Interval, depth: int = 0) -> None:
-    """Raise BlockRefused unless all motions that leave Σ⁺ slower than `speed` are proved to become quiet on a block.
+    """Raise BlockRefusal unless all motions that leave Σ⁺ slower than `speed` are proved to become quiet on a block.
 
     depth: how often the block has been halved already.
 
     Raises
     ------
-    BlockRefused
+    BlockRefusal
         If the claim is not proved.
     """
     try:
         BounceBounds(
             interval_between(*delta), interval_between(*epsilon), interval_between(beta, beta)
         ).require_captures_below(speed)
-    except BlockRefused:
+    except BlockRefusal:
         if depth == CAPTURE_HALVINGS:
             raise
         cut = epsilon if depth % 2 == 0 else delta
@@ -112,10 +112,10 @@ def state_of_one_impact(
 
     Raises
     ------
-    BlockRefused
+    BlockRefusal
         If the existence, or a stability that is to be proved, is not proved to be the same on the whole block.
     """
-    motion = OneImpact(letter, d, beta, *squares)
+    motion = OneImpactBlock(letter, d, beta, *squares)
     if not motion.exists():
         return NONE
     return THERE if state in (THERE, NONE) else ATTRACTING if motion.attracts() else SADDLE
@@ -134,7 +134,7 @@ def state_of_two_impacts(slope: int, state: str, cells: Column, squares: tuple[I
 
     Raises
     ------
-    BlockRefused
+    BlockRefusal
         If the existence, or a stability that is to be proved, is not proved to be the same on the whole block; or if
         there are several motions.
     """
@@ -146,7 +146,7 @@ def state_of_two_impacts(slope: int, state: str, cells: Column, squares: tuple[I
 
 
 def check(text: str) -> str:
-    """Prove the claim that a JSON document makes about a block, and return the claim in words. Raises BlockRefused."""
+    """Prove the claim that a JSON document makes about a block, and return the claim in words. Raises BlockRefusal."""
     try:
         document = json.loads(text)
         require((document["format"], document["theorem"]) == (1, "area"), "`format` and `theorem` must be 1 and 'area'")
@@ -162,14 +162,14 @@ def check(text: str) -> str:
             require(claim in CLAIMS or claim in QUIET, f"the claim {claim!r} is not one that this program can check")
             prove_claim(claim, beta, delta, epsilon)
     except (LookupError, TypeError, ValueError, ArithmeticError, AttributeError, RecursionError) as error:
-        raise BlockRefused(
+        raise BlockRefusal(
             f"the document cannot be checked, perhaps because it is incomplete or malformed: {error}"
         ) from error
     return f"{claim}, δ {' to '.join(document['delta'])}, ε {' to '.join(document['epsilon'])}"
 
 
 def ends_from_texts(texts: Any) -> Ends:
-    """Return both ends of an interval from their texts. Raises BlockRefused."""
+    """Return both ends of an interval from their texts. Raises BlockRefusal."""
     low, high = (number_from_text(each) for each in texts)
     require(low <= high, "the first end of `delta` and of `epsilon` must not be above the second end")
     return low, high
@@ -182,7 +182,7 @@ def main(path: str) -> int:
         for number, line in enumerate(file, 1):
             try:
                 print(f"proved: {check(line)}")
-            except BlockRefused as why:
+            except BlockRefusal as why:
                 print(f"NOT PROVED, line {number}: {why}")
                 status = 1
     return status

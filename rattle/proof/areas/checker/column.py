@@ -5,7 +5,7 @@ from itertools import groupby
 
 from .half_way import stability_margins
 from .intervals import ZERO, Interval, interval_between, is_less, midpoint, require
-from .two_impacts import Cell
+from .two_impacts import TwoImpactCell
 
 #: Ratio of the width in s of the narrowest cell to the width in δ of the block.
 SHARE = Fraction(1, 64)
@@ -13,7 +13,7 @@ Part = tuple[Fraction, Fraction]
 
 
 class Column:
-    """The cells (`Cell`) with 0 ≤ s ≤ 1 over one interval of δ, kept for further claims about this interval.
+    """The cells (`TwoImpactCell`) with 0 ≤ s ≤ 1 over one interval of δ, kept for further claims about this interval.
 
     s is the time from Σ⁺ to Σ⁻.
     """
@@ -21,12 +21,12 @@ class Column:
     def __init__(self, delta: Part, beta: Fraction) -> None:
         self.d, self.beta = interval_between(*delta), interval_between(beta, beta)
         self.narrowest = SHARE * (delta[1] - delta[0])
-        self.cells: dict[Part, Cell] = {}
+        self.cells: dict[Part, TwoImpactCell] = {}
 
-    def cell(self, low: Fraction, high: Fraction) -> Cell:
+    def cell(self, low: Fraction, high: Fraction) -> TwoImpactCell:
         """Return the cell low ≤ s ≤ high, s being the time from Σ⁺ to Σ⁻."""
         if (low, high) not in self.cells:
-            self.cells[low, high] = Cell(interval_between(low, high), self.d, self.beta)
+            self.cells[low, high] = TwoImpactCell(interval_between(low, high), self.d, self.beta)
         return self.cells[low, high]
 
     def parts_of_motions(self, slope: int, low: Interval, high: Interval) -> list[list[Part]]:
@@ -41,7 +41,7 @@ class Column:
 
         Raises
         ------
-        BlockRefused
+        BlockRefusal
             If the number of motions is not proved to be the same at all δ and ε², or a motion may have s = 0 or s = 1.
         """
         decided, parts = [], [(Fraction(0), Fraction(1))]
@@ -77,14 +77,14 @@ class Column:
 
         Raises
         ------
-        BlockRefused
+        BlockRefusal
             If ε²(s) at an end of the run is not proved to be below all these values, nor proved to be above them.
         """
         # the parts next to the run have no motion with low ≤ ε² ≤ high, so at each end of the run ε² is outside this
         # range at every δ, by continuity on the same side. So ε² is computed at one δ
         sides = []
         for s in (run[0][0], run[-1][1]):
-            square = Cell(interval_between(s, s), midpoint(self.d), self.beta).square.x
+            square = TwoImpactCell(interval_between(s, s), midpoint(self.d), self.beta).square.x
             require(
                 is_less(square, low) or is_less(high, square),
                 "a curve of solutions is not proved to leave the block in ε",
@@ -105,7 +105,7 @@ class Column:
 
         Raises
         ------
-        BlockRefused
+        BlockRefusal
             If the stability is not proved to be the same on the whole block.
         """
         verdicts, parts = set(), list(run)

@@ -18,18 +18,18 @@ PI = IV.pi + SLACK
 NUMBER = re.compile(r"\d{1,40}(\.\d{1,100}|/[1-9]\d{0,100})?")
 
 
-class BlockRefused(Exception):  # noqa: N818 - a refusal is an answer of the checker, not a fault
+class BlockRefusal(Exception):  # noqa: N818 - a refusal is an answer of the checker, not a fault
     """The claim of a block is not proved; the message says why."""
 
 
 def require(ok: Any, why: str) -> None:
-    """Raise BlockRefused with the message `why` unless ok."""
+    """Raise BlockRefusal with the message `why` unless ok."""
     if not ok:
-        raise BlockRefused(why)
+        raise BlockRefusal(why)
 
 
 def number_from_text(text: str) -> Fraction:
-    """Return the number ≥ 0 that a text states exactly, as a decimal or a ratio. Raises BlockRefused."""
+    """Return the number ≥ 0 that a text states exactly, as a decimal or a ratio. Raises BlockRefusal."""
     require(bool(NUMBER.fullmatch(text)), f"{text[:40]!r} must be a decimal or a ratio of integers, and not negative")
     return Fraction(text)
 

@@ -25,7 +25,7 @@ def height_at(t: Jet, d: Jet, x: Interval) -> Jet:
     return t * (4 * PI) - rest * (1 - (d * t).exp_minus()) - (1 - cosine) * x - y * sine
 
 
-class OneImpact:
+class OneImpactBlock:
     """The motion A or C over a block: all δ of the interval d, and low ≤ ε² ≤ high.
 
     has_solution: True if (15.1) and (15.2) of docs/proofs.md are proved to have a solution at all points of the block.
@@ -44,7 +44,7 @@ class OneImpact:
             self.x = x if letter == "C" else -x
 
     def exists(self) -> bool:
-        """Return True if the motion exists at all points of the block, False if at none. Raises BlockRefused."""
+        """Return True if the motion exists at all points of the block, False if at none. Raises BlockRefusal."""
         if self.has_no_solution:
             return False
         if self.has_solution and self.stays_between_walls():
@@ -79,7 +79,7 @@ class OneImpact:
 
         Raises
         ------
-        BlockRefused
+        BlockRefusal
             If the guess of t, the time of the lowest point, is not between the impacts.
         """
         t, step, d = ONE / 2, ONE / 2, Jet(midpoint(self.d))
@@ -94,15 +94,15 @@ class OneImpact:
         )
 
     def attracts(self) -> bool:
-        """Return True if the motion attracts at all points of the block, False if at none. Raises BlockRefused."""
+        """Return True if the motion attracts at all points of the block, False if at none. Raises BlockRefusal."""
         box = ParameterBox(ZERO, self.d)
 
-        def flip_x(d: Jet) -> Jet:
+        def x_at_flip_of_c(d: Jet) -> Jet:
             """Return the X = ε cos 2πτ at which C flips, (15.4) of docs/proofs.md; C attracts if 0 < X < this value."""
             end = d.exp_minus()
             return d * d * (1 + end) / (1 - end) * (1 / (2 * PI))
 
-        flip = box.mean_value(flip_x(box.centre[1]).x, flip_x(box.jets[1]))
+        flip = box.mean_value(x_at_flip_of_c(box.centre[1]).x, x_at_flip_of_c(box.jets[1]))
         inside = is_less(ZERO, self.x) and is_less(self.x, flip)
         outside = is_less(self.x, ZERO) or is_less(flip, self.x)
         require(inside or outside, f"it is undecided whether {self.letter} attracts on the whole block")

@@ -16,7 +16,7 @@ LOG_WIDENING = IV.mpf([1 - 2.0**-50, 1 + 2.0**-50])
 
 
 def require_side_of_quiet_limit(d: Interval, e: Interval, below: bool) -> None:
-    """Raise BlockRefused unless ε is proved to be below the quiet limit (or above, if `below` is False) on the block.
+    """Raise BlockRefusal unless ε is proved to be below the quiet limit (or above, if `below` is False) on the block.
 
     By (20.1) of docs/proofs.md quiet motion is possible below the quiet limit only.
     """
@@ -40,7 +40,7 @@ class BounceBounds:
         require(is_less(ZERO, self.force_lower_bound), "the block is not proved to be below the quiet limit")
 
     def require_captures_below(self, speed: Interval) -> None:
-        """Raise BlockRefused unless all motions that leave Σ⁺ slower than `speed` are proved to become quiet.
+        """Raise BlockRefusal unless all motions that leave Σ⁺ slower than `speed` are proved to become quiet.
 
         By Lemma 21 of docs/proofs.md a motion becomes quiet if v³/g falls at each of its impacts, where v is the speed
         after the impact and g the contact force at the impact.
@@ -89,7 +89,7 @@ class BounceBounds:
 
         Raises
         ------
-        BlockRefused
+        BlockRefusal
             If no bound is found, or a bounce may reach Σ⁻.
         """
         half = found = (v / self.force_lower_bound).b * 1.001

@@ -26,7 +26,7 @@ from .intervals import (
 SHORTEST_PART = 2.0**-13
 
 
-class Cell(ParameterBox):
+class TwoImpactCell(ParameterBox):
     """The solutions of (16.10) and (16.11), docs/proofs.md, with s in an interval, at all δ of another interval.
 
     s is the time from the impact on Σ⁺ to the impact on Σ⁻.
@@ -86,7 +86,7 @@ class Cell(ParameterBox):
             return True
         if is_less(self.square.x, low) or is_less(high, self.square.x):
             return True
-        return is_less(self.square_plus_speed(1), low) or is_less(self.square_plus_speed(-1), -high)
+        return is_less(self.bound_square_plus_speed(1), low) or is_less(self.bound_square_plus_speed(-1), -high)
 
     def all_solutions_are(self, slope: int, low: Interval, high: Interval) -> bool | None:
         """Return whether all solutions with low ≤ ε² ≤ high are admissible motions B (slope −1) or D (slope 1).
@@ -103,12 +103,12 @@ class Cell(ParameterBox):
         if not (self.solvable and is_less(ZERO, slope * self.square.s) and is_less(ZERO, self.v.x)):
             return None
         # a motion needs u > 0: either all solutions have u > 0, or solutions with u ≤ 0 have ε² outside low … high
-        reaches = is_less(ZERO, self.u.x) or is_less(high, self.square_plus_speed(1))
-        if not (reaches or is_less(-low, self.square_plus_speed(-1))):
+        reaches = is_less(ZERO, self.u.x) or is_less(high, self.bound_square_plus_speed(1))
+        if not (reaches or is_less(-low, self.bound_square_plus_speed(-1))):
             return None
         return True if self.is_monotone(-1, ZERO, self.s) and self.is_monotone(1, self.s, ONE) else None
 
-    def square_plus_speed(self, sign: int) -> Interval:
+    def bound_square_plus_speed(self, sign: int) -> Interval:
         """Return bounds of sign · ε² + λu over the cell, for some λ ≥ 0 that makes the bounds narrow.
 
         u is the speed after Σ⁻.
