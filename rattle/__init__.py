@@ -43,8 +43,7 @@ from rattle.numerics.compile import source_hash, toolchain
 from rattle.numerics.sampling import wilson_interval
 from rattle.numerics.states import sampled_states
 from rattle.orbits.iterates import Impact, Iterates, Stretched, Trajectory
-from rattle.orbits.orbits_a_to_d import REGIONS, Orbit, PeriodOne
-from rattle.orbits.orbits_a_to_d import classify_regions as classify_regions
+from rattle.orbits.orbits_a_to_d import REGIONS, Orbit, PeriodOne, classify_regions
 from rattle.populations.answers import Estimate, Index, Population
 from rattle.populations.distributions import LogNormal, Measured, Normal, Triangular, Uniform
 from rattle.populations.limit import Limit, design_limit, design_limits
