@@ -151,12 +151,12 @@ class Parameters:
 
     @property
     def values_by_name(self) -> dict[str, Array]:
-        """All values by name."""
+        """{name: values} of δ, ε, β and the parameters that the model adds."""
         return {"delta": self.delta, "epsilon": self.epsilon, "beta": self.beta, **self.added}
 
     @property
     def others(self) -> dict[str, Array]:
-        """All values but δ and ε, by name."""
+        """{name: values} of β and of the parameters that the model adds to δ, ε and β."""
         return {"beta": self.beta, **self.added}
 
     @property

@@ -172,7 +172,7 @@ class Client:
         except httpx.HTTPError as error:
             raise ServiceError(
                 f"The service at {self._http.base_url} cannot be reached ({error}). "
-                "Check the address, and whether it runs."
+                "Check the address, and that the service runs."
             ) from error
         except (TypeError, ValueError) as error:  # NaN and Python objects are no JSON, headers have ASCII only
             raise ServiceError(
@@ -204,8 +204,8 @@ class Client:
             found = None
         if not isinstance(found, dict):
             raise ServiceError(
-                f"{answer.url} answered {answer.text[:LONGEST_QUOTE]!r}, which is not a JSON object: is a gear-rattle "
-                f"service at {self._http.base_url}? Give its address."
+                f"{answer.url} answered {answer.text[:LONGEST_QUOTE]!r}, which is not a JSON object, so another "
+                f"program may be at {self._http.base_url}. Give the address of a gear-rattle service."
             )
         return found
 

@@ -32,7 +32,7 @@ def compile_kernels(model: str) -> None:
 
 
 class KernelCompiler:
-    """A compiler of the kernels, once for each model; requests can wait for it. It belongs to one event loop."""
+    """The compiler of the kernels of each model, in one event loop. Requests can wait until it has finished."""
 
     def __init__(self, settings: Settings) -> None:
         self._settings = settings

@@ -23,7 +23,7 @@ class AddedParameter(NamedTuple):
 
     @property
     def full_label(self) -> str:
-        """The label and, if the declaration has `of`, the thing that has the parameter: "Restitution of impacts"."""
+        """The label, and the thing that has the parameter if the field `of` names it: "Restitution of impacts"."""
         words = f"{self.label} of {self.of}" if self.of else self.label
         return words[0].upper() + words[1:]
 

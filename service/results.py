@@ -70,8 +70,8 @@ def open_results(store: str | Path, headers: Mapping[str, str] | None = None, gr
     if headers is None and STORE_URL.fullmatch(str(store)) and (key := key_headers()):
         if not _is_trusted(str(store)):
             raise ServiceError(
-                f"The key in {KEY_VARIABLE} is sent only to this machine and to the service at {URL_VARIABLE}: set "
-                f"{URL_VARIABLE} to the service of {store}, or unset {KEY_VARIABLE}."
+                f"The key in {KEY_VARIABLE} is sent only to this machine and to the address in {URL_VARIABLE}: set "
+                f"{URL_VARIABLE} to the address of the service that has {store}, or unset {KEY_VARIABLE}."
             )
         headers = key
     if not headers:

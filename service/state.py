@@ -52,7 +52,7 @@ class Front:
     _interruptible: set[CancelScope] = field(default_factory=set)
 
     def job_and_store(self, survey_id: str, kind: JobKind = JobKind.SURVEY) -> tuple[JobRow, Path | Bucket]:
-        """Return the row of a survey or a population, and the location of its store. It blocks: use a thread.
+        """Return the row of a survey or a population, and the location of its store. This call blocks: use a thread.
 
         Returns
         -------
@@ -69,7 +69,7 @@ class Front:
         return self.database.job(survey_id, kind), self.directory.store(survey_id)
 
     def job_with_results(self, survey_id: str) -> tuple[JobRow, Path | Bucket]:
-        """Return the row of a survey, and the location of its store, which must exist. It blocks: use a thread.
+        """Return the row of a survey and the location of its store, if the store exists. The call blocks: use a thread.
 
         Returns
         -------
@@ -104,7 +104,7 @@ class Front:
 
     @cached_property
     def slow_point_limiter(self) -> PriorityLimiter:
-        """Limiter of slow computations at points. If `max_points` exceeds 1, one process stays free for quick ones."""
+        """Limiter of slow computations at points. If `max_points` exceeds 1, one process is left for quick ones."""
         return PriorityLimiter(max(1, self.settings.max_points - 1))
 
     @contextmanager
@@ -117,7 +117,7 @@ class Front:
             finally:
                 self._interruptible.discard(scope)
         if scope.cancelled_caught:
-            raise UnavailableError("The service is ending. Try again when it is back.")
+            raise UnavailableError("The service is ending. Try again when the service runs again.")
 
     def end(self) -> None:
         """Cancel all interruptible work, and ask the job manager to end. This must be called in the event loop."""

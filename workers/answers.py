@@ -69,7 +69,8 @@ def _request_of(attributes: Any, name: str) -> PopulationRequest:
         request = request_of(json.loads(attributes["request"])) if "request" in attributes else None
     except (KeyError, ValueError) as error:
         raise SurveyError(
-            f"{name} holds a population that this version cannot read ({error}): use the version that computed it"
+            f"{name} holds a population that this version cannot read ({error}): use the version that computed the "
+            "population"
         ) from error
     if not isinstance(request, PopulationRequest):
         raise SurveyError(f"{name} holds no population that can be read: give the store of a population")
@@ -80,7 +81,8 @@ def _complete_population(request: PopulationRequest, column: Callable[[str], np.
     status = column("status")
     if missing := int((status == 0).sum()):
         raise SurveyError(
-            f"{name} lacks {missing} gears: wait until all are computed, or run its command again to resume it"
+            f"{name} lacks {missing} gears: wait until all gears are computed, or run the population's command again, "
+            "which computes the missing gears"
         )
     found = gears_of(request, column)
     failed = status == FAILED

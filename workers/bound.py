@@ -78,8 +78,8 @@ def meet_bound(
     later = tuple(AuditRound(*asked) for asked in json.loads(attributes_of(place).get(ROUNDS, "[]")))
     while True:
         tiles = [(replace(tile, rounds=later),) for tile in tiles_of(request)]
-        # The counts of all tiles are read without a pause: if every call paused while it reads, no tile would ever be
-        # computed.
+        # The counts of all tiles are read without a pause. If a call could pause while it reads, the next call would
+        # read all counts again, and perhaps no call would ever compute a tile.
         found = each(audit_counts_of_tile, request, str(place), tiles)
         waiting = iter([tile for tile, counts in zip(tiles, found, strict=True) if counts is None])
         with tile_recorder(place) as note:
@@ -133,7 +133,7 @@ def recompute_tile(request: SurveyRequest, path: str, tile: Tile) -> tuple[Audit
 
 
 def _audit_counts(tile: Tile, values: Mapping[str, np.ndarray]) -> AuditCounts | None:
-    """Count the cells of a tile that the last round of audits audited, that were wrong, and that stay filled.
+    """Count the findings of the last round of audits in a tile: see the fields of `AuditCounts`.
 
     values: arrays of the tile by variable.
 

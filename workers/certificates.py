@@ -2,8 +2,7 @@
 
 The store has the certificates as documents in a file, and variables that follow from this file. Certificates are
 appended to the file after each batch of proofs, so that a stopped run can be continued. The next run attempts the
-unproved attractors again.
-Checksums of all files are written at the end.
+unproved attractors again. Checksums of all files are written at the end.
 """
 
 from __future__ import annotations
@@ -364,7 +363,15 @@ def examine_certificates(out: Path, ended: bool = False) -> CertificatesIntegrit
 
 
 def examine_certificates_beside(where: str | Path | Location) -> list[CertificatesIntegrity]:
-    """Check the stores of certificates beside a survey and its slices. Return [] for a survey in a bucket."""
+    """Check each store of certificates beside a survey, also those of its slices; [] for a survey in a bucket.
+
+    A store that is missing although the completed survey requests certificates is in the list too.
+
+    Returns
+    -------
+    list[CertificatesIntegrity]
+        The result for each store, in the order of their paths.
+    """
     place = place_of(where)
     if not isinstance(place, Directory):
         return []

@@ -16,7 +16,7 @@ from gear_rattle.workers.survey.request import SurveyRequest
 
 
 def is_incomplete(request: AnyRequest, where: str | Path | Place) -> bool:
-    """Return whether a survey whose tiles are all computed needs further steps (`complete`).
+    """Return whether a survey whose tiles are all computed needs further steps, which `complete` takes.
 
     Returns
     -------

@@ -208,7 +208,7 @@ def centres_of(grown: NDArray[np.int64], orbits: Orbits, cells: Any) -> Centres:
 
     grown (n_cells,): in cell i the first grown[i] orbits have capture regions.
 
-    Orbits with contact phases need no capture regions and have no centres: all samples that enter the same contact
+    An orbit with contact phases needs no capture regions and has no centres: all samples that enter the same contact
     leave it in the same state.
 
     Returns

@@ -37,7 +37,7 @@ Range = tuple[float, float] | None
 METHODS = ("cells", "direct", "refined")
 MOST_CELLS_PER_AXIS = 4096  # 4096² cells need 16 million trajectories and some gigabytes of memory
 SAMPLE_COUNT = 256  # number of initial conditions that are followed besides the cells, to find all attractors
-LATTICE = 8  # method "refined": one cell in 8 along τ and v is followed exactly, whatever the map of cells says
+LATTICE = 8  # method "refined": every 8th cell along τ and along v is followed exactly, whatever the map of cells says
 MOST_MAP_STEPS = 8  # a state outside the box is followed exactly unless it returns within this many steps of the map
 MOST_IMPACTS = 1000  # largest allowed number of impacts on Σ⁺ in one step of the cell map
 # at weak damping all states together may make MOST_IN_ALL impacts, but each state at least LEAST_BUDGET

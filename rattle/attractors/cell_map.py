@@ -80,7 +80,9 @@ def find_groups(image, group, steps):
 
 
 def groups_of_map(image: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
-    """Return the periodic groups of a map of cells 0 … n − 1 (n,), numbered in the order of their first cells.
+    """Return the periodic groups of a map of cells 0 … n − 1, numbered in the order of their first cells.
+
+    image (n,): the cell to which the map takes each cell.
 
     Returns
     -------

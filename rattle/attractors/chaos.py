@@ -4,7 +4,7 @@ The module also decides which chaotic trajectories lie on one attractor, by comp
 they visited.
 
 The tangent vector is kept in (t, v²/2), where a flight of duration s has determinant e^(−δs). In these coordinates
-λ₁ + λ₂ = −δ holds at finite times too, which tests every tangent matrix. λ₁ comes from the growth of one vector. After
+λ₁ + λ₂ = −δ holds at finite times too, and tests every tangent matrix. λ₁ comes from the growth of one vector. After
 re-orthonormalisation the second diagonal entry of the triangular factor is the determinant over the first entry, so λ₂
 needs no second vector. Exponents are per forcing period.
 """
@@ -22,8 +22,8 @@ SAME_FOOTPRINT = 0.2  # trajectories are on one attractor if they share more tha
 Array = NDArray[np.float64]
 Counts = NDArray[np.int64]
 BATCHES = 32
-# after a time in which this many samples were expected to leave a chaotic set and none did, no more are expected to:
-# the probability of such a time is e^(−3)
+# if, since the last sample left a chaotic set, this many more were expected to leave and none did, then no more are
+# expected to leave; by chance this happens with probability e^(−3)
 LEAKS_MISSED = 3.0
 LEAST_GROWTH = 8.0  # least growth of ln stretch over the second half of the batches, in chaotic motion
 T_95 = 2.0395  # 97.5 % point of Student's t with 31 degrees of freedom
@@ -116,7 +116,7 @@ def is_chaotic(sums):
     Returns
     -------
     bool
-        True if both hold.
+        True if λ₁ exceeds its error bar, and tangents grow by more than LEAST_GROWTH.
     """
     first, _second, error = exponents(sums)
     later = 0.0

@@ -559,7 +559,7 @@ class Classifier(ABC):
         return declared
 
     def declare_several_sets(self, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """Follow all unresolved samples of these cells for longer, and declare the chaotic attractor of each sample.
+        """Follow all unresolved samples of these cells for longer, and group them by the chaotic attractor they are on.
 
         Samples whose visited-cell bitmaps overlap are on the same attractor, so a cell may have only one after all.
 
@@ -600,7 +600,13 @@ class Classifier(ABC):
         return ~sets.cells_where_all(number == 0)
 
     def mark_more_states(self, which: NDArray[np.int64], prints: NDArray[np.uint64]) -> NDArray[np.uint64]:
-        """Mark the states after the next TRACED_IMPACTS impacts of samples (k,) in the bitmaps `prints`, in place."""
+        """Follow samples (k,) for TRACED_IMPACTS impacts, and mark the state after each impact in `prints` (k, GRID).
+
+        Returns
+        -------
+        NDArray[np.uint64], shape (k, GRID)
+            `prints`, the bitmaps of the samples, which are changed in place.
+        """
         mark_states_in_bitmaps(which, TRACED_IMPACTS, self.cells, self.samples, prints)
         return prints
 

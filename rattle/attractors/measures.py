@@ -1,4 +1,4 @@
-"""Measures of how basins intermingle: differing cells, basin entropy, and the uncertainty exponent of the boundary."""
+"""Measures of basins: cells that differ, basin entropy, and the uncertainty exponent of the boundary."""
 
 from typing import NamedTuple
 

@@ -33,7 +33,7 @@ from rattle.orbits.return_map import (
 # APPROACH_RATIO, or is below ARRIVAL_DISTANCE.
 APPROACH_RATIO, ARRIVAL_DISTANCE = 0.5, 1e-9
 RETURN_DISTANCE = 1e-5  # the first return this close, in τ and in v/`speed_unit`, gives the period for Newton's method
-LONGEST_PERIOD = 4096  # longest period for Newton's method, in impacts on Σ⁺; samples that return later are followed on
+LONGEST_PERIOD = 4096  # longest period for Newton's method, in impacts on Σ⁺; later returns do not start the method
 SAME_POINT = 1e-6  # orbits with one label are the same if points of both are this close, in τ and in v/`speed_unit`
 
 
@@ -53,7 +53,8 @@ def is_approaching(tau, v, star_tau, star_v, k, most, point):
     Returns
     -------
     bool
-        False also if the trajectory does not come closer within these impacts.
+        True once the distance from the orbit has fallen below APPROACH_RATIO times the first distance, or below
+        ARRIVAL_DISTANCE. False also if this does not happen within the allowed impacts.
     """
     unit = speed_unit_at(point)
     start = math.hypot(wrap_phase_difference(tau - star_tau), (v - star_v) / unit)
@@ -170,7 +171,7 @@ def append_orbit(m, n_plus, n_minus, tau, v, first, second, cell, orbits):
 
 @kernel
 def fill_footprints(which, impacts, cells, samples, footprints):
-    """Mark the states of samples at their next `impacts` impacts in their bitmaps, for `mark_states_in_bitmaps`."""
+    """Mark the states of samples after each of their next `impacts` impacts in their bitmaps, in a compiled loop."""
     for j in range(which.size):
         k = which[j]
         point = point_of(samples.cell[k], cells)
@@ -212,7 +213,7 @@ def append_period_one(n, n_plus, n_minus, tau, v, trace, cells, orbits):
 def resolve_all(which, cells, samples, orbits, balls, grown, waiting):
     """Find the orbits of the samples `which`, as `resolve` describes, in a compiled loop.
 
-    Write the numbers of the samples whose orbits could not be searched yet to `waiting`.
+    waiting: an array that receives the numbers of the samples whose orbits could not be searched yet.
 
     Returns
     -------

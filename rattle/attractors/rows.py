@@ -1,4 +1,4 @@
-"""Rows of a table of attractors: the sums over the samples of a cell that reach the same attractor (compiled)."""
+"""The rows of a table of attractors: the sums over the samples of a cell that reach the same attractor (compiled)."""
 
 from typing import Any, NamedTuple
 
@@ -13,7 +13,7 @@ Counts = NDArray[np.int64]
 
 
 class Rows(NamedTuple):
-    """Rows (n,) of a table of attractors, ordered by cell, and within a cell by kind and number.
+    """The rows (n,) of a table of attractors, ordered by cell, and within a cell by kind and number.
 
     Attributes
     ----------
@@ -28,7 +28,7 @@ class Rows(NamedTuple):
     impacts
         Sum of the impacts of these samples.
     watched
-        Shortest time for which one of these samples was followed, in forcing periods; inf if there are none.
+        Shortest time for which any of these samples was followed, in forcing periods; inf if there are none.
     """
 
     cell: Any
@@ -42,7 +42,7 @@ class Rows(NamedTuple):
 
 @inline
 def index_in_cell(kind, which, orbits):
-    """Return the index in its cell of attractor number `which` of a kind: quiet, then `orbits` orbits, then chaos."""
+    """Return an attractor's index in its cell: quiet, then `orbits` orbits, then chaos. which: number in its kind."""
     if kind == Outcome.QUIET:
         return 0
     return 1 + which if kind == Outcome.PERIODIC else 1 + orbits + which
@@ -105,7 +105,7 @@ def attractor_rows(kind: Counts, which: Counts, impacts: Counts, time: Array, kn
 
     The samples (n,) are ordered by cell, and every cell has the same number of them.
 
-    kind, which (n,): the kind of each sample's attractor, and the attractor's number among those of the cell and kind.
+    kind, which (n,): the kind of each sample's attractor; the attractor's number among those of its kind and cell.
     impacts, time (n,): the impacts and forcing periods for which each sample was followed.
     known (n_cells,): cell i has rows also for its orbits 0 to known[i] − 1, even if no sample reached them.
     row (n,): receives the row of each sample.

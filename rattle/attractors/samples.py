@@ -110,7 +110,7 @@ class SampleSets(NamedTuple):
         return np.asarray(np.maximum.reduceat(values[self.which], self.first_index))
 
     def smallest_by_cell(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the smallest value (n,) in each cell; `values` has one for every sample. No cell may be empty."""
+        """Return the smallest value (n,) in each cell. values: a number for each sample. No cell may be empty."""
         return np.asarray(np.minimum.reduceat(values[self.which], self.first_index)) if self.size.size else np.zeros(0)
 
 

@@ -160,7 +160,7 @@ def _misfit_plus_distance(comparison: Comparison) -> float:
 
 
 def _with_offset_intervals(fitting: FitProblem, comparison: Comparison, fits: list[Fit]) -> Comparison:
-    """Return a comparison with its offset's interval, other possible offsets, and a flag for each sure impact.
+    """Return a comparison with the interval of its offset, other possible offsets, and flags of the sure impacts.
 
     fits: the fit from which the comparison was made, followed by the other fits that are about as good.
 

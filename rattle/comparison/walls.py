@@ -105,7 +105,7 @@ class FitProblem(NamedTuple):
 
     @property
     def with_first_impacts(self) -> FitProblem:
-        """The same problem with only the first FIRST_IMPACTS impacts, from which the offset is found."""
+        """The same problem with the first FIRST_IMPACTS impacts only; searches for offsets use only these."""
         time, speed, wall = self.measured
         some = None if speed is None else speed[:FIRST_IMPACTS]
         return self._replace(
@@ -119,7 +119,7 @@ def find_fits(fitting: FitProblem) -> list[Fit]:
     Returns
     -------
     list[Fit]
-        The fits by rising misfit.
+        The fits by rising misfit of the first FIRST_IMPACTS impacts; each fit is to all impacts.
     """
     few = fitting.with_first_impacts
     rough = []
@@ -296,8 +296,8 @@ def _find_best_walls(fitting: FitProblem, offsets: Array) -> tuple[Array, Walls]
 def _flight_ends(t0, t1, dwell):
     """Return the times at which the flight between impacts at t0 and t1 begins and ends, with the phases there.
 
-    The flight begins where the contact after the first impact ends: `dwell` after t0, but at most half way to t1. It
-    ends at t1.
+    The flight begins where the contact after the first impact ends: at t0 + `dwell`, but at most half way to t1.
+    It ends at t1.
 
     Returns
     -------

@@ -168,7 +168,7 @@ def newton_on_curve(problem: ContinuationProblem, x: Array, constraint: Array) -
 def _diverges(i: int, size: Any, last: Any) -> Any:
     """Return whether Newton's method diverges at correction number i.
 
-    size, last: the sizes of this correction and of the one before; arrays for several solutions at once.
+    size, last: the sizes of this correction and of the previous correction; arrays for several solutions at once.
 
     Returns
     -------
@@ -363,8 +363,8 @@ class Follower:
 
         Returns
         -------
-        Path
-            Points of the curve, and why it ends.
+        OneWayPath
+            Points and tangents of the curve, the first point outside if there is one, and whether the curve closed.
         """
         points, tangents = [start], [tangent]
         sign = oriented_tangent(self.problem, start, tangent)[1] if first == np.inf else None
@@ -420,12 +420,12 @@ class Follower:
         return FollowedCurve(points, tangents, len(back.points) - 1, (back, on))
 
     def _closing_twin(self, start: Array, a: Array, b: Array) -> Array | None:
-        """Return the solution between the points a and b of the curve that describes the same motion as `start`.
+        """Return a solution that describes the same motion as `start` and lies between points a and b of the curve.
 
         Returns
         -------
         Array | None
-            The solution (N + 1,), with which the curve closes; None if there is none between a and b.
+            The solution (N + 1,), at which the curve closes; None if there is none between a and b.
         """
         chord = b - a
         for twin in self.equivalent_unknowns(start, b):
@@ -437,7 +437,7 @@ class Follower:
         return None
 
     def _edge_between(self, a: Array, b: Array) -> Array:
-        """Return the last inside point of the curve between a, which is inside, and b, which is outside."""
+        """Return the last point at which `is_inside` holds on the curve from a, which is inside, to b, which is not."""
         for bound in self.bounds:
             limit = bound.exceeded_limit(b)
             if limit is not None:
@@ -464,7 +464,7 @@ def root_between(
         """Return `test` at the solution of `solution_above_chord`. Raises ArithmeticError if there is none."""
         x = solution_above_chord(problem, a, b, share)
         if x is None:
-            raise ArithmeticError(f"Newton's method found no solution above the share {share} of a chord")
+            raise ArithmeticError(f"Newton's method found no solution in the hyperplane at {share} of a chord")
         return test(x)
 
     from scipy.optimize import brentq  # imported here because it takes a quarter of a second to load

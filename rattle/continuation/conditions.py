@@ -49,7 +49,7 @@ def condition(itinerary: Equations, kind: EventKind, impact: int | None = None) 
     """
     if kind is EventKind.GRAZING:
         if impact is None:
-            raise RattleError("the condition of a graze needs `impact`, the number of the impact that grazes")
+            raise RattleError("the condition of a graze (GR) needs `impact`: give the number of the impact that grazes")
         return ContinuationProblem(lambda x: itinerary.residual_with_graze(x, impact), scale=scale_at)
     multiplier = MULTIPLIER[kind]
     borders: list[Array] = []

@@ -316,7 +316,7 @@ def pieces_in_window(
 def _shift_times_near(times: int | None, start: Array, x: Array) -> Array:
     """Return the unknowns `start` of a motion with all times shifted by the same number of forcing periods.
 
-    The number is that for which the first time is nearest to the first time of the unknowns x (N,). times: the number
+    The shift brings the first time as near as possible to the first time of the unknowns x (N,). times: the number
     of unknowns that are times; None for all but δ and ε. start (N,): the unknowns of the motion, δ and ε at the end.
 
     Returns
@@ -334,8 +334,8 @@ def _lie_on_piece(
 ) -> NDArray[np.bool_]:
     """Return for each of the solutions `solved` (k, N) whether it is on a piece of a curve.
 
-    Solutions count as the same if their times differ by the same number of whole forcing periods. times: the number of
-    unknowns that are times; None for all but δ and ε.
+    Solutions count as the same if all their times differ by one common whole number of forcing periods. times: the
+    number of unknowns that are times; None if all unknowns but δ and ε are times.
 
     Returns
     -------
@@ -354,8 +354,9 @@ def _lie_on_piece(
 def _follow_piece(follower: Follower, x: Array, why_outside: Test) -> CurvePiece:
     """Return the piece of a curve that contains the solution x; its first point is the end with the smaller δ.
 
-    The points of the piece include all folds. why_outside: a function that returns, in words, why a point is outside
-    the window or does not belong to the curve; None for other points.
+    The points of the piece include all folds.
+    why_outside: a function that returns, in words, why a point is outside the window or not on the curve;
+    None for other points.
 
     Returns
     -------
@@ -393,7 +394,7 @@ def _tangent_entry(problem: ContinuationProblem, direction: Array, index: int, x
 def _why_path_ends(path: OneWayPath, why_outside: Test) -> str:
     """Return the reason in words why a path ends.
 
-    why_outside: a function that returns, in words, why a point is outside the window or does not belong to the curve.
+    why_outside: a function that returns, in words, why a point is outside the window or not on the curve.
 
     Returns
     -------

@@ -194,9 +194,9 @@ class FollowedBranch(ABC):
 
 
 def start_of_doubled_branch(itinerary: Equations, x: Array) -> tuple[Array, Array]:
-    """Return the first point of the branch of doubled period that starts at a flip x (N,), and its unit tangent there.
+    """Return the first point of the branch of doubled period that starts at a flip, and the unit tangent there.
 
-    The first point is the orbit of the flip run through twice.
+    x: the n unknowns of the orbit of the flip, then δ and ε. The first point is this orbit run through twice.
 
     Returns
     -------

@@ -43,7 +43,7 @@ def is_same_motion(one: Motion, other: Motion) -> bool:
 
 
 def _equivalent_unknowns(motion: Motion, like: Equations, phase: float) -> Iterator[Array]:
-    """Yield the unknowns of a motion from each of its impacts after which the walls have the order of `like`.
+    """Yield the unknowns of a motion, counted from each impact from which it meets the walls in the order of `like`.
 
     Yields
     ------

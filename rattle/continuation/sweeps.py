@@ -128,7 +128,7 @@ class Sweeps:
     def run(self) -> None:
         """Start runs from known attractors, until each known attractor was reached by a run or is removed.
 
-        A known attractor is removed from `known` if the run from its state does not even reach it: the run then ends at
+        A known attractor is removed from `known` if the run from its own state does not reach it. Such a run ends at
         its first step, in quiet motion or at an attractor that a run had reached before.
         """
         for direction, step in ((FORWARD, 0), (BACKWARD, len(self.known) - 1)):
@@ -173,10 +173,10 @@ class Sweeps:
             self._advance_runs(list(now.values()))
 
     def _advance_runs(self, runs: list[_Run]) -> None:
-        """Advance runs with different next steps by one step each.
+        """Advance each run by one step. No two of the runs may have the same next step.
 
-        At its next step the state of a run is followed to an attractor. The states of the known attractors of this step
-        are followed too, which shows whether the attractor is one of them.
+        The state of a run is followed, at the parameters of its next step, until it reaches an attractor. The states of
+        the known attractors of this step are followed too. This shows whether the run reached one of them.
         """
         states = [[(run.tau, run.v), *((known.tau, known.v) for known in self.known[run.step])] for run in runs]
         count = max(map(len, states))
@@ -262,7 +262,7 @@ class Sweeps:
         Returns
         -------
         tuple[NDArray[np.int64], Array, Array]
-            The number i, τ and v of each state.
+            For each state the number i of its attractor, τ and v.
         """
         states = np.array([(visit.tau, visit.v) for visit in visits]).reshape(-1, 2)
         owner, order, tau, v = [], [], [], []

@@ -39,7 +39,7 @@ def write_overlaps(one, other, prints, overlap):
 def overlapping_pairs(
     cell: NDArray[np.int64], tau: NDArray[np.float64], v: NDArray[np.float64], shape: tuple[int, int], cells: Any
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return the pairs of chaotic attractors in neighbouring cells whose footprints overlap.
+    """Return the pairs of chaotic attractors in neighbouring cells whose visited-cell bitmaps overlap.
 
     cell (k,): the cells of the attractors, in rising order. tau, v (k,): a state on each attractor. shape: numbers of
     rows and columns of the grid. cells: the parameters of all cells, as kernels take them.

@@ -99,7 +99,7 @@ def join_attractors(
 def join_rows(
     table: AttractorTable, shape: tuple[int, int], cells: Any
 ) -> tuple[AttractorTable, NDArray[np.bool_], NDArray[np.int64]]:
-    """Return the attractors of a grid and the orbits that were continued into its cells.
+    """Join the attractors of a grid to families; add the orbits that are found by continuation into its cells.
 
     Returns
     -------
@@ -113,7 +113,7 @@ def join_rows(
 def _join_with_sums(
     table: AttractorTable, shape: tuple[int, int], cells: Any
 ) -> tuple[AttractorTable, NDArray[np.bool_], NDArray[np.int64], Sums]:
-    """Return the results of `join_rows`, and the `Sums` from which `tabulate_families` makes the table of families."""
+    """Return the results of `join_rows`, and the sums from which `tabulate_families` makes the table of families."""
     orbits, n = continue_orbits(table, shape[1], Rectangle(0, shape[0], 0, shape[1]), cells)
     periodic = np.flatnonzero(table.kind == Outcome.PERIODIC)
     attractors = concat_tables(table, table_of_continued_orbits(orbits, periodic.size, n))
@@ -202,7 +202,7 @@ def continue_orbits(
     Returns
     -------
     tuple[LinkedOrbits, int]
-        The periodic orbits of the table, followed by the new orbits that were found; and the number of all.
+        The periodic orbits of the table, followed by the new orbits that were found; and the number of all these.
     """
     periodic = np.flatnonzero(table.kind == Outcome.PERIODIC)
     n = periodic.size

@@ -217,7 +217,7 @@ def add_orbits(cell, m, n_plus, n_minus, tau, v, first, second, n, cells, orbits
 
     Returns
     -------
-    result
+    int
         The next free number.
     """
     for i in range(cell.size):

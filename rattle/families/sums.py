@@ -1,4 +1,4 @@
-"""Sums over cells that describe families. The sums of the pieces of a grid can be added.
+"""The sums over cells that describe families. The sums of the pieces of a grid can be added.
 
 A component is a set of connected attractors: one motion in several cells. Its number is arbitrary;
 `assign_family_numbers` gives the number of the family that the component forms.
@@ -21,7 +21,7 @@ Integers = NDArray[np.int64]
 
 
 class Sums(NamedTuple):
-    """Sums over some cells of a grid: one entry for each component (a set of connected attractors).
+    """The sums over some cells of a grid: one entry for each component (a set of connected attractors).
 
     component: the number of the component; the entries are in rising order of it.
     kind, m, n_plus, n_minus: the kind and the label of the component's attractors.
@@ -56,7 +56,7 @@ class Sums(NamedTuple):
 
 
 def sums_of(table: AttractorTable, component: Integers, columns: int) -> Sums:
-    """Return the sums over each component, a set of connected attractors, of a table of attractors.
+    """Return the sums of a table of attractors over each component (a set of connected attractors).
 
     table: the attractors, in the order of their cells. component (rows,): the component of each row, or NO_FAMILY.
     columns: the number of columns of the grid.

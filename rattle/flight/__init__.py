@@ -1,4 +1,4 @@
-"""A free flight between the walls: its law, a guess of its end, the proof that it is the first impact, its tangent."""
+"""A free flight between the walls: its law, a guess of its end, a proof that this is its first impact, its tangent."""
 
 from rattle.flight.law import wrap_phase_difference
 

@@ -47,6 +47,7 @@ def decay_loss(z):
 def drift_lag(x, s, pull):
     """Return 1 − x/(1 − e^(−x)) without cancellation, for x = δs of a flight with duration s.
 
+    The result times the mean drift q is the departure velocity w₀ of an unforced flight that returns to its wall.
     pull: δ/(1 − e^(−x)). The result is computed as 1 − s · pull, or by a series where |Re x| is below SERIES_BELOW.
 
     Returns

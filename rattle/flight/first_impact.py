@@ -56,7 +56,7 @@ _FIRST = Tuple((int64, float64, int64, *2 * (float64,), FLIGHT, *2 * (float64,))
 def last_step(s, f0, f1, lost, sin1, cos1, flight):
     """Return the step u from a close guess s to the impact, where F = 0, by reversion of the Taylor series of F.
 
-    f0 is F at s, measured from the wall; f1, lost, sin1 and cos1 are what `evaluate_short` returns at s. The reversion
+    f0 is F at s, measured from the wall; f1, lost, sin1 and cos1 are the values of `evaluate_short` at s. The reversion
     is of third order. The neglected term is u⁴ (5p (p² − q) + r), where p = F''/2F', q = F‴/6F' and r = F⁗/24F'.
 
     Returns

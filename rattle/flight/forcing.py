@@ -82,7 +82,7 @@ class FlightFunctions(NamedTuple):
 
 
 def _build_functions(dtype, versine, sine_defect):
-    """Build the functions of a flight in one precision, as straight-line code that a loop over flights vectorises."""
+    """Build the functions of a flight in one precision, without branches, so that loops over flights vectorise."""
     two_pi = dtype(TWO_PI)
     rounder = dtype(1.5 * 2.0 ** (52 if dtype is np.float64 else 23))  # x + rounder − rounder is the nearest integer
 
@@ -109,7 +109,7 @@ def _build_functions(dtype, versine, sine_defect):
 
     @inline
     def slope_loss_of_change(dsin, epsilon):
-        """Return e'(t₀) − e'(t₁), e the forcing, from the change of its sine that `phase_changes` returns."""
+        """Return e'(t₀) − e'(t₁) of the forcing e, from the change of the sine that `phase_changes` returns."""
         return (two_pi * epsilon) * dsin
 
     @inline
@@ -124,7 +124,7 @@ def _build_functions(dtype, versine, sine_defect):
 
     @inline
     def add_acceleration_after(x, sin0, dsin, cos1, epsilon):
-        """Return x + e'', e the forcing, at the phase whose cosine is cos1 and whose sine is sin0 + dsin."""
+        """Return x + e'', where e is the forcing, at the phase with the cosine cos1 and the sine sin0 + dsin."""
         return x - two_pi * two_pi * epsilon * cos1
 
     return FlightFunctions(
@@ -170,7 +170,7 @@ def short_versines(u):
 
 @inline
 def later_phase(step, sine, cosine):
-    """Return the sine and cosine of a phase a short time later; `step` is `short_versines` of this time."""
+    """Return the sine and cosine of a phase after a short time. step: the result of `short_versines` for this time."""
     omc, siny = step
     cosine1 = cosine - (siny * sine + omc * cosine)
     return sine + (siny * cosine - omc * sine), cosine1
@@ -220,7 +220,7 @@ def largest_slope(epsilon):
 
 @inline
 def contact_force(sine, cosine, delta, epsilon, drift):
-    """Return the contact force g = Φ'' + δΦ' = δq + e'' + δe', q the drift. It presses on Σ⁺ where it is positive."""
+    """Return the contact force g = Φ'' + δΦ' = δq + e'' + δe', q the drift. Where g > 0, it presses on Σ⁺."""
     return delta * drift - TWO_PI * epsilon * (TWO_PI * cosine + delta * sine)
 
 
@@ -238,7 +238,7 @@ def contact_force_swing(delta, epsilon):
 
 @inline
 def relative_force_amplitude(delta, epsilon):
-    """Return the amplitude of the contact force over its mean. Above 1 the force changes sign."""
+    """Return the amplitude of the contact force divided by its mean. Above 1 the force changes sign."""
     return epsilon * math.hypot(TWO_PI, delta) / (2.0 * delta)
 
 
@@ -250,9 +250,9 @@ def has_swing_beyond(share, delta, epsilon):
 
 @inline
 def relative_force(swing, share):
-    """Return the contact force over its mean, at `share` of half a period from the phase of the least force.
+    """Return the contact force divided by its mean, `share` half periods away from the phase of the least force.
 
-    swing: the amplitude of the contact force over its mean, as `relative_force_amplitude` returns it.
+    swing: the amplitude of the contact force divided by its mean, as `relative_force_amplitude` returns it.
 
     Returns
     -------
@@ -352,7 +352,7 @@ def minus_fifth_derivative32(sine, cosine, epsilon):
 
 @inline
 def change_scale32(s):
-    """Return an upper bound of |e(t + s) − e(t) − s e'(t)|/ε for the forcing e. It limits rounding errors of F."""
+    """Return an upper bound of |e(t + s) − e(t) − s e'(t)|/ε, e the forcing. Bounds of rounding errors of F use it."""
     y = W1 * s
     return min(y * y * (f32(0.5) + y * f32(1 / 6)), y + f32(3.0))
 
@@ -412,7 +412,7 @@ def sine_changes_to_arc32(inside, sin0, arc):
 
 @inline
 def add_slope_change32(x, dsin, epsilon):
-    """Return x plus the change of the forcing's derivative that belongs to the change `dsin` of its sine."""
+    """Return x plus the change of the forcing's derivative e' if the sine of the phase changes by `dsin`."""
     return x - W1 * epsilon * dsin
 
 
@@ -440,13 +440,13 @@ def analytic_change(t0, t1, s, epsilon):
 
 @inline
 def add_analytic_acceleration(x, sine, cosine, epsilon):
-    """Return x + e'', e the forcing, for complex sine and cosine. Stored bits depend on the order of the products."""
+    """Return x + e'' for the forcing e and complex sine and cosine. Do not reorder the products: it changes results."""
     return x - TWO_PI * (TWO_PI * epsilon) * cosine
 
 
 @inline
 def analytic_force_ahead(sign, sin0, cos0, delta, epsilon):
-    """Return mean, a and b: a time s after a phase the force on the wall is mean + a cos 2πs + b sin 2πs.
+    """Return mean, a and b of the force on a wall, mean + a cos 2πs + b sin 2πs; the time s counts from a phase.
 
     `force_fourier_coefficients` returns the same numbers for a real phase. sign: the wall, ±1. sin0, cos0: complex sine
     and cosine of the phase. δ must be above 0.
@@ -463,7 +463,7 @@ def analytic_force_ahead(sign, sin0, cos0, delta, epsilon):
 
 @inline
 def change_by_epsilon(t0, t1, s):
-    """Return the derivative by ε of e(t₁) − e(t₀), e the forcing; the times are real (not complex), s = t₁ − t₀."""
+    """Return ∂(e(t₁) − e(t₀))/∂ε for the forcing e. t0, t1: real (not complex) times; s: t₁ − t₀."""
     return -2.0 * math.sin(math.pi * (t0 + t1)) * math.sin(math.pi * s)
 
 
@@ -485,7 +485,7 @@ class Forcing:
     ONE_COSINE: ClassVar[bool] = True
 
     def relative_force_amplitude(self, delta: ArrayLike) -> NDArray[np.float64]:
-        """Return the amplitude of the contact force over its mean. Above 1 the force changes sign."""
+        """Return the amplitude of the contact force divided by its mean. Above 1 the force changes sign."""
         return np.asarray(0.5 * (self.epsilon * np.hypot(TWO_PI, delta) / np.asarray(delta)))
 
     def least_force(self, delta: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -524,7 +524,7 @@ def quiet_eccentricity(delta: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def least_damping(epsilon: float) -> float:
-    """Return the δ at which the contact force has the minimum 0; inf if ε ≥ 2. The inverse of `quiet_eccentricity`."""
+    """Return the δ at which the contact force has the minimum 0; inf if ε ≥ 2. It inverts `quiet_eccentricity`."""
     return TWO_PI * epsilon / math.sqrt(4.0 - epsilon * epsilon) if epsilon < 2.0 else math.inf
 
 

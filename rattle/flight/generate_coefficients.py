@@ -1,9 +1,10 @@
 """Write coefficients.py: `python -m rattle.flight.generate_coefficients > rattle/flight/coefficients.py`.
 
-Each polynomial interpolates its function at Chebyshev nodes in 60 digits (mpmath), which is within a few per cent of
-the best approximation. Its coefficients are then rounded to the precision in which they are used. The stated bound is
-the largest error of the rounded polynomial, evaluated exactly on a fine grid: the absolute error of polynomials whose
-name begins with MEAN, the relative error of all others. Evaluation in that precision adds a few rounding errors.
+Each polynomial interpolates its function at Chebyshev nodes, computed in 60 digits (mpmath). Its error is within a few
+per cent of that of the best approximation. The coefficients are then rounded to the precision in which they are used.
+The stated bound is the largest error of the rounded polynomial, evaluated exactly on a fine grid: the absolute error of
+polynomials whose name begins with MEAN, the relative error of all others. Evaluation in that precision adds a few
+rounding errors.
 """
 
 from collections.abc import Callable

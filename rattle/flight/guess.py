@@ -36,7 +36,8 @@ from rattle.numerics.compile import inline
 ERROR = f32(6e-6)
 EQUAL_WITHIN = f32(1e-5)  # difference of flight times or phases below which they count as equal
 LONGEST_TAYLOR_STEP = f32(0.1)  # longest Taylor step to the minimum; a longer step is unreliable where F hardly bends
-# shortest step whose sixth power is not a denormal number; processors handle denormal numbers slowly
+# least step for which an error bound is computed, because the sixth power of a much shorter step would be a denormal
+# number, which processors handle slowly
 SHORTEST_TAYLOR_STEP = f32(3e-6)
 LONGEST_DECAY32 = f32(LONGEST_DECAY)  # largest δs for which the polynomials hold
 UNBOUNDED = f32(-1e30)  # a lower bound so low that it proves nothing
@@ -62,7 +63,7 @@ class ScanState(NamedTuple):
     turn: f32  # time of the last minimum
     ended: bool  # the scan has found the end of the flight
     falls: bool  # the flight ends on Σ⁻
-    end: f32  # time of the flight's end; −1 if F has a minimum in the last step: it is then solved for from there
+    end: f32  # time of the flight's end; −1 if F has a minimum in the last step, from which the end is then computed
 
 
 @inline
@@ -226,11 +227,11 @@ def refine_time(s, level, flight):
 
 @inline
 def advance_scan(s0, s, wall, gap, scan, flight):
-    """Advance the scan from time s0 to s, and find a minimum or the end between them by linear interpolation.
+    """Advance the scan from time s0 to s. Interpolate linearly to find a minimum or the end of the flight in between.
 
     Returns
     -------
-    Scan
+    ScanState
         The state of the scan at s.
     """
     f0, g0, turned, turn, ended, falls, end = scan

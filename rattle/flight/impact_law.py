@@ -30,7 +30,10 @@ def velocity_before_reflection(w):
 
 @inline
 def reflected_change(change):
-    """Return the change of the departure velocity that a small change of the arrival velocity causes."""
+    """Return the change of the velocity after an elastic impact, −change, if the velocity before it has this change.
+
+    Callers multiply it by the coefficient of restitution r.
+    """
     return -change
 
 
@@ -48,13 +51,13 @@ def impact_mismatch(before, after):
 
 @inline
 def impulse_of(speed):
-    """Return the jump of Φ' at an impact, away from the wall, from the speed of arrival."""
+    """Return the size of the jump of Φ' at an elastic impact: twice the speed of arrival."""
     return 2.0 * speed
 
 
 @inline
 def determinant_of_impact(determinant):
-    """Return |det| of a flight and its elastic impact in (t, w²/2): |det| of the flight, unchanged by the impact."""
+    """Return |det| in (t, w²/2) of a flight and its elastic impact, given |det| of the flight alone: both are equal."""
     return determinant
 
 

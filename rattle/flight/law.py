@@ -132,7 +132,7 @@ def flight_from_sine_cosine(w, sin0, cos0, delta, epsilon, drift):
 
 @inline
 def flight_from_phase(tau, w, delta, epsilon, drift):
-    """Return the flight that leaves a wall at phase tau with velocity w. drift: q of the flight law."""
+    """Return the flight that leaves a wall at phase tau with velocity w. drift: the constant q of the flight law."""
     sin0, cos0 = sine_cosine_at(tau)
     return flight_from_sine_cosine(w, sin0, cos0, delta, epsilon, drift)
 

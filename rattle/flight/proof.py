@@ -34,8 +34,8 @@ FASTEST = f32(20.0)
 def is_within_one_step(s, step, speed, flight):
     """Return whether an impact at time s, located in single precision, can be computed in double precision by one step.
 
-    It can if the step that led to s was short, δs is within the range of the polynomials, and F' at s (`speed`) is
-    large enough: in a graze or a long flight, rounding of F would cost digits of s.
+    One step suffices if the step that led to s was short, δs is within the range of the polynomials, and F' at s
+    (`speed`) is large enough: in a graze or a long flight, rounding of F would cost digits of s.
 
     Returns
     -------

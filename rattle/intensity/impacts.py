@@ -30,7 +30,7 @@ def impact_arrays(count: int) -> Impacts:
 
 
 def impacts_of(motion: Motion, point: Any, periods: float | None) -> Impacts:
-    """Return the impacts of a motion as `Rattling.impacts` does. point: the gear's parameter point for kernels."""
+    """Return the impacts of a motion (`RattlingGear.impacts`). point: the gear's parameter point for kernels."""
     kind = kind_of(motion)
     require(
         periods is not None or kind in ("quiet", "periodic"),

@@ -123,7 +123,7 @@ UNDECIDED = Intensity(math.nan, math.nan, math.nan, math.nan, math.nan, math.nan
 
 
 def intensity(motion: Motion, point: Any, periods: float | None) -> Intensity:
-    """Return how hard a motion rattles (`Rattling.intensity`). point: the gear's parameter point for kernels."""
+    """Return how hard a motion rattles (`RattlingGear.intensity`). point: the gear's parameter point for kernels."""
     kind = kind_of(motion)
     if kind == "quiet":
         mean = force_lines(point)[0][1].real
@@ -151,7 +151,7 @@ def _intensity_from_sums(sums: Array, errors: IntensityErrors) -> Intensity:
 
 
 def intensity_rates(sums: Array) -> tuple[Array, ...]:
-    """Return the fields of `Intensity` in order, each (…,), from sums (…, batches, COLUMNS) of `sum_impacts`."""
+    """Return the values of the fields of `Intensity`, each (…,), from sums (…, batches, COLUMNS) of `sum_impacts`."""
     total = sums.sum(axis=-2)
     per_period = total / total[..., TIME, None]
     return (

@@ -131,9 +131,9 @@ def require_closed(motion: Motion, status: int, tau: float, v: float, fastest: f
     closed = abs(wrap_phase_difference(tau - motion.tau)) <= CLOSED and abs(v - motion.v) <= CLOSED * fastest
     if status != OK or not closed:
         raise RattleError(
-            f"the motion does not return to tau = {motion.tau}, v = {motion.v} after a period, "
-            f"m = {motion.m} with {motion.n_plus} impacts on Σ⁺: "
-            "give a periodic motion of this very gear, with all its digits"
+            f"the motion from tau = {motion.tau}, v = {motion.v} does not return to this state after {motion.m} "
+            f"forcing periods and {motion.n_plus} impacts on Σ⁺: give a periodic motion of this gear, with unrounded "
+            "tau and v"
         )
 
 

@@ -34,7 +34,7 @@ from rattle.orbits.return_map import point_of
 def list_impacts_in_cell(
     cell: int, tau: float, v: float, returns: int, periods: float, cells: Any, impacts: Impacts
 ) -> tuple[int, float, float, int]:
-    """Follow a motion in the cell with the number `cell`, and write its impacts to `impacts` (`visit.list_impacts`)."""
+    """Follow a motion in the cell with the number `cell`, and write its impacts to `impacts`."""
     return list_impacts(tau, v, returns, periods, point_of(cell, cells), impacts)
 
 

@@ -21,7 +21,7 @@ LOUDEST = 32767 * 9 // 10  # 16-bit sample of full volume: 90 % of the largest n
 def sound(
     motion: Motion, point: Any, stiffness: float, rpm: float, seconds: float, rate: int, ring: float, decay: float
 ) -> NDArray[np.float64]:
-    """Return the sound of a motion (`Rattling.sound`). point: the gear's parameter point for kernels."""
+    """Return the sound of a motion (`RattlingGear.sound`). point: the gear's parameter point for kernels."""
     rpm, seconds = require_number("rpm", rpm, positive=True), require_number("seconds", seconds, positive=True)
     ring, decay = require_number("ring", ring, positive=True), require_number("decay", decay, positive=True)
     rate = require_integer("rate", rate, 1, MOST_SAMPLES)

@@ -61,7 +61,7 @@ class Density(NamedTuple):
 
 
 def spectrum(motion: Motion, point: Any, stiffness: float, highest: float, resolution: int) -> Lines | Density:
-    """Return the order spectrum of the contact force (`Rattling.spectrum`). point: the parameter point for kernels."""
+    """Return the order spectrum of the contact force (`RattlingGear.spectrum`). point: the kernels' parameter point."""
     highest = require_number("highest", highest, positive=True)
     resolution = require_integer("resolution", resolution, 4, MOST_ORDERS)
     kind = kind_of(motion)

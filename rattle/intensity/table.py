@@ -97,7 +97,7 @@ def write_batch_sums(cell, tau, v, periods, cells, sums):
     """Write sums (n, BATCHES, COLUMNS) over the impacts of each motion (n,) in BATCHES successive batches.
 
     Motion i is followed for periods[i] forcing periods, and all its batches last equally long. `sums` must be zero at
-    the start. The sums of a motion that becomes quiet become NaN.
+    the start. The sums of a motion that becomes quiet, or cannot be followed for so long, become NaN.
     """
     for i in range(cell.size):
         point = point_of(cell[i], cells)

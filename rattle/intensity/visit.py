@@ -63,13 +63,13 @@ def bounce(wall, tau, w, point):
 
 
 def mean_force_at(point):
-    """Return the mean over time of the contact force. The impulses of a bounded motion balance it on average."""
+    """Return the mean over time of the contact force. The impulses of a bounded motion balance this force."""
     raise NotImplementedError("mean_force_at exists inside kernels only: from Python use Gear.intensity")
 
 
 @inline
 def add_impact(row, s, wall, speed, duration, impulse):
-    """Add an impact to a row of sums. s: duration of the flight before the impact; duration: that of its contact."""
+    """Add an impact to a row of sums. s: time of flight before the impact. duration: time of contact at the impact."""
     row[TIME] += s + duration
     row[ON_PLUS if wall > 0 else ON_MINUS] += 1.0
     row[SPEED] += speed

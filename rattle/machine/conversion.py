@@ -114,7 +114,7 @@ def reduce_pair(
 
     Returns
     -------
-    Reduced
+    ReducedPair
         The numbers from which δ, ε, β and SI units follow.
     """
     ratio = np.divide(radius, driven_radius)
@@ -149,7 +149,7 @@ def rate_error(pair: ReducedPair, backlash: Any, forcing: Any, load: Any) -> Any
 
     Parameters
     ----------
-    pair : Reduced
+    pair : ReducedPair
         The two gears.
     backlash, forcing : float or ndarray
         The backlash j, and the sum of the amplitudes of the transmission error e, in m.

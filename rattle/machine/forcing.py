@@ -101,7 +101,8 @@ def components_of(
     Parameters
     ----------
     teeth, driven_teeth : int, optional
-        Tooth numbers. Unless both are given, both gears turn at the same speed. Errors of the mesh need `teeth`.
+        Tooth numbers. Unless both are given, both gears turn at the same speed. `teeth` is required if `numbers` has
+        an amplitude at the tooth mesh.
     numbers : dict
         Amplitudes in m by name: eccentricity, and the names in `AMPLITUDES`.
     errors, driven_errors : sequence of (int, amplitude, phase)
@@ -110,12 +111,12 @@ def components_of(
     Returns
     -------
     list of Component
-        Orders of the first gear's revolution, amplitudes and phases.
+        The order (periods per revolution of the first gear), amplitude and phase of each component.
 
     Raises
     ------
     ParameterError
-        If there is an error of the mesh, but no `teeth`.
+        If `numbers` has an amplitude at the tooth mesh, but `teeth` is None.
     """
     turns = Fraction(1) if teeth is None or driven_teeth is None else Fraction(teeth, driven_teeth)
     found: list[Component] = [(Fraction(1), numbers.get("eccentricity", 0.0), 0.0)]

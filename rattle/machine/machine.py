@@ -216,7 +216,7 @@ class Machine:
         )
 
     def __repr__(self) -> str:
-        """Return the class with the numbers that were given."""
+        """Return the call that makes this machine, as text. Fields after the first eight appear only if given."""
         shown = [(each.name, getattr(self, each.name)) for each in fields(self)]
         kept = shown[: len(shown) if self._has_optional_fields else 8]
         words = [f"{name}={value!r}" for i, (name, value) in enumerate(kept) if i < 8 or value not in (None, ())]

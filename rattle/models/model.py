@@ -105,7 +105,7 @@ class AnyGear(Protocol):
     def sn1(self) -> float | None:
         """Eccentricity of SN1; None if the gear does not compute it.
 
-        If SN1 does not exist, some gears give None and others raise RattleError.
+        If SN1 does not exist, some gears give None, and all other gears raise RattleError.
         """
 
     def region(self) -> int:
@@ -396,5 +396,13 @@ class Model(ABC):
 
     @classmethod
     def joined_rows(cls, parameters: Parameters, table: Attractors) -> Rows:
-        """Join the attractors of n cells as `join_rows` does. The grid has one row: the cells of `parameters` (n,)."""
+        """Join the attractors of n cells, and return what `join_rows` returns for a grid of one row of cells.
+
+        parameters (n,): the parameters of the cells, in the order of the row. table: the attractors of the cells.
+
+        Returns
+        -------
+        Rows
+            The result of `join_rows`.
+        """
         return join_rows(table, (1, parameters.size), cls.classifier.cells_of(parameters))

@@ -38,7 +38,7 @@ from rattle.errors import RattleError
 from rattle.numerics.processes import environment
 
 if numba.config.DISABLE_JIT:  # type: ignore[attr-defined]
-    raise RattleError("NUMBA_DISABLE_JIT is set, and without the compiler nothing can be computed: unset it")
+    raise RattleError("NUMBA_DISABLE_JIT is set, but all computations need Numba's compiler: unset NUMBA_DISABLE_JIT")
 
 log = logging.getLogger(__name__)  # a message of level INFO names each step of a compilation when it begins
 
@@ -58,7 +58,7 @@ _LOCK = threading.Lock()
 
 @cache
 def source_hash() -> str:
-    """Return the hex SHA-256 of all sources of the library, except the parts COMPUTE_NOTHING.
+    """Return the hex SHA-256 of all sources of the library except the files and folders in COMPUTE_NOTHING.
 
     Returns
     -------
@@ -154,9 +154,8 @@ class Inline:
     """A function that is compiled into the kernels that call it; a call from Python runs the plain Python function.
 
     The function borrows its array arguments: it neither creates nor returns arrays, and counts no references to them.
-    A kernel counts the references to every array of a named tuple at each call, in atomic operations of some
-    nanoseconds each. Numba's dispatchers are created when they are first needed, because a process that only loads
-    kernels needs few of them.
+    If it counted them, each call would cost some nanoseconds for every array of a named tuple. Numba's dispatchers are
+    created when they are first needed, because a process that only loads kernels needs few of them.
     """
 
     options = _INLINE
@@ -242,7 +241,7 @@ FOR_TYPES: dict[Callable[..., Any], dict[type, Callable[..., Any]]] = {}
 
 
 def implement_for_type(function: Callable[..., Any], kind: type) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
-    """Declare the implementation that kernels call for `function` if its last argument is a named tuple `kind`.
+    """Declare the implementation of `function` for kernels whose last argument has the type `kind`, a named tuple.
 
     `FOR_TYPES` has all implementations, and the docstring of `rattle.orbits.return_map` lists where they are. Kernels
     are not passed as arguments instead, because numba's cache on disk does not support that
@@ -261,7 +260,7 @@ def implement_for_type(function: Callable[..., Any], kind: type) -> Callable[[Ca
             return implementation if getattr(arguments[-1], "instance_class", None) is kind else None
 
         chooser: Any = choose
-        chooser.__signature__ = inspect.signature(implementation)  # numba requires that both name their arguments alike
+        chooser.__signature__ = inspect.signature(implementation)  # numba requires that the argument names are equal
         overload(function, strict=False, jit_options=_CALLED)(chooser)
         return implementation
 

@@ -9,7 +9,8 @@ import sys
 import sysconfig
 from pathlib import Path
 
-#: Environment variable that keeps Python from adding the working or the script's directory; child processes inherit it.
+#: Environment variable that keeps Python from adding the working directory or the script's directory to `sys.path`.
+#: Child processes inherit the variable.
 SAFE_PATH = "PYTHONSAFEPATH"
 
 
@@ -40,7 +41,7 @@ def environment() -> dict[str, str]:
 
 
 def remove_working_directory_from_path() -> None:
-    """Let this process, and processes that libraries start from it, import modules from `module_path` only.
+    """Let this process, and processes that libraries start, import modules only from `module_path`.
 
     The current directory stays the same; Python no longer searches it, or the script's directory, for modules.
     """

@@ -185,7 +185,7 @@ def sampled_motion(
         status, count, rest = sampled(tau, v, *parameters, time, phi, velocity, at, wall, speed)
         if status != OK:
             raise RattleError(
-                "the motion cannot be followed: a flight is too long, or its parameters or state are beyond double "
+                "the motion cannot be followed: a flight is too long, or a parameter or the state is beyond double "
                 "precision"
             )
         if count > MOST_IMPACTS:

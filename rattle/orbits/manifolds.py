@@ -20,7 +20,7 @@ from rattle.orbits.saddles import Array, LocalManifold, local_manifold
 MOST_POINTS, MOST_IMAGES, MOST_ROUNDS = 400_000, 2_000, 200
 SHORTEST_IMAGE = 1e-9  # length of an image below which the manifold counts as converged to an attractor
 DOMAIN_POINTS = 9  # number of points of the fundamental domain before it is refined
-FINEST = 1e-6  # a step beside a sharp turn is halved only if it is longer: turns of shorter steps are rounding errors
+FINEST = 1e-6  # a step beside a sharp turn is halved only if it is longer than this: smaller turns are rounding errors
 # two pieces share a corner if the distance between their ends is smaller than this factor times the largest spacing
 CORNER_GAP = 1e-3
 
@@ -77,7 +77,7 @@ class _Image:
         return self.local.map(self.local.states_at(t), self.j)
 
     def _insert_images(self, t: Array) -> None:
-        """Insert the j-th images of further points of the fundamental domain, at the positions t (k,)."""
+        """Insert the j-th images of further points of the fundamental domain. t (k,): positions of these points."""
         t = t[np.argsort(np.abs(t))]
         ok, x, word, bounces = self._images_of(t)
         at = np.searchsorted(np.abs(self.t), np.abs(t))
@@ -215,7 +215,7 @@ def _rows_of_image(level: _Image, end: int) -> Array:
 def _assemble_manifold(
     orbit: Periodic, kind: str, side: int, rows: Array, arclength: float, largest_gap: float, unit: float
 ) -> Manifold:
-    """Return the manifold from the rows of all its images, cut to the arclength, with each corner in both its pieces.
+    """Return the manifold from the rows of all its images, cut off at the arclength. Pieces that meet share a corner.
 
     The point of a corner is taken from the piece with fewer impacts on Σ⁻, on which it is exact. largest_gap: two
     pieces share a corner if the distance between their ends is smaller.

@@ -61,7 +61,7 @@ class Equations(ABC):
         return replace(self, walls=walls, m=self.m if m is None else m)
 
     def with_first_impact(self, first: int) -> Self:
-        """Return the itinerary of the same motion that begins with impact number `first`."""
+        """Return the itinerary of the same motion, rotated so that impact number `first` comes first."""
         return self.with_walls(self.walls[first:] + self.walls[:first])
 
     def without_impact(self, impact: int) -> Self:
@@ -73,7 +73,7 @@ class Equations(ABC):
         return self.with_walls((*self.walls[:impact], wall, *self.walls[impact:]))
 
     def with_doubled_period(self) -> Self:
-        """Return the itinerary of twice the period, which meets the walls of this itinerary two times in succession."""
+        """Return the itinerary over twice the period: the walls of this itinerary in order, then once more in order."""
         return self.with_walls(self.walls * 2, 2 * self.m)
 
     def with_divided_period(self, parts: int) -> Self:

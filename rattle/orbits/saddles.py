@@ -185,7 +185,7 @@ def _solve_series(start: LocalManifold, size: float, derivative: Array) -> Local
         off = states - local.states_at(size * x)
         local = replace(local, residual=float((np.abs(off) / [[1.0], [local.unit]]).max()))
         new = local.powers.copy()
-        # `off` at s is the residual at s/λ; `rates` multiplies its coefficient k by λ^k, which gives the residual's own
+        # `off` at s is the residual at s/λ; `rates` multiplies coefficient k of `off` by λ^k: that of the residual
         new[2:] += np.einsum("kij,kj->ki", inverse * rates[:, None, None], solve @ off.T)
         change = float((np.abs(new - local.powers) / [1.0, local.unit]).max())
         if change < 1e-16 or (

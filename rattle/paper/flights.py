@@ -67,7 +67,7 @@ class WorstFlight(NamedTuple):
 
 
 def worst_flights(delta: Array, epsilon: Array, orbits: PeriodOne) -> tuple[WorstFlight, ...]:
-    """Return a record of the smallest Φ'' over cells (n,), for each of the orbits A, B, C and D."""
+    """Return, for each of the orbits A to D, a record of the flight with the smallest Φ'' over the cells (n,)."""
     found = []
     for k, name in enumerate(NAMES):
         here = np.flatnonzero(orbits.exists[k])

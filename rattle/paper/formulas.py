@@ -74,7 +74,7 @@ def measure_orders() -> ErrorOrders:
 
     Returns
     -------
-    Orders
+    ErrorOrders
         The order of each formula's error.
     """
     expansions = np.array([_expansion_errors(h) for h in STEPS])
@@ -119,7 +119,7 @@ def _largest_absolute(values: Array) -> float:
 
 
 def decay_rate(v: float, impacts: int, delta: float = DELTA, epsilon: float = EPSILON) -> tuple[float, float]:
-    """Return the rate per forcing period at which ln v falls over many exact bounces, the first at phase 0.
+    """Return the rate per forcing period at which ln v falls over many bounces, computed exactly from phase 0 on.
 
     The speed of bounces also varies with the phase, and the first and the last bounce are at different phases.
     Therefore the rate is computed from ln(v³/g)/3, which does not vary with the phase.

@@ -62,7 +62,7 @@ class Number:
 
     @property
     def is_as_expected(self) -> bool:
-        """True if the number agrees and has no finding, or is off and has a finding that explains it."""
+        """True if the verdict is AGREES and there is no finding, or OFF and there is a finding that explains it."""
         return self.verdict == (OFF if self.finding else AGREES)
 
 

@@ -21,10 +21,10 @@ from rattle.errors import require, require_integer
 
 Label = tuple[int, int, int]
 
-#: Colours of motions that are not periodic. That of quiet motion is the upper end of matplotlib's viridis, in which the
-#: quiet fraction is drawn.
+#: Colours of motions that are not periodic. Quiet motion has the colour at the upper end of matplotlib's viridis, in
+#: which the quiet fraction is drawn.
 KIND_COLOURS = {"quiet": "#fde725", "chaotic": "#d7191c", "undecided": "#9a9a9a"}
-#: The types with a fixed colour. All other types have a colour by rule.
+#: The types with a fixed colour. A rule gives all other types their colour.
 NAMED: dict[Label, str] = {
     (1, 1, 0): "#8ec7ea",  # light blue
     (1, 1, 1): "#fbd4b1",  # light orange

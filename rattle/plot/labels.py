@@ -193,7 +193,7 @@ class Labels:
         return (float(x), float(y)), float(room[best])
 
     def _cells_and_distances(self, inside: NDArray[np.bool_]) -> tuple[Array, Array]:
-        """Return the centres (n, 2) of a part's cells in pixels, and their distances from lines, labels and edges."""
+        """Return the centres (n, 2), in pixels, of cells `inside`, and their distances from lines, labels, edges."""
         rows, columns = inside.shape
         i, j = np.nonzero(inside)
         share = np.column_stack([(j + 0.5) / columns, (i + 0.5) / rows])
@@ -313,13 +313,13 @@ def _box(centre: Array, half: Array) -> Bbox:
 
 
 def _turned_box(centre: Array, half: Array, angle: float) -> Bbox:
-    """Return the smallest upright box around a box that is turned by an angle; half: half of its width and height."""
+    """Return the smallest upright box around a box turned by `angle`. half: half the turned box's width and height."""
     cosine, sine = abs(np.cos(angle)), abs(np.sin(angle))
     return _box(centre, np.array([cosine * half[0] + sine * half[1], sine * half[0] + cosine * half[1]]))
 
 
 def _dense_points(line: Array) -> Array:
-    """Return points along a line (k, 2), which is in pixels, at most four pixels apart."""
+    """Return points at most four pixels apart along a line (k, 2), whose coordinates are in pixels."""
     steps = np.nan_to_num(np.hypot(*np.diff(line, axis=0).T))
     number = np.arange(len(line))
     along = np.concatenate([[0.0], np.cumsum(np.minimum(steps, 1e4) / 4 + 1e-9)])

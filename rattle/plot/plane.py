@@ -277,7 +277,7 @@ def _draw_paper_marks(axes: Axes) -> dict[str, Array]:
 
 
 def _name_regions(labels: Labels, delta: Range, epsilon: Range, beta: float, covered: Box | None) -> None:
-    """Write the name of each region into all of its parts with enough room; if none has, beside the largest part.
+    """Write the name of each region into its parts that have room for it; if no part has, beside the largest part.
 
     covered: a box in which no names are written, or None.
     """

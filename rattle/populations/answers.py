@@ -66,7 +66,7 @@ class WorstGear(NamedTuple):
 class Population:
     """A computed population of gears: its plan, its rows, and methods that answer questions about it.
 
-    Energies are Σv²/2 per forcing period in the model's unit. For machines `watts_per_unit` converts energies to watts.
+    Energies are Σv²/2 per forcing period in the model's unit. For machines, `watts_per_unit` is this unit in W.
     """
 
     plan: Plan
@@ -101,7 +101,7 @@ class Population:
     def passing(self) -> Estimate | None:
         """The yield: the share of the tested gears that pass; None if the plan has no requirement.
 
-        Gears whose verdict is unknown widen the interval; in the value each of them counts as half a gear that passes.
+        A gear whose verdict is unknown widens the interval, and counts in the value as half a gear that passes.
         """
         verdict = self.gears.verdict
         asked = int((verdict != NOT_ASKED).sum())

@@ -77,7 +77,7 @@ def design_limit(
     seed: int = 0,
     budget: int = BUDGET,
 ) -> Limit:
-    """Return the value of a number up to which, from safe values on, a gear runs quietly with probability `share`.
+    """Return the design limit of a number: its last value, coming from safe values, at which a gear runs quietly.
 
     The probability is at least `share` at the limit and at all safer values. The limit is the largest epsilon, beta or
     restitution, or the least delta or load. For a machine it is the largest eccentricity, mesh_error or other
@@ -122,9 +122,10 @@ def design_limit(
 def design_limits(
     given: Mapping[str, Any], of: str, over: str, values: Iterable[float], share: float = 0.99, **more: Any
 ) -> list[Limit]:
-    """Return the limits of the number `of` at these values of another number, `over`.
+    """Return the design limits of one number of a gear, for each of several values of another number.
 
-    The other arguments are those of `design_limit`.
+    of: the name of the number whose limit is sought. over: the name of the other number, which takes the `values`. The
+    other arguments are those of `design_limit`.
 
     Returns
     -------
@@ -141,12 +142,12 @@ def design_limits(
 
 
 def is_amplitude_with_order(name: str) -> bool:
-    """Return whether a number is the amplitude of an order, by its name, such as harmonic_20 or error_20."""
+    """Return whether this is the name of an amplitude of one order, such as harmonic_20 or error_20."""
     return bool(HARMONIC.fullmatch(name) or ERROR.fullmatch(name))
 
 
 def is_safe_if_small(name: str) -> bool:
-    """Return whether small values of the number with this name make a gear run quietly, rather than large ones."""
+    """Return whether small values of the number with this name make a gear run quietly, not large values."""
     return SAFE_IF_SMALL.get(name, True)
 
 
@@ -164,7 +165,7 @@ class ShareExcess(NamedTuple):
 
 
 class _Solver:
-    """The solver of one design limit; it keeps the share of quiet runs at each value that it has computed."""
+    """The solver of one design limit. It remembers the share of quiet runs at each value that it has computed."""
 
     def __init__(
         self,
@@ -269,7 +270,7 @@ class _Solver:
     def _last_possible_value(self, unit: float) -> float:
         """Return the value of the sought number beyond which the teeth cannot stay in contact.
 
-        unit: a typical value of the number, which is returned if the teeth can stay in contact at all values.
+        unit: a typical value of the number. It is returned if the teeth can stay in contact at all values.
 
         Returns
         -------
@@ -336,7 +337,7 @@ class _Solver:
 
         Returns
         -------
-        Excess
+        ShareExcess
             The difference with its interval. It is computed once for each value and count.
         """
         if (known := self.known.get((value, count))) is None:
@@ -387,7 +388,7 @@ class _Solver:
         """
 
         def is_nonnegative(i: int) -> bool:
-            """Return whether field `which` of the excess is at least 0 at value i of the scan; −1 is the value 0."""
+            """Return whether field `which` of the excess is at least 0 at value i of the scan, or at 0 if i is −1."""
             # 0 is not in the scan. At eccentricity 0 a gear that is not inelastic has no forcing: all motions become
             # quiet. For any other number, or an inelastic gear, nothing is known about the value 0.
             if i < 0:

@@ -153,11 +153,11 @@ class Plan:
         return slice(start, start + self.rows_per_sobol_part)
 
     def number_of_keeping_part(self, i: int) -> int:
-        """Return the number of the part in which all varying numbers but number i are drawn again."""
+        """Return the index of the part in which varying number i keeps its values and all others are drawn again."""
         return FIRST_REDRAWN + i
 
     def number_of_redrawing_part(self, i: int) -> int:
-        """Return the number of the part in which only varying number i is drawn again."""
+        """Return the index of the part in which only varying number i is drawn again."""
         return FIRST_REDRAWN + len(self.tolerances.names) + i
 
     def values(self, rows: NDArray[np.int64]) -> Array:
@@ -185,7 +185,8 @@ class Plan:
         return tuple(sorted({FIRST_COUNT, fewest + 1, 4 * (fewest + 1)}))
 
 
-#: Number of samples after which the share of quiet runs of a gear is tested for the first time.
+#: One of the three numbers of samples after which the share of quiet runs of a gear is tested. `Plan.sample_counts`
+#: computes the other two from the required share.
 FIRST_COUNT = 32
 #: Normal quantile at 1 − 0.05/6, which gives 95 % confidence over all three tests of a gear together.
 Z_TESTS = 2.393979799818671

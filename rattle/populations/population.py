@@ -48,7 +48,7 @@ def population(
         The number of states in [0, 1) × (0, natural speed) from which each gear is followed. A few states are enough
         for answers about all gears.
     share, margin : float | None
-        The requirement for the yield. Give one of both: a gear passes if its share of quiet runs is at least `share`,
+        The requirement for the yield. Give only one: a gear passes if its share of quiet runs is at least `share`,
         or if no impact up to the speed `margin` ends its quiet running (in m/s for a machine). If both are None, there
         is no requirement.
     shock : Shock | None

@@ -210,12 +210,12 @@ class MotionPiece:
         self.y0, self.v0 = self.forced_solution(ZERO)
 
     def force(self, u: Interval) -> Interval:
-        """Return the contact force g, (1.2) of docs/proofs.md, a time u after the start."""
+        """Return the contact force g, (1.2) of docs/proofs.md, at the time u after the start."""
         sine, cosine = sine_and_cosine(self.t + u)
         return TWO_PI * (2 * self.delta - self.epsilon * (TWO_PI * cosine + self.delta * sine))
 
     def forced_solution(self, u: Interval) -> tuple[Interval, Interval]:
-        """Return the forced solution for y = Φ − Φ(start), and its derivative, a time u after the start."""
+        """Return the forced solution for y = Φ − Φ(start), and its derivative, at the time u after the start."""
         sine, cosine = sine_and_cosine(self.t + u)
         y, v = self.cosine * cosine + self.sine * sine, TWO_PI * (self.sine * cosine - self.cosine * sine)
         flies = self.k == 0
@@ -233,12 +233,20 @@ class MotionPiece:
         return c, s, -self.k * s, c - self.delta * s
 
     def state_after(self, u: Interval) -> tuple[Interval, Interval]:
-        """Return y, the displacement Φ − Φ(start), and y', a time u after the start."""
+        """Return the displacement y = Φ − Φ(start) and its derivative y' at a time u after the start."""
         (c, s, c1, s1), (y, v), pushed = self.tangent(u), self.forced_solution(u), self.w - self.v0
         return y - c * self.y0 + s * pushed, v - c1 * self.y0 + s1 * pushed
 
     def is_uninterrupted(self) -> bool:
-        """Return whether a flight is proved to meet no wall, or a contact to last, until the next event (Lemma 6)."""
+        """Return whether this flight is proved to meet no wall, or this contact to last, until the next event.
+
+        The proof uses Lemma 6 of docs/proofs.md.
+
+        Returns
+        -------
+        bool
+            False if this is not proved.
+        """
 
         def is_clear(y: Interval) -> bool:
             """Return whether at the displacement y a flight is between the walls, or a contact beyond its wall."""

@@ -102,7 +102,7 @@ def equations_and_guess(
 
 
 def require_stated_values(orbit: Periodic, speeds: Sequence[Fraction], trace: arb) -> None:
-    """Compare the speeds and multipliers of a computed motion with those of the proved motion.
+    """Raise NotProvedError unless a computed motion has the speeds and the multipliers of the proved motion.
 
     orbit: the computed motion. speeds, trace: the speeds, and the sum of both multipliers, of the proved motion.
 
@@ -138,7 +138,7 @@ def require_least_period(times: Sequence[arb], walls: Sequence[int], m: int) -> 
             continue
         later = [*times, *(time + m for time in times)][shift * each :]
         if not any(abs(b - a - m // parts) > 0 for a, b in zip(times, later, strict=False)):
-            raise NotProvedError(f"{m} is not proved to be the least period of the motion: it may be {m // parts}")
+            raise NotProvedError(f"{m} is not proved to be the least period of the motion, which may be {m // parts}")
 
 
 def verdict_of(trace: arb, determinant: arb) -> Verdict:

@@ -198,7 +198,10 @@ def extrema(flight: FlightEnclosure, name: str) -> Iterator[tuple[int, arb]]:
             places[-1] = places[-1].union(time)
     signs = [sign(flight.state_at(place)[1]) for place in places]
     if not all(signs):
-        raise NotProvedError(f"{name} has an extremum too close to a zero of the contact force to be proved")
+        raise NotProvedError(
+            f"the sign of the velocity of {name} is not proved at an end or at a zero of the contact force: an "
+            "extremum may be too close"
+        )
     for (start, end), (before, after) in zip(pairwise(places), pairwise(signs), strict=True):
         if after != before:
             yield after, extremum(flight, start, end, name)

@@ -56,7 +56,7 @@ class StiffParameters:
         return square.sqrt()
 
     def steady_motion(self, t: arb) -> tuple[arb, arb]:
-        """Return the penetration y, and y', of the steady motion, the permanent contact: (1.11) of docs/proofs.md."""
+        """Return the penetration y and its derivative y' at time t in permanent contact, (1.11) of docs/proofs.md."""
         (a, b), (sine, cosine) = self.steady_amplitudes, (2 * t).sin_cos_pi()
         return self.steady_mean + a * cosine + b * sine, 2 * PI() * (b * cosine - a * sine)
 
@@ -85,7 +85,7 @@ class ContactEnclosure:
 
     @cached_property
     def initial_deviation(self) -> tuple[arb, arb]:
-        """The state (y, y') at t0, y being the penetration, less the state of the steady motion (permanent contact)."""
+        """The state (y, y') at t0 minus that of the steady motion (permanent contact); y is the penetration."""
         y, v = self.parameters.steady_motion(self.t0)
         return -y, self.w - v
 

@@ -67,7 +67,8 @@ def find_orbit_end(start: Parameters, end: Parameters, orbit: TrackedOrbit) -> O
     """Follow an orbit from one point towards another, as long as it is admissible and attracts.
 
     A step that fails is halved. Where a multiplier is close to ±1 Newton's method loses digits and stops before the
-    orbit's end. The end is then extrapolated from the multipliers, and is the middle between `low` and `high`.
+    orbit's end. The end is then extrapolated from the multipliers. The estimated end is the middle between `low` and
+    `high`, unless `high` is 1.
 
     Returns
     -------

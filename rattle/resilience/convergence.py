@@ -26,7 +26,7 @@ class Convergence:
     """The times at which samples (n,) arrive at their attractors.
 
     attractors: the attractors, the largest basin fraction first. which (n,): the index of each sample's attractor.
-    time (n,): forcing periods until the sample arrives at its quiet or periodic attractor. A sample arrives with its
+    time (n,): forcing periods until the sample arrives at its quiet or periodic attractor. A sample arrives at its
     first departure from Σ⁺ whose distance from the attractor is below `within`. The time is NaN for chaotic and
     undecided samples, and for samples that did not arrive within the observation time.
     """
@@ -63,7 +63,7 @@ class Convergence:
         Returns
         -------
         tuple[Array, Array, Array]
-            The shares and the ends of their 95 % Wilson intervals, each of shape (attractors, *periods).
+            The shares and the ends of their 95 % Wilson intervals, each of shape (attractors, *periods.shape).
         """
         at = np.asarray(periods, np.float64)
         there = self.which[:, None] == np.arange(len(self.attractors))

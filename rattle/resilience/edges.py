@@ -95,7 +95,8 @@ def edge_state(gear: AnyGear, one: ArrayLike, other: ArrayLike, turns: int = MOS
             moved = gear.iterate(pair[:, 0], pair[:, 1], 1)
             if (moved.n_plus < 1).any():
                 raise RattleError(
-                    "the motion on the boundary becomes quiet, so it has no edge state: choose two other states"
+                    "the motion on the boundary between the basins becomes quiet or cannot be followed, so no edge "
+                    "state is found: choose two other states"
                 )
             pair, made = np.column_stack([moved.tau, moved.v]), made + 1
     return EdgeState(float(pair[0, 0]), float(pair[0, 1]), None, _distance_of_pair(pair, unit), made)

@@ -104,7 +104,7 @@ class GlobalContinuation:
         return np.where(won >= 0, won / self.count, np.nan)
 
     def intervals(self, number: int) -> tuple[Array, Array]:
-        """Return the ends (n,) of 95 % Wilson intervals of a family's basin fractions; NaN where it does not exist."""
+        """Return both ends (n,) of the 95 % Wilson interval of a family's fraction; NaN where the family is missing."""
         won = self._sample_counts(number)
         low, high = wilson_interval(np.maximum(won, 0), self.count)
         return np.where(won >= 0, low, np.nan), np.where(won >= 0, high, np.nan)
@@ -253,7 +253,7 @@ class _ChangeFinder:
         return sorted(explained.values(), key=lambda change: (change.step, change.low, change.family))
 
     def _existing_row(self, family: int, step: int, begins: bool) -> int:
-        """Return the table row of a family at the step that has it: `step` + 1 if it begins there, otherwise `step`."""
+        """Return the table row of a family where it exists: at `step` + 1 if it begins, at `step` if it ends."""
         return self.row_by_family[step + begins][family]
 
     def _explain_change(
@@ -288,7 +288,7 @@ class _ChangeFinder:
         elif (because := others.get((other, step, not begins))) is not None:
             return Change(family, step, begins, *because[3:6], other)
         elif other >= 0:
-            # only changes of chaotic families are not explained yet, so `other` is chaotic too; it visits other states
+            # `others` lacks the changes of chaotic families only, so `other` is another chaotic family
             end = OrbitEnd(CRISIS, 0.0, 1.0)
         elif other == CHAOS_THERE:
             end, other = OrbitEnd(SAMPLING, 0.0, 1.0), -1

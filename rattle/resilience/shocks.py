@@ -19,12 +19,12 @@ Array = NDArray[np.float64]
 SHOCKS_PER_SCAN = 64
 #: Number of scans of all states. Each scan tries shocks up to the smallest fatal shock that was found before.
 FULL_SCANS = 3
-#: Number of further scans, of the state from which the smallest fatal shock was found. Each scan makes the interval
-#: between a harmless and a fatal size of the shock SHOCKS_PER_SCAN times shorter.
+#: Number of later scans, which try shocks only from the state of the smallest fatal shock that was found. Each of these
+#: scans makes the interval between a harmless and a fatal size of the shock SHOCKS_PER_SCAN times shorter.
 NARROWING_SCANS = 5
 #: Number of phases at which shocks are applied to quiet motion.
 PHASES = 64
-#: A departure at this speed stands for a motion at rest on Σ⁺, in units of `speed_unit_of`.
+#: Speed, in units of `speed_unit_of`, of the departure from Σ⁺ that stands for a motion at rest on Σ⁺.
 AT_REST = 1e-6
 #: Shocks are applied to at most this number of states of a chaotic attractor or of a long orbit.
 MOST_STATES = 64
@@ -163,8 +163,8 @@ class _ShockSearch:
     def run_scans(self) -> None:
         """Scan all states FULL_SCANS times, and then the state with the smallest fatal shock NARROWING_SCANS times.
 
-        The latter scans narrow the interval from `low` to `high`, which holds the least fatal size. They are left out
-        if no fatal shock is found.
+        The latter scans narrow the interval from `low` to `high`, which holds the least fatal size. If the first scan
+        finds no fatal shock, no further scan is made.
         """
         every, both = np.arange(len(self.states)), np.array([-1.0, 1.0])
         for _ in range(FULL_SCANS):

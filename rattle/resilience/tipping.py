@@ -44,7 +44,7 @@ class Tipping:
 
     @property
     def interval(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """The ends of the 95 % Wilson intervals of the tipping probabilities."""
+        """The lower and the upper ends of the 95 % Wilson intervals of the tipping probabilities, two arrays."""
         return wilson_interval(self.number, np.broadcast_to(self.number.sum(axis=1, keepdims=True), self.number.shape))
 
 

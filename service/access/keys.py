@@ -36,7 +36,7 @@ class Caller:
 
     @property
     def identity(self) -> Identity | None:
-        """(id of the caller's key, hash of the browser's session); None for a caller without a key.
+        """The caller's identity (id of the key, hash of the browser's session); None for a caller without a key.
 
         The hash is None if the request has the key itself instead of a session's cookie.
         """

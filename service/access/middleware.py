@@ -34,7 +34,7 @@ REFERENCE_PATHS = frozenset(
         f"{REFERENCE_ASSETS}/redoc.standalone.js",
     }
 )
-#: Paths that need no key: the state of the service, and its documentation.
+#: Paths that need no key: the state of the service, its documentation, and the login.
 OPEN_PATHS = frozenset({"/v1/health", "/v1/ready", *REFERENCE_PATHS, LOGIN})
 #: Paths that accept a POST without a key: login and logout.
 LOGIN_PATHS = frozenset({LOGIN, LOGOUT})

@@ -62,7 +62,7 @@ def require_own_name(headers: Headers, host: str, allowed: Collection[str]) -> N
         return
     raise ForbiddenError(
         f"This service does not answer under the name {name!r}. Use the name 127.0.0.1 or localhost, or start the "
-        "service with its names in RATTLE_ALLOWED_HOSTS."
+        "service with this name in the environment variable RATTLE_ALLOWED_HOSTS."
     )
 
 

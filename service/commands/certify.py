@@ -74,7 +74,8 @@ def certify(
     """
     if [store, point, check, areas, codimension_two or None].count(None) != 4:
         raise typer.BadParameter(
-            "name the STORE of a survey, or --point DELTA EPSILON, --areas FILE, --codimension-two or --check FILE"
+            "give exactly one of these: the STORE of a survey, --point DELTA EPSILON, --areas FILE, --codimension-two, "
+            "--check FILE"
         )
     if curves and store is None:
         raise typer.BadParameter("--curves needs a STORE: name a survey")

@@ -42,8 +42,8 @@ def export(
         raise typer.BadParameter(f"{form!r} is not a kind of row: use one of {', '.join(forms)}", param_hint="--form")
     if "://" in store and not store.startswith("s3://"):
         raise typer.BadParameter(
-            f"{store} is not a store on disk or in a bucket: for a survey of a service, download …/download.nc, .csv "
-            "or .parquet",
+            f"{store} is not a store on disk or in a bucket: to export a survey of a service, download the survey's "
+            "address with /download.nc, /download.csv or /download.parquet added",
             param_hint="STORE",
         )
     _write_file(store, out, RowForm(form))

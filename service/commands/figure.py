@@ -114,7 +114,7 @@ def _figure_requests(
     for each in what:
         if each not in (ALL, STIFF) and not each.isdecimal():
             raise typer.BadParameter(
-                f"{each!r} is not the number of a figure: give numbers, all or stiff", param_hint="NUMBER"
+                f"{each!r} is not a figure of the paper: give numbers of figures, all, or stiff", param_hint="NUMBER"
             )
         numbers += sorted(FIGURES) if each == ALL else [] if each == STIFF else [int(each)]
     for name in added:

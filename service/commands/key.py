@@ -111,7 +111,8 @@ def _open_job_database(data: Path | None, database_url: str | None, create: bool
             directory.path.mkdir(parents=True, exist_ok=True)
         elif not directory.has_database:
             raise DataDirectoryError(
-                f"There is no data directory {directory.path}: name the data directory of the service (--data)."
+                f"{directory.path} has no job database, so it is not the data directory of a service: name the data "
+                "directory of the service (--data)."
             )
     # A service may be running, so the database is not opened exclusively, and the directory is not locked.
     with closing(Database(settings.database_url or directory.database_url, exclusive=False)) as database:

@@ -83,7 +83,8 @@ def limit(
 def _limit_text(of: str, share: float, found: Limit, at: str = "") -> str:
     """Return a limit as a line of text.
 
-    of: the limited number. share: the required probability of quiet running. at: words to add, such as " at 900 rpm".
+    of: the name of the limited number. share: the required probability of quiet running. at: words to add, such as
+    " at 900 rpm".
     """
     from rattle.populations import SAFE_IF_SMALL
 
@@ -100,7 +101,9 @@ def _read_number(name: str, text: str) -> float:
     try:
         return float(text)
     except ValueError:
-        raise typer.BadParameter(f"--{name} must be a number, got {text!r}: a limit takes no distributions") from None
+        raise typer.BadParameter(
+            f"--{name} must be a number, got {text!r}: rattle limit accepts no distributions"
+        ) from None
 
 
 def _read_range(text: str) -> tuple[float, float]:

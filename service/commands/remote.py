@@ -110,7 +110,9 @@ def _find_survey_or_population(client: Client, job_id: str) -> Job:
     except ResponseError as error:
         if error.status != NOT_FOUND:
             raise
-        raise typer.BadParameter(f"the service has no survey and no population {job_id}: see rattle list") from error
+        raise typer.BadParameter(
+            f"the service has no survey and no population {job_id}: rattle list shows the ids of all"
+        ) from error
 
 
 def follow_job(job: Job) -> None:

@@ -92,6 +92,6 @@ def require_keys(settings: Settings, database: Database) -> None:
     where = "--database-url URL" if settings.database_url else f"--data {settings.data}"
     raise NoKeysError(
         f"On {settings.host} every request needs an API key, and there is none. Make one: rattle key add NAME --scope "
-        f"submit {where}; or listen on 127.0.0.1; or, where everybody who reaches the service may use it, add "
+        f"submit {where}; or listen on 127.0.0.1; or, if everybody who can reach the service may use it, add "
         "--insecure."
     )

@@ -13,7 +13,7 @@ STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 @contextmanager
 def catch_stop_signals() -> Iterator[threading.Event]:
-    """Yield an event that the first SIGINT or SIGTERM sets; a second signal has the effect that it had before."""
+    """Yield an event that the first SIGINT or SIGTERM sets; later signals have their previous effect again."""
     event = threading.Event()
     previous = {number: signal.getsignal(number) for number in STOP_SIGNALS}
 

@@ -75,7 +75,7 @@ def _open_sqlite(url: URL, pool: dict[str, Any]) -> Engine:
         record.info[FILE] = _file_identity(url)
         connection.text_factory = _decode_text
         connection.isolation_level = None  # SQLAlchemy starts transactions, not sqlite3
-        # synchronous=FULL: with NORMAL, SQLite in WAL mode loses commits that clients know of when the power fails.
+        # synchronous=FULL: with NORMAL, SQLite in WAL mode may lose, in a power failure, commits that clients know of.
         for pragma in ("synchronous=FULL", "foreign_keys=ON", f"busy_timeout={BUSY_SECONDS}000"):
             connection.execute(f"PRAGMA {pragma}")
 

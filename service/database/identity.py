@@ -43,7 +43,15 @@ class NewJob:
 
 
 def find_job_by_idempotency_key(session: Session, new: NewJob) -> JobRow | None:
-    """Return the job with the same idempotency key, or None. Raises ConflictError if that job had another body."""
+    """Return the job that was submitted with the idempotency key of `new`; None if there is none.
+
+    Raises ConflictError if the body of that submission differs from that of `new`.
+
+    Returns
+    -------
+    JobRow | None
+        The job.
+    """
     if new.stored_idempotency_key is None:
         return None
     job = session.scalars(select(JobRow).where(JobRow.idempotency_key == new.stored_idempotency_key)).one_or_none()

@@ -172,7 +172,7 @@ class Surveys(Transactions):
             return [ActiveSurvey(*row) for row in found]
 
     def set_wait_messages(self, survey_id: str) -> None:
-        """Write into the message of each other queued survey that it waits while the survey `survey_id` is computed."""
+        """Write into the message of each other waiting survey that `survey_id` is computed; clear its own message."""
         with self._write() as (session, _):
             if (job := _find_active_job(session, survey_id)) is None:
                 return

@@ -67,7 +67,7 @@ class Feed:
             self._loop.call_soon_threadsafe(self._stale.set)
 
     def events_after(self, seen: int) -> list[EncodedEvent] | None:
-        """Return the events after number `seen` that the feed has read.
+        """Return the events that the feed has read and whose numbers are above `seen`.
 
         Returns
         -------

@@ -43,9 +43,9 @@ class StoreEntry:
 
     An entry is a file or a directory, such as the store of a survey or the store of its certificates.
 
-    survey_id: id of this survey; empty if the entry's name belongs to no survey. is_deletion: True for a store whose
-    deletion has begun. is_temporary: True for a store whose creation has not ended. remove: function that removes the
-    entry.
+    survey_id: id of the survey to which the entry belongs; empty if it belongs to none. is_deletion: True for a store
+    whose deletion has begun. is_temporary: True for a store whose creation has not ended. remove: function that
+    removes the entry.
     """
 
     name: str
@@ -134,7 +134,7 @@ class DataDirectory:
             yield
 
     def identify(self, recorded: str | None = None) -> None:
-        """Check the identity of the locked directory: a text in its file IDENTITY_FILE, which a new directory gets.
+        """Check the identity of the locked directory, and give a new directory one. It is the text of IDENTITY_FILE.
 
         Parameters
         ----------
@@ -151,8 +151,8 @@ class DataDirectory:
             self.identity = self._read_identity()
             if recorded and self.identity != recorded and (self.identity or not any(self._stores.iterdir())):
                 raise DataDirectoryError(
-                    f"{self.path} is not the data directory of this job database: is the right disk mounted? To use "
-                    "this directory anyway, without the stores of the other directory: "
+                    f"{self.path} is not the data directory that the job database has recorded: check that the right "
+                    "disk is mounted. To use this directory anyway, without the stores of the recorded directory, run: "
                     f"echo {recorded} > {self.path / IDENTITY_FILE}"
                 )
             if not self.identity:  # a new directory, or a directory of an older version, which wrote no identity

@@ -52,7 +52,7 @@ if TYPE_CHECKING:
 FIRST_PAUSE, LONGEST_PAUSE = 1.0, 30.0
 OK, READY, STARTING = "ok", "ready", "starting"
 WORKERS_SECONDS = 2.0  # longest wait for the number of the cluster's threads
-LAST_TILES_SECONDS = 3.0  # longest wait of a deletion for the last tiles, which end within 2 s after a dismissal
+LAST_TILES_SECONDS = 3.0  # longest wait of a deletion for the last tiles; they end within 2 s after a job is dismissed
 MAX_FAILURES = 100  # at most this many messages of failed cells are stored for a tile
 
 log = logging.getLogger(__name__)
@@ -161,7 +161,7 @@ class JobManager:
         return None
 
     def verify(self, survey_id: str, owner: str | None, max_jobs: int) -> JobRow:
-        """Queue a survey that has ended, to check all its tiles and compute damaged or missing ones again.
+        """Queue a survey that has ended, to check all its tiles and compute damaged or missing tiles again.
 
         Returns
         -------

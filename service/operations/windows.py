@@ -51,7 +51,7 @@ def is_coarse(delta: np.ndarray, epsilon: np.ndarray, window: tuple[Pair, Pair],
 
 
 class WindowCache:
-    """Computation of windows of maps with smaller cells than the survey has. The latest windows are kept in memory.
+    """A cache that computes windows of maps, with smaller cells than the survey has, and keeps the latest windows.
 
     One object serves all pages and pictures of a service.
     """
@@ -73,7 +73,7 @@ class WindowCache:
     async def last_frame(
         self, request: SurveyRequest, variable: str, index: int, window: Window, pixels: tuple[int, int]
     ) -> Frame:
-        """Return the last, complete frame of a window: from memory, or computed now. Raises as `refine_window` does."""
+        """Return the last frame of a window, which is complete, from memory or by computing it (`refine_window`)."""
         found = self._kept.get(self._window_key(request, variable, index, window, pixels))
         if found is None:
             async with aclosing(self.frames(request, variable, index, window, pixels)) as frames:

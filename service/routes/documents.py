@@ -80,7 +80,7 @@ SurveyId = Annotated[
 
 
 def path_of(survey_id: str, kind: JobKind = JobKind.SURVEY) -> str:
-    """Return the path at which clients request a survey or population, with the prefix of a proxy."""
+    """Return the URL path of a survey or population, with the path prefix under which a proxy serves this service."""
     return public_path(f"/v1/{'surveys' if kind == JobKind.SURVEY else 'populations'}/{survey_id}")
 
 

@@ -165,9 +165,9 @@ def compute_limits(
     seed: int,
     budget: int,
 ) -> list[Limit]:
-    """Return the design limits of the number `of`, at the required probability `share` of quiet running.
+    """Return the design limits of the number named by `of`, at the required probability `share` of quiet running.
 
-    over: a second number, which takes each of `values`; None for a single limit. given: the gear's other numbers.
+    over: name of the number that takes each of `values`; None for one limit. given: the gear's other numbers.
     between: the range in which a limit is searched; None for the default range.
     """
     search: dict[str, Any] = {"between": between, "count": count, "seed": seed, "budget": budget}

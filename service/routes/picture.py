@@ -90,7 +90,8 @@ async def parse_look(
     if unknown := set(chosen or ()) - set(LINES):
         raise LimitError("query.lines", f"there is no line {min(unknown)!r}: choose from {', '.join(LINES)}.")
     if log and low is not None and 0 < low < 1 / LARGEST_END:
-        raise LimitError("query.low", f"for logarithmic colours, low must not lie between 0 and {1 / LARGEST_END:g}.")
+        least = 1 / LARGEST_END
+        raise LimitError("query.low", f"for logarithmic colours, low must be at most 0, or at least {least:g}.")
     return PictureLook(
         _range_of_query("delta", delta_min, delta_max),
         _range_of_query("epsilon", epsilon_min, epsilon_max),

@@ -102,7 +102,7 @@ async def stored_file(front: Front, survey_id: str, kind: JobKind, key: str, req
 async def file_response(store: pathlib.Path | Bucket, key: str, request: Request, is_unchanging: bool) -> Response:
     """Return the file with this key in a store. Raises HTTPException or OSError if there is no such file.
 
-    is_unchanging: False if files may still change; then the time of a client's copy (If-Modified-Since) does not count.
+    is_unchanging: whether files never change again. If False, the request's header If-Modified-Since is ignored.
     """
     if isinstance(store, Bucket):
         return await object_response(store, key, request)

@@ -36,7 +36,7 @@ KEPT_BY_304 = frozenset({"etag", "cache-control", "last-modified", "expires", "v
 
 
 class AnyTagMiddleware:
-    """Middleware that answers `If-None-Match: *` with 304 if the resource exists: its full answer has an ETag."""
+    """Middleware that answers `If-None-Match: *` with 304 if the resource exists, so that its answer has an ETag."""
 
     def __init__(self, app: ASGIApp) -> None:
         self.app = app
@@ -103,7 +103,7 @@ async def set_query_etag(request: Request, response: Response) -> None:
 
 
 def weak_etag(*parts: object) -> str:
-    """Return a hash of `parts` and of the code as a weak ETag: a tile may be written while the answer is computed."""
+    """Return a hash of `parts` and the code as an ETag. It is weak: a tile may be written during the computation."""
     return f'W/"{_digest(_answer_version().encode(), repr(parts).encode())}"'
 
 

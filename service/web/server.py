@@ -134,8 +134,8 @@ def bind_sockets(host: str, port: int) -> list[socket.socket]:
         for each in bound:
             each.close()
         raise AddressError(
-            f"The service cannot listen on port {port} of {host} ({error.strerror}). Choose another port or "
-            "address (--port, --host), or stop the program that uses this one, if there is one."
+            f"The service cannot listen on port {port} of {host} ({error.strerror}). Choose another port or address "
+            "(--port, --host). If another program uses this port, you may stop that program instead."
         ) from error
     return bound
 

@@ -90,7 +90,7 @@ def test_a_worker_without_this_package_says_so(tmp_path: Path) -> None:
         status, said = run(url, tmp_path / "survey.zarr")
     said = " ".join(said.split())
     assert status == 2
-    assert "cannot import gear_rattle: install it there" in said
+    assert "cannot import gear_rattle: install gear-rattle on these workers" in said
     assert rattle.__version__ in said
     assert "Traceback" not in said
 

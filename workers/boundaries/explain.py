@@ -49,7 +49,7 @@ class KnownCurve:
 
 @dataclass(frozen=True)
 class UnexplainedPairs:
-    """Pairs that no curve explains, grouped by what changes between the two cells and by the reason.
+    """The pairs that no curve explains, grouped by what changes between the two cells and by the reason.
 
     change: the difference between the two cells, in words. why: the reason why no curve explains the difference. pairs:
     how many pairs the group has. example: (δ, ε) of both cells of one pair.
@@ -63,15 +63,15 @@ class UnexplainedPairs:
 
 @dataclass(frozen=True)
 class Explanation:
-    """Explanation of a survey's boundaries.
+    """The explanation of a survey's boundaries.
 
     pairs: the n pairs of neighbouring cells that differ. known: the curves, sorted by the number of pairs that each
     explains, largest first. region_explained (n,): whether the cells of a pair differ in their region, and a curve
     between them explains it. attractors_explained (n,): the same for attractors. sampling (n,): whether the cells of a
     pair have the same families, so that they differ only because samples of one cell missed an attractor.
-    met: the number of pairs without a known curve between their cells, but with a bifurcation, which a motion met when
-    it was followed from one cell to the other. rest: the unexplained pairs, in groups. crossed (n,): whether a known
-    curve or such a bifurcation lies between the cells of a pair.
+    met: the number of pairs without a known curve between their cells, but with a bifurcation: a motion that was
+    followed from one cell to the other met this bifurcation. rest: the unexplained pairs, in groups. crossed (n,):
+    whether a known curve or such a bifurcation lies between the cells of a pair.
     """
 
     pairs: Pairs
@@ -185,11 +185,10 @@ class _CurveSearch:
     def unexplained_labels(self, n: int) -> list[Label]:
         """Return the labels of the unexplained differences between the cells of the n-th pair.
 
-        The cells have different numbers of attractors with such a label, and no curve between them makes or ends
-        motions with this label.
-
-        Chaos counts as explained if the cells also differ in other attractors and curves explain all of these: chaos
-        then takes the place of a motion that a curve ends, or gives way to a motion that a curve makes.
+        A label is returned if the cells have different numbers of attractors with this label, and no curve between the
+        cells makes or ends motions with this label. Chaos is an exception. It counts as explained if the cells also
+        differ in other attractors, and curves explain all these differences: chaos then takes the place of a motion
+        that a curve ends, or gives way to a motion that a curve makes.
 
         Returns
         -------

@@ -19,7 +19,7 @@ UNDECIDED = KINDS.index("undecided")
 
 @dataclass(frozen=True)
 class Pairs:
-    """Pairs of neighbouring cells that differ.
+    """The pairs of neighbouring cells that differ.
 
     first, second (n, 2): the indices (i, j) along ε and δ of both cells of each pair; the second cell follows the first
     along δ or along ε. region, attractors (n,): whether the two cells differ in their region, and in their attractors.

@@ -88,7 +88,7 @@ class KernelLoader(WorkerPlugin):
         await warming
 
     def teardown(self, worker: Worker) -> None:  # noqa: ARG002 - dask's signature
-        """Exempt all objects from garbage collection, which would delay the worker's end by a third of a second."""
+        """Exempt all objects from garbage collection; a collection would delay the worker's end by 1/3 second."""
         gc.freeze()
 
 
@@ -167,7 +167,7 @@ def _block_interrupts() -> Iterator[None]:
 
 
 class _WorkerProcesses:
-    """The process that starts the nannies and workers. If it ends after start-up, another process replaces it.
+    """Keep a process running that starts the nannies and workers. If it ends after start-up, start another process.
 
     Parameters
     ----------
@@ -380,8 +380,8 @@ def require_compatible(client: Client) -> dict[str, str | None]:
     found = client.run(find_spec, MODULE, on_error="return")
     if without := [address for address, spec in found.items() if not isinstance(spec, ModuleSpec)]:
         raise SurveyError(
-            f"{_workers_in_words(without)} cannot import {MODULE}: install it there, in the version of this process, "
-            f"with pip install '{OURS}[workers]=={_own_version(client)}' (and [s3] for stores in a bucket)"
+            f"{_workers_in_words(without)} cannot import {MODULE}: install {OURS} on these workers, in the version of "
+            f"this process: pip install '{OURS}[workers]=={_own_version(client)}' (and [s3] for stores in a bucket)"
         )
     versions: Any = client.get_versions(packages=list(PACKAGES))
     here = _versions_by_package(versions["client"])
@@ -425,7 +425,8 @@ def _address_of(url: str) -> str:
         return str(json.loads(Path(url).read_text())["address"])
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise ClusterLostError(
-            f"no dask scheduler has written the scheduler file {url} ({error}): start a scheduler, or correct the path"
+            f"the dask scheduler file {url} cannot be read ({error}): start a scheduler that writes this file, or "
+            "correct the path"
         ) from error
 
 

@@ -1,4 +1,4 @@
-"""Predict the costs of a run's tiles and the end of the run, from a few measured cells and from finished tiles."""
+"""Predict the costs of a run's tiles and the run's remaining time, from a few measured cells and finished tiles."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from gear_rattle.workers.survey.tiles import TileRecord
 
 MANY = 64  # in a run of fewer tiles no cells are measured: the first finished tiles predict costs just as well
 MOST_MEASURED_TILES = 256  # at most this many tiles have measured cells
-LEAST_MEASURED, MOST_PER_TILE = 128, 5  # cells to measure: at least in all tiles together, and at most in one tile
+LEAST_MEASURED, MOST_PER_TILE = 128, 5  # measured cells: at least in all tiles together, at most in one tile
 #: The values of a tile's measured cells are kept if the tile has at most this many cells for each measured cell. In a
 #: larger tile they are computed again: a computation of all cells takes less time than one that leaves out a few cells.
 KEPT = 64

@@ -127,7 +127,7 @@ def serve_cells() -> None:
 
 
 def _limit_next_cell() -> None:
-    """Let the system kill this process after CELL_SECONDS of processor time; nothing else can interrupt a kernel."""
+    """Let the system kill this process after CELL_SECONDS more of processor time; nothing else interrupts a kernel."""
     _, most = resource.getrlimit(resource.RLIMIT_CPU)
     limit = int(time.process_time()) + CELL_SECONDS
     resource.setrlimit(resource.RLIMIT_CPU, (limit if most == resource.RLIM_INFINITY else min(limit, most), most))

@@ -27,8 +27,8 @@ TRACKER = "multiprocessing.resource_tracker"
 class StartMessage(NamedTuple):
     """The message that the process of the nannies reads from stdin when it starts.
 
-    config: dask's settings. scheduler: address of the scheduler. nice: how far to lower the priority of all processes.
-    options: options of each worker's nanny.
+    config: dask's settings. scheduler: address of the scheduler. n_workers: number of workers to start. nice: how far
+    to lower the priority of all processes. options: options of each worker's nanny.
     """
 
     config: dict[str, Any]

@@ -16,7 +16,7 @@ from gear_rattle.workers.survey.values.schema import SAMPLED, Group
 
 PART_SECONDS = 2.0  # intended duration of a task, short so that other tasks can begin soon
 FEW = 16  # a tile with fewer cells is not computed in parts
-QUICK_SHARE = 0.25  # a tile expected to take less than this share of a task's time is computed at once
+QUICK_SHARE = 0.25  # a tile expected to take less than this share of a task's time is not divided
 
 
 @dataclass(frozen=True)

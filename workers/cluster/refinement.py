@@ -114,7 +114,7 @@ class _WindowTasks(SubmittedTasks[WindowPart, PartValues]):
     def handle_error(self, _: Task[WindowPart], error: BaseException) -> None:
         """Raise an error for the failed part. No part is repeated, because viewers of a window would wait too long."""
         if isinstance(error, KilledWorker):
-            raise SurveyError("the worker of a part of this window was killed: choose another window") from error
+            raise SurveyError("a worker died while it computed this window: choose another window") from error
         raise SurveyError(
-            f"a part of this window failed ({str(error) or type(error).__name__}): choose another window"
+            f"a part of this window cannot be computed ({str(error) or type(error).__name__}): choose another window"
         ) from error

@@ -151,7 +151,9 @@ def _compute_template(
         end_tasks(client, [future])
         raise StoppedError("stopped while the empty store was created")
     except (CancelledError, OSError) as error:
-        raise ClusterLostError("the dask scheduler is gone: start one and compute the same request again") from error
+        raise ClusterLostError(
+            "the dask scheduler has ended or cannot be reached: start a scheduler and compute the same request again"
+        ) from error
     finally:
         future.release()
 

@@ -13,7 +13,7 @@ HELD = "held"  # name of a file that the directory's owner keeps locked; the sys
 
 @contextmanager
 def scratch_directory(root: str | None) -> Iterator[str]:
-    """Make a directory that no other account can enter, and remove it at the end.
+    """Make a directory that no other account can enter, and remove it at the end. Remove those of killed runs first.
 
     Parameters
     ----------

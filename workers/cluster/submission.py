@@ -121,8 +121,8 @@ class Submission(SubmittedTasks[Attempt, TileResult]):
     def isolate_endless_tile(self) -> None:
         """Kill the worker of a tile that takes too long, and submit the tile to be computed in a process of its own.
 
-        There each cell has a time limit. If several tiles take too long, the others wait RESTART_SECONDS: dask may send
-        one of them to the worker that is being killed, and would count the death of this worker against that tile.
+        In this process each cell has a time limit. If several tiles take too long, the others wait RESTART_SECONDS:
+        dask may send one of them to the worker that is being killed, and would count the worker's death against it.
         """
         now = time.monotonic()
         endless = (

@@ -23,7 +23,7 @@ from gear_rattle.workers.survey.values.quantities import QUANTITIES, shape_of, s
 from gear_rattle.workers.survey.values.schema import SAMPLED, Group, Quantity
 from rattle.errors import require_integer, require_pair
 
-HALVINGS = 5  # the coarsest level has every 2⁵-th row and column of the grid (of a small grid more of them)
+HALVINGS = 5  # the coarsest level has every 2⁵-th row and column of the grid; a small grid has fewer levels
 MOST_PIXELS = 4096  # the most pixels along an axis
 LEAST_ULPS = 4  # neighbouring values of an axis differ by at least this many units in the last place (ulp)
 #: Groups of variables that are computed at once at full resolution, if the model has closed forms of them.
@@ -135,7 +135,7 @@ class WindowGrid:
         self.levels = (0,) if at_once else tuple(range(halvings, -1, -1))
 
     def blocks(self, level: int) -> tuple[WindowPart, ...]:
-        """Return the cells of a level that no coarser level has, as one or two parts."""
+        """Return the parts with the cells of a level that no coarser level has: one at the coarsest level, else two."""
         step = 2**level
         if level == self.levels[0]:
             return (WindowPart(slice(0, None, step), slice(0, None, step)),)

@@ -186,7 +186,7 @@ def summarize_block(
     Returns
     -------
     BlockSummary
-        Sums, edges, and pairs of components that share a cell.
+        The sums, the edges, and the pairs of components that share a cell.
     """
     place = place_of(path)
     found = read_attractors(request, place, block.cells, block.along)
@@ -241,7 +241,7 @@ def _kernel_cells(request: SurveyRequest, cells: Rectangle) -> object:
 def _block_attractors(
     place: Place, block: Block, found: ListedAttractors, entered: Attractors
 ) -> tuple[Attractors, np.ndarray, np.ndarray]:
-    """Return the attractors of a block, both listed and continued ones, sorted by cell.
+    """Return the listed and the continued attractors of a block, sorted by cell.
 
     Returns
     -------

@@ -63,7 +63,7 @@ def _name_regions(axes: Axes, dataset: xr.Dataset) -> None:
 
 
 def widest_region_points(region: np.ndarray, delta: np.ndarray, epsilon: np.ndarray) -> dict[str, tuple[float, float]]:
-    """Return the names of the regions of a map (epsilon, delta), each with the (δ, ε) where it is widest."""
+    """Return the names of the regions of a map (epsilon, delta), each with the point where the region is widest."""
     widest = widest_cells(region, range(1, len(REGIONS)))
     return {REGIONS[code]: (float(delta[j]), float(epsilon[i])) for code, (i, j, _) in widest.items()}
 

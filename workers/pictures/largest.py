@@ -57,8 +57,8 @@ def open_maps(
     Raises
     ------
     SurveyError
-        The survey has a third axis and no slice is given. If `variable` is LARGEST or SHARE, the maps of families: the
-        survey has no families, or more than `limit` cells.
+        The survey has a third axis and no slice is given; or `variable` is LARGEST or SHARE, and the survey has no
+        families or more than `limit` cells.
     """
     survey = slice_of(opened(None), number)
     if variable not in (LARGEST, SHARE):
@@ -132,7 +132,15 @@ def family_names(survey: xr.Dataset, table: xr.Dataset, most: int = OTHERS) -> l
 
 
 def _count_contact_phases(survey: xr.Dataset, table: xr.Dataset, number: int) -> int:
-    """Return a family's contact phases in m forcing periods, in the cell with its largest share; 0 without CONTACTS."""
+    """Return how many contact phases a family's motion has per period, in the cell where its basin fraction is largest.
+
+    number: the number of the family.
+
+    Returns
+    -------
+    int
+        0 if the survey has no variable CONTACTS.
+    """
     if CONTACTS not in survey:
         return 0
     at = {axis: float(table[f"{axis}_at"][number]) for axis in CELL}
@@ -218,12 +226,12 @@ class _FamilyMaps(BackendArray):
         return np.stack([self._map_values(int(i), family, share) for i in index])
 
     def _map_values(self, index: int, family: np.ndarray, share: np.ndarray) -> np.ndarray:
-        """Return map number `index` of some cells. family, share (slots, …): family and sample share of each slot."""
+        """Return the values of map number `index`. family, share (slots, …): family and sample share of each slot."""
         raise NotImplementedError
 
 
 class _LargestFamilyMaps(_FamilyMaps):
-    """Two maps with the family that most samples of a cell reach: of all families, and of all except quiet running.
+    """Two maps of the family that most samples of a cell reach: among all families, and among all but quiet running.
 
     A code is the number of the family plus 1, at most OTHERS; 0 if no sample of the cell goes to such a family.
     """

@@ -180,7 +180,7 @@ def reduce_map(dataset: xr.Dataset, variable: str, index: int, room: Pair, opene
 
 
 def level_opener(opened: Callable[[str], xr.Dataset], number: int | None, has_levels: bool) -> OpenGroup:
-    """Return a function of a path, which opens the pyramid level there or returns None if there is none.
+    """Return a function that opens the pyramid level at a path, and returns None if there is no level.
 
     number: the number of the slice, None without a third axis. has_levels: whether the store has pyramid levels.
 
@@ -193,9 +193,9 @@ def level_opener(opened: Callable[[str], xr.Dataset], number: int | None, has_le
 
 
 def _halving_of(cells: Pair, number: int) -> Pair:
-    """Return how many cells along each axis become one when a map is halved for the `number`-th time, from 0.
+    """Return how many cells along each axis halving number `number` joins to one; the first halving is number 0.
 
-    cells: how many cells along each axis become one by all halvings together, for example (8, 2).
+    cells: how many cells along each axis all halvings together join to one, for example (8, 2).
 
     Returns
     -------
@@ -218,7 +218,7 @@ def _reduced_status(states: reduce.LevelCodes) -> np.ndarray:
 
 
 def _covered_cells(size: int, cells: int, at: slice) -> np.ndarray:
-    """Return how many of the `size` map cells of an axis each level cell in `at` covers: `cells`, the last fewer."""
+    """Return how many of the `size` map cells of an axis each level cell in `at` covers: at most `cells`."""
     begins = np.arange(0, size, cells)[at]
     found: np.ndarray = np.minimum(size - begins, cells)
     return found

@@ -108,7 +108,7 @@ class FinerCells:
 
 @dataclass(frozen=True)
 class OverlayData:
-    """Overlays of a map, which are computed before the map is drawn, because they take long.
+    """Overlays of a map. They are computed before the map is drawn, because the computation takes long.
 
     lines: points (k, 2) of the lines CRISIS and LIMIT, by name, with NaN between pieces. band: dampings (n,), and the
     lower and the upper ends (n,) of the design limit's 95 % interval there; None for no interval. finer: cells of finer
@@ -163,7 +163,7 @@ def logarithmic_limits(shown: np.ndarray, low: float, high: float, note: str) ->
     Returns
     -------
     tuple[float, float, bool, str]
-        The limits, False if no shown value is positive, and the note.
+        The limits; False if no shown value is positive, or if `high` is not; and the note.
     """
     above = shown[shown > 0]
     if not above.size or high <= 0:

@@ -158,7 +158,7 @@ def map_figure(
         exponents or multipliers, the map shows the first.
     opened : OpenGroup | None
         Function that opens a pyramid level of the survey, which is faster than reading all cells; None: read all cells.
-    look : Look
+    look : PictureLook
         Window, colours and lines; by default the usual ones. If `look.family` is set, the dataset must have the maps of
         families (`with_families`).
     over : OverlayData
@@ -271,7 +271,7 @@ def draw_map(
     ----------
     nothing : str
         Words in the legend for computed cells without a value; "": the words of `words_for_missing_value(plane)`.
-    look : Look
+    look : PictureLook
         Window, and range of the colours.
     finer : FinerCells | None
         Cells of finer resolution to draw over the survey's cells.
@@ -284,7 +284,8 @@ def draw_map(
     reach = max(float(np.abs(dataset[axis].values).max()) for axis in ("delta", "epsilon"))
     if reach > FARTHEST_DRAWN:
         raise SurveyError(
-            f"axes up to {reach:g} cannot be drawn, only up to {FARTHEST_DRAWN:g}: read the numbers with open_survey"
+            f"the axes reach {reach:g}, which cannot be drawn: axes may reach at most {FARTHEST_DRAWN:g}. Read the "
+            "survey's numbers with open_survey"
         )
     values = drawn_numbers(plane)
     layers = valueless_layers(

@@ -133,7 +133,7 @@ def to_library_form(value: Any) -> Any:
 
 
 def request_field_of(value: Any) -> Any:
-    """Return a number unchanged, or a distribution of the library as the dictionary that a request has for it."""
+    """Return the value of a request's field: a number unchanged, a distribution of the library as a dictionary."""
     match value:
         case Normal():
             ends = {name: end for name in ("low", "high") if abs(end := getattr(value, name)) != float("inf")}

@@ -68,7 +68,7 @@ class PopulationRequest(StrictRecord):
             if isinstance(value, Distribution) and value.range[1] > each.greatest:
                 raise ValueError(
                     f"{name} must be at most {each.greatest:g}, but its distribution goes up to {value.range[1]:.3g}: "
-                    f"cut the distribution off (high={each.greatest:g})"
+                    f"choose a distribution that ends there, such as a normal one with high = {each.greatest:g}"
                 )
         with np.errstate(all="ignore"):  # allowed but extreme numbers may overflow in intermediate results
             size = self.tile_shape[0]

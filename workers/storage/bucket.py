@@ -53,7 +53,10 @@ class Bucket:
     def __init__(self, url: str, owned: bool = False) -> None:
         parts = urlsplit(url)
         if not parts.netloc or not parts.path.strip("/") or parts.query or parts.fragment or parts.username:
-            raise SurveyError(f"{url} is not the URL of a store: write {SCHEME}BUCKET/PREFIX, without query or user")
+            raise SurveyError(
+                f"{url} is not the URL of a store: write {SCHEME}BUCKET/PREFIX, without a query, a fragment or a user "
+                "name"
+            )
         self.url = f"{SCHEME}{parts.netloc}/{parts.path.strip('/')}"
         self._owned = owned
         self.objects = _connect(self.url)
@@ -74,7 +77,7 @@ class Bucket:
             return not self.has(CREATING) and any(key not in MARKERS for key in self.keys())
 
     def exists(self) -> bool:
-        """Return whether the prefix has a whole store: whether it has the root, which is written last."""
+        """Return whether the prefix has a whole store, that is, a root: the root is written last."""
         with self.translate_errors():
             return self.has(ROOT)
 
@@ -93,7 +96,7 @@ class Bucket:
         return self.read_with_etag(key)[0]
 
     def read_with_etag(self, key: str) -> tuple[bytes, str]:
-        """Return the content and the ETag of an object. Raises as `read` does."""
+        """Return the content and the ETag of an object. Raises the same errors as `read`."""
         import obstore
 
         with self.translate_errors():
@@ -174,7 +177,7 @@ class Bucket:
             obstore.delete(self.objects, list(keys))
 
     def remove_leftovers(self) -> None:
-        """Remove the marker that a killed creation has left."""
+        """Remove the marker that is left if the creation of the store was killed."""
         import obstore
 
         with self.translate_errors():

@@ -142,7 +142,8 @@ def _read_manifest(files: FileSource) -> tuple[Manifest, bytes]:
     manifest = Manifest.from_bytes(content)
     if manifest is None:
         raise SurveyError(
-            f"{files} has no {MANIFEST} that this version can read: give a store, and check it with rattle verify"
+            f"{files} has no {MANIFEST} that this version can read: give the path of a store; rattle verify finds "
+            "damage of a store"
         )
     return manifest, content
 

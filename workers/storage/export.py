@@ -187,7 +187,7 @@ def write_parquet(dataset: xr.Dataset, form: RowForm = RowForm.CELLS) -> IO[byte
     Returns
     -------
     IO[bytes]
-        The file, open at its beginning, which vanishes when it is closed.
+        The file, open at its beginning. Its directory is deleted already, so the file is lost when it is closed.
 
     Raises
     ------

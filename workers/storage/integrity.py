@@ -26,12 +26,12 @@ from gear_rattle.workers.survey.version import code_version
 
 STATUS = "status"
 COMPLETED = "date_completed"  # attribute of the root of a completed survey
-READERS = 8  # files read at a time, because a bucket answers slowly
-BATCH = 1024  # tasks that are submitted at a time, because each waiting task takes 1.6 kB
+READERS = 8  # number of files that are read at the same time, because a bucket answers slowly
+BATCH = 1024  # most tasks that wait at the same time, because each waiting task takes 1.6 kB of memory
 
 Item = TypeVar("Item")
 Answer = TypeVar("Answer")
-#: The indices of the whole tiles, and {index of a damaged tile: its damaged variables}.
+#: The indices of the undamaged tiles, and {index of a damaged tile: its damaged variables}.
 TileFindings = tuple[set[int], dict[int, tuple[str, ...]]]
 
 

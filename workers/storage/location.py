@@ -88,7 +88,7 @@ class Directory:
             raise
 
     def remove(self, keys: Iterable[str]) -> None:
-        """Remove files; missing ones are ignored. Raises OSError."""
+        """Remove files, and ignore missing files. Raises OSError."""
         for key in keys:
             (self.path / key).unlink(missing_ok=True)
 

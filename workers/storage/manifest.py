@@ -112,7 +112,7 @@ def require_store(place: Place) -> None:
     """Raise StorageError if a store is gone. Its disk may come back, so the store does not count as damaged."""
     if not place.is_occupied():
         raise StorageError(
-            f"{place} is gone: it was moved or deleted, or its disk is not mounted. Bring it back, or compute it again"
+            f"{place} is gone: it was moved or deleted, or its disk is not mounted. Restore it, or compute it again"
         )
 
 
@@ -262,7 +262,7 @@ def update_metadata(
 
 
 def replace_root(place: Place, before: Manifest, root: bytes, after: Manifest) -> None:
-    """Replace the root. before, after: the manifests that belong to the old root and to the new root.
+    """Replace the root file of a store. before, after: the manifests that belong to the old and to the new root.
 
     At every instant the manifest on disk has the digest of the root on disk. Raises OSError.
     """

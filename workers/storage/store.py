@@ -189,7 +189,9 @@ def require_aligned(request: AnyRequest, tiles: Iterable[AnyTile]) -> None:
     for tile in tiles:
         for span, (size, num) in zip(tile.spans, sides, strict=True):
             if span.start % size or not 0 <= span.start < num or span.stop != min(span.start + size, num) or span.step:
-                raise SurveyError(f"tile {tile.index} ({span}) is not a chunk of {size}: use the tiles of tiles_of")
+                raise SurveyError(
+                    f"tile {tile.index} ({span}) is not one whole chunk of length {size}: use the tiles of tiles_of"
+                )
 
 
 def write_tile(request: AnyRequest, path: str, tile: AnyTile, values: Mapping[str, np.ndarray]) -> dict[str, str]:
@@ -271,11 +273,12 @@ def _encode_tile(request: AnyRequest, tile: AnyTile, values: Mapping[str, np.nda
     for name, given in values.items():
         if given.shape != np.broadcast_to(0, arrays[name].shape)[tile.selection].shape:
             raise SurveyError(
-                f"tile {tile.index}: {name} has shape {given.shape}, which is not the shape of its chunk: pass the "
-                "arrays of compute_tile unchanged"
+                f"tile {tile.index}: {name} has shape {given.shape}, which is not the shape of the tile's chunk: pass "
+                "the arrays that compute_tile returned, unchanged"
             )
     if missing := chunks.keys() - values.keys():
-        raise SurveyError(f"tile {tile.index} lacks {', '.join(sorted(missing))}: pass all arrays of compute_tile")
+        names = ", ".join(sorted(missing))
+        raise SurveyError(f"tile {tile.index} lacks {names}: pass all arrays that compute_tile returned")
     contents = {}
     for name, key in _chunk_keys(request, tile).items():
         arrays[name][tile.selection] = values[name]

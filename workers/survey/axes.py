@@ -95,7 +95,9 @@ class Axis(StrictRecord):
         if isinstance(given, tuple) and len(given) == len(cls.model_fields):
             return _convert_numpy_numbers(dict(zip(cls.model_fields, given, strict=True)))
         if not isinstance(given, Mapping | cls):
-            raise ValueError("an axis has start, stop and num: a triple in Python, an object with these names in JSON")
+            raise ValueError(
+                "an axis needs start, stop and num: give a triple in Python, an object with these names in JSON"
+            )
         return given
 
     @model_validator(mode="after")

@@ -39,7 +39,7 @@ def _grid_line_crossings(curve: Polyline, x: np.ndarray, y: np.ndarray) -> tuple
     (x0, x1), (y0, y1) = ((values[:-1], values[1:]) for values in curve[:2])
     begin = np.searchsorted(y, np.minimum(y0, y1), "left")
     end = np.searchsorted(y, np.maximum(y0, y1), "right")
-    end = np.where(curve[2][:-1] == curve[2][1:], end, begin)  # none between pieces: the curve has no segment there
+    end = np.where(curve[2][:-1] == curve[2][1:], end, begin)  # no crossing between two pieces of the curve
     many = end - begin
     segment = np.repeat(np.arange(many.size), many)
     line = np.arange(segment.size) - np.repeat(np.cumsum(many) - many, many) + begin[segment]

@@ -20,7 +20,9 @@ from rattle import RattleError
 from rattle.curves import CodimensionTwo, Curve
 from rattle.models import Model
 
-LOWEST_DELTA = 0.1  # least δ of a window, as a share of the survey's least δ, because no curve reaches δ = 0
+#: Lower end of the window in which curves are traced, as a share of the survey's least δ. Where half a cell of margin
+#: would reach below it, the window begins there instead, because no curve is defined at δ ≤ 0.
+LOWEST_DELTA = 0.1
 #: A window extends beyond its cells by at least this share of its largest δ (or ε), because curves take minutes to
 #: trace in narrower windows.
 NARROWEST = 1e-9
@@ -221,7 +223,15 @@ def _widened_range(axis: np.ndarray, scale: float) -> tuple[float, float]:
 
 @lru_cache(maxsize=128)
 def traced_curve(name: str, model: Model, window: Window) -> Curve | MissingCurve:
-    """Trace a curve inside a window. Curves are cached, because pictures of a running survey draw them repeatedly."""
+    """Trace a curve inside a window; a `MissingCurve` gives the reason if that fails. Results are cached.
+
+    Pictures of a running survey draw the same curves repeatedly.
+
+    Returns
+    -------
+    Curve or MissingCurve
+        The curve, or the reason why it is not traced.
+    """
     try:
         with np.errstate(all="ignore"):  # steps of the search may overflow if the window has extreme values
             return model.trace(name, window.delta, window.epsilon)
@@ -246,7 +256,7 @@ def _polyline_of_curve(curve: Curve | MissingCurve) -> Polyline:
 def curve_attributes(name: str, model: Model, curve: Curve | MissingCurve) -> dict[str, str]:
     """Return the attributes of a curve's group. If the group has no points, the attribute `comment` says why.
 
-    The attribute `references` names the paper of the model, which does not contain all of these curves.
+    The attribute `references` names the paper of the model, although the paper does not contain all of these curves.
 
     Returns
     -------

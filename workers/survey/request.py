@@ -66,7 +66,8 @@ SpeedLimitOnce = WrapValidator(_check_speed_limit)
 
 #: Cells along a side of a default tile: usual number, and least number.
 DEFAULT_TILE, SMALLEST_DEFAULT = 32, 4
-#: By default a survey has at least this many tiles, so that workers end at about the same time and progress is visible.
+#: By default a survey has about this many tiles or more, so that workers end at about the same time and progress is
+#: visible. A refined survey may have fewer, and so may a small one, because of SMALLEST_DEFAULT cells along a side.
 LEAST_TILES = 16
 #: By default a large survey has about this many tiles, because each tile has some 35 files.
 MOST_TILES = 100
@@ -84,8 +85,8 @@ BY_FRACTION, BY_FAMILY = "fraction", "family"  # values of `slots_by`, the rule 
 #: Default numbers of slots: SLOTS, or MORE_SLOTS if the survey begins below the damping MANY_ATTRACTORS.
 SLOTS, MORE_SLOTS, MANY_ATTRACTORS = 8, 24, 0.1
 MAX_SLOTS = 64
-MAX_TILES = 1_000_000  # largest number of tiles; each has a file per variable, and a millisecond of scheduling
-MAX_SLICES = 64  # largest number of slices; the curves of each slice take seconds to compute, and a hundred files
+MAX_TILES = 1_000_000  # largest number of tiles; each needs a file per variable, and a millisecond of scheduling
+MAX_SLICES = 64  # largest number of slices; the curves of a slice take seconds to compute, and fill a hundred files
 
 
 class InitialConditions(StrictRecord):
@@ -140,7 +141,7 @@ else:
 
 
 class _CommonFields(StrictRecord):
-    """The fields that the JSON of a survey request begins with: name, model and half-backlash."""
+    """The fields at the beginning of the JSON of a survey request: name, model and half-backlash."""
 
     name: Name = ""
     model: ModelName = ModelName(DEFAULT_MODEL)
@@ -284,7 +285,7 @@ class SurveyRequest(_ModelFields):
         if unknown := set(self.quantities).difference(known):
             names, whose = ", ".join(sorted(unknown)), f"the {self.model} model"
             raise ValueError(
-                f"{whose}{' with harmonics' if self.harmonics else ''} has no {names}: name some of {', '.join(known)}"
+                f"{whose}{' with harmonics' if self.harmonics else ''} has no {names}: choose from {', '.join(known)}"
             )
         return self
 
@@ -295,7 +296,8 @@ class SurveyRequest(_ModelFields):
         for each in MODELS[self.model].added:
             if each.machine_number is not None and getattr(self, each.name) != each.default:
                 raise ValueError(
-                    f"{each.name} of a machine changes with its speed, but a survey has one {each.name} for all cells: "
+                    f"{each.name} of a machine changes with its speed of rotation, but a survey has one {each.name} "
+                    "for all cells: "
                     f"leave out the machine, or leave out model and {each.name}"
                 )
         if self.beta != self.machine.beta:

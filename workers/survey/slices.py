@@ -44,7 +44,7 @@ def third_axis_length(dataset: xr.Dataset) -> dict[str, int]:
 
 
 def slice_of(dataset: xr.Dataset, number: int | None = None) -> xr.Dataset:
-    """Return a slice of an open survey. number: from 0; None returns a survey without a third axis unchanged."""
+    """Return slice `number`, from 0, of an open survey; for number None the survey, which must have no third axis."""
     third = third_axis_length(dataset)
     require_slice(third, number)
     return dataset.isel(dict.fromkeys(third, number))

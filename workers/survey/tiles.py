@@ -31,7 +31,7 @@ CellOutcome = TileArrays | str  # the values of a cell, or the message of its fa
 
 @dataclass(frozen=True)
 class Tile:
-    """A rectangle of cells, which is a chunk of every variable.
+    """A rectangle of cells: one chunk of every variable.
 
     index: the number of the tile, counted along δ first, then along ε, then along a third axis. delta, epsilon: the
     ranges of the tile's cells in the grid. along: the index of its slice; () without a third axis. rounds: in a refined

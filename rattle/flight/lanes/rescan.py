@@ -1,6 +1,7 @@
 """Locate again the impacts of lanes whose first guess was not proved (compiled).
 
-The lanes are compacted, scanned at fixed steps, and proved from the scan. docs/kernel.md has the proofs.
+These lanes are gathered without gaps. A scan at fixed steps locates each impact anew, and the proof that the impact is
+the first of its flight is attempted again. docs/kernel.md has the proofs.
 """
 
 import numpy as np
@@ -32,7 +33,7 @@ SCANNED, SAFE = range(2)
 
 @kernel
 def prove_by_scan(b, groups, force, paths):
-    """Compact the lanes without proof, locate their impacts by a scan at fixed steps, and try the proof again."""
+    """Gather the lanes without proof, locate their impacts by a scan at fixed steps, and try the proof again."""
     n = compact_unproved(b, groups)
     paths[SCANNED] += n
     if n == 0:

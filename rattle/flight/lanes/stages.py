@@ -48,7 +48,7 @@ def copy_to_single(b, groups):
 
 @inline
 def guess_times(b, groups):
-    """Compute A of the flight law, and guess the time at which the flight turns (from Σ⁺) or ends (from Σ⁻)."""
+    """Compute A of each lane's flight law, and guess when a flight from Σ⁺ turns, or when a flight from Σ⁻ ends."""
     for i in range(GROUP * groups):
         b.a_[i] = add_slope32(Q, b.sin0_[i], b.cos0_[i], b.epsilon_[i]) - b.w_[i]
         b.s_[i] = first_guess(b.wall_[i], b.gap_[i], b.inverse_delta_[i], flight32(b, i))
@@ -74,7 +74,7 @@ def expand_heights(b, groups):
 
 @inline
 def choose_wall(b, groups):
-    """Estimate the minimum of each flight's height F, which decides on the next wall; keep bounds for the proof."""
+    """Choose each flight's next wall by an estimate of the minimum of its height F; keep bounds for the proof."""
     for i in range(GROUP * groups):
         series = b.c0[i], b.c1[i], b.c2[i], b.c3[i], b.c4[i], b.c5[i]
         lowest, minimum = estimated_minimum(b.s_[i], series, flight32(b, i))
@@ -209,7 +209,7 @@ land_plain, land_tangent = _build_landing_stage(False), _build_landing_stage(Tru
 
 @inline
 def carry_tangents(b, groups):
-    """Carry the tangent vector of each lane that was moved to its impact over this flight and this impact."""
+    """Carry tangent vectors over the last flight and its impact, on all lanes that were moved to their impacts."""
     for i in range(GROUP * groups):
         go = b.s[i] > 0.0
         t0, q0, det0, time0 = b.t_tangent[i], b.w_tangent[i], b.determinant[i], b.time[i]

@@ -132,7 +132,7 @@ def stop_lost_lanes(b, group, most):
 
 @inline
 def meets_capture_conditions(b, work, lane, i, centres):
-    """Return whether the motion of a lane permits the tried size of capture region i; the motion starts on its edge.
+    """Return whether a lane's motion, which starts on the edge of capture region i, permits the region's tried size.
 
     Returns
     -------

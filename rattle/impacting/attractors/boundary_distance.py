@@ -143,7 +143,7 @@ class _QuietCells:
         self.keep_preimages(away, tau, v)
 
     def states_in_strip(self, below: Array, i: int) -> tuple[Array, Array]:
-        """Return τ and v (n, SAMPLED) of set number i of states, uniform in τ and in ln v.
+        """Return τ and v (n, SAMPLED) of the states in set number i; the states are uniform in τ and in ln v.
 
         The speeds of each cell lie between the cell's entries of `self.floor` and of `below` (n,).
 
@@ -199,7 +199,7 @@ class _QuietCells:
         """Compute preimages of states that leave quiet motion, and keep the slowest that leave quiet motion too.
 
         tau, v (n, k): states of each cell. away (n, k): flags of the states that leave quiet motion. Each flagged state
-        is used with COPIES slower states close to it. If these are more than STATES in a cell, only every second,
+        is used with COPIES slower states close to it. If this makes more than STATES in a cell, only every second,
         third, … flagged state of the cell is used. Preimages are also computed of states at the edges of the capture
         regions that were found since the last call.
         """
@@ -225,7 +225,7 @@ class _QuietCells:
         self.keep_slowest(found_tau, found)
 
     def search_strip(self) -> None:
-        """Classify sets of states below the least speed found to leave quiet motion, as long as this speed falls."""
+        """Classify sets of states below the least speed that is known to end quiet motion, until it falls no more."""
         pending = np.arange(len(self.v))
         for i in range(1, ROUNDS + 1):
             if not pending.size:
@@ -316,7 +316,7 @@ def boundary_distances(
 
 @kernel
 def slowest_preimages(tau, v, steps, ceiling, delta, epsilon, beta):
-    """Return the slowest of the preimages Π⁻ᵏ, 0 ≤ k ≤ steps, of each state of flat arrays.
+    """Return for each state of flat arrays the slowest of its preimages Π⁻ᵏ, 0 ≤ k ≤ steps.
 
     A state is followed back no further than its first preimage with a speed above `ceiling`. All arguments are arrays
     of one length.

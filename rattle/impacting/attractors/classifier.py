@@ -100,7 +100,7 @@ class ImpactingClassifier(Classifier):
 
     @classmethod
     def cells_of_orbits(cls, parameters: Parameters) -> ImpactingCells:
-        """Return the record of cells for periodic orbits. It lacks the test for quiet motion, slow to prepare."""
+        """Return the record of cells for periodic orbits alone: it lacks the test for quiet motion, slow to prepare."""
         return elastic_cells(parameters.delta, parameters.epsilon, parameters.beta, np.zeros(parameters.size))
 
     @staticmethod
@@ -169,7 +169,7 @@ def attractors_of(
     tau: tuple[float, float] = (0.0, 1.0),
     v_min: float = 0.0,
 ) -> AttractorTable:
-    """Return the attractors of many cells, numbered in C order; delta, epsilon and beta broadcast.
+    """Return the attractors of many cells. delta, epsilon and beta broadcast, and cells are numbered in C order.
 
     The attractors of a cell equal those of `Gear.attractors` to the last bit, whatever the other cells are.
 

@@ -26,7 +26,7 @@ from rattle.intensity.visit import COLUMNS, FASTEST, IMPULSE, ON_MINUS, ON_PLUS,
 from rattle.numerics.compile import inline, kernel
 
 CHUNK = 16  # number of flights between two checks of the lanes
-# number of checks of one motion at strong damping, which take about 1000 forcing periods together
+# number of checks of one motion at strong damping; from the first to the last check about 1000 forcing periods pass
 LOOKS = 4 * BATCHES
 
 

@@ -48,8 +48,9 @@ from rattle.orbits.periodic_motions import equivalent_unknowns, solve_at_paramet
 LONGEST = 0.05  # longest continuation step, in the Euclidean norm of times and parameter
 FEW_POINTS = 6  # least number of points of a branch from one parameter point to another
 SHORTEST_FLIGHT = 1e-6  # shortest flight, in forcing periods; if a flight is shorter, two impacts have become one
-# a branch of doubled period ends, at its flip, once the impact times in the two halves of its motion, less half the
-# period, differ by less than this; closer to the flip rounding decides the direction of the branch
+# A branch of doubled period ends at its flip, where the second half of the motion repeats the first. The branch counts
+# as ended if the impact times in the second half, minus half the period, differ from those in the first half by less
+# than this. Any closer to the flip, rounding decides the direction of the branch.
 HALF_TOLERANCE = 1e-5
 SAME_PLACE = 1e-9  # largest distance of equal points in the (δ, ε) plane, relative to `plane_scale`
 SAME_MOTION = 1e-6  # largest difference between the impact times of equal motions, in forcing periods
@@ -309,9 +310,10 @@ def _is_same_event(one: Event, other: Event) -> bool:
 def _build_branch(
     itinerary: Itinerary, line: ParameterLine, points: Array, tangents: Array, start: int, ends: tuple[str, str]
 ) -> Branch:
-    """Return the branch with its events, from points (k, n + 1) on it, each n times and a position on the line.
+    """Return the branch with its events, from k of its points: n impact times and a position on the line each.
 
-    points, tangents: in order, with the branch's unit tangents; points between close events are added. start: the
+    points, tangents (k, n + 1): the points in order, and unit tangents of the branch there. Points between close
+    events are added. start: the
     number of the point from which the branch was followed. ends: the reasons why the branch ends at either end.
 
     Returns

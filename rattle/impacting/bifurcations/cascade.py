@@ -43,7 +43,7 @@ def cascade(
 def _line_near(
     event: Event, parameter: Parameter, span: Span, reach: float
 ) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Return the direction and the span of the part of a line of parameters that is within `reach` of an event."""
+    """Return the direction of a line of parameters through an event, and its span within `reach` of the event."""
     line = line_through(event.delta, event.epsilon, parameter, span)
     reach /= float(np.hypot(*line.direction))
     low, high = max(line.span[0], -reach), min(line.span[1], reach)

@@ -74,8 +74,8 @@ def _square_root_factor(delta: float, beta: float) -> float:
 class PointCondition:
     """The condition that a codimension-two point meets on the grazing curve, and the curves that meet at this point.
 
-    residual: a function of (δ, β) that falls to 0 at the point. curves: for each name one side of the point on which
-    the curve exists, −1 for smaller and +1 for larger δ.
+    residual: a function of (δ, β) that is 0 at the point. curves: {name of a curve: side of the point on which this
+    curve exists}, −1 for smaller δ and +1 for larger δ.
     """
 
     meaning: str
@@ -105,8 +105,10 @@ class CodimensionTwo:
 
     Attributes
     ----------
-    name, delta, epsilon
-        The name of the point and its parameters.
+    name, meaning
+        The name of the point, and its meaning in words.
+    delta, epsilon
+        The parameters of the point.
     curves : tuple[str, ...]
         The curves that meet at the point.
     tangency : dict
@@ -205,7 +207,7 @@ def _tangency_orders(curves: dict[str, int], delta: float, epsilon: float, beta:
 def _curve_near(name: str, delta: float, epsilon: float, beta: float, offsets: Array) -> Array:
     """Return ε of the curve `name` at `offsets` in δ from its point (δ, ε), also where the curve is virtual.
 
-    offsets (n,): of one sign, in the order of their size, because the curve is followed from each to the next.
+    offsets (n,): all of one sign, the smallest size first, because the curve is followed from each to the next.
 
     Returns
     -------

@@ -25,9 +25,9 @@ from rattle.impacting.orbits.equations import Itinerary, smooth_multipliers
 from rattle.impacting.orbits.periodic import PeriodicOrbit, first_failure, is_admissible, orbit_of
 from rattle.numerics.complex_step import Array
 
-# the two halves of a motion count as equal if their impact times, less half the period, differ by less than this: the
-# motion then repeats a motion of half its period. If a branch turns back at such a motion, the flip of the shorter
-# motion must lie within this distance, in δ and in ε, of the point at which the branch turns back.
+# the two halves of a motion count as equal if the impact times in the second half, minus half the period, differ from
+# those in the first half by less than this. The motion then repeats a motion of half its period. If a branch turns back
+# at such a motion, the flip of the shorter motion must lie within this distance, in δ and in ε, of the turning point.
 SAME_HALVES = 0.02
 # a test function is checked for two zeros within a step if the parabola through three points falls below this share of
 # the value at the middle point
@@ -190,7 +190,7 @@ Test = Callable[[Array, Array], float]
 def _test_functions(
     itinerary: Itinerary, line: ParameterLine, problem: ContinuationProblem
 ) -> list[tuple[EventKind, int | None, Test]]:
-    """Return (kind, number of the grazing impact or None, test function) for all events that a branch may have."""
+    """Return (kind, number of the grazing impact or None, test function) for every event that a branch may have."""
 
     def graze_test(impact: int) -> Test:
         return lambda _, y: float(itinerary.flights(line.unknowns_at(y)).w0[impact])
@@ -218,7 +218,7 @@ def _touch_candidates(
 
     Returns
     -------
-    list[Candidate]
+    list[EventCandidate]
         At most one candidate.
     """
     edge, beyond = bracket_admissible_edge(

@@ -12,10 +12,11 @@ from rattle.impacting.orbits.equations import Itinerary
 from rattle.impacting.orbits.limits import flip_formula, sine_offset, sn1_formula
 from rattle.numerics.complex_step import Array
 
-# number of members that a refinement lays from one neighbour of a zero to the other; most refinements
+# number of members of the family that a refinement computes between the two neighbours of a zero; largest number of
+# refinements
 FINER, FINEST = 33, 12
-# a zero needs no further refinement if the members on either side of it differ by less than this: in impact times, in
-# forcing periods, and in ε, as a share of ε
+# a zero needs no further refinement if the members on either side of it differ by less than this, both in their impact
+# times (in forcing periods) and in ε (relative to ε)
 CLOSE = 0.02
 
 
@@ -107,7 +108,7 @@ def two_impact_folds(delta: float, beta: float) -> list[Array]:
 
 @lru_cache(maxsize=256)
 def two_impact_grazes(delta: float, beta: float) -> tuple[Array, ...]:
-    """Return the unknowns of the P(1,1,1) whose speed at Σ⁻ is 0, close enough to start Newton's method."""
+    """Return the unknowns of each P(1,1,1) whose speed at Σ⁻ is 0, close enough to start Newton's method."""
     return tuple(_zeros_of(lambda at: at.u, delta, beta))
 
 

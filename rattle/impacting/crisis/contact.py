@@ -174,7 +174,7 @@ def saddle_manifolds_at(delta: float, epsilon: float, beta: float) -> SaddleMani
 
 
 def solve_contact(delta: float, beta: float, gap: float, window: tuple[float, float], n: int, bracket: float) -> Crisis:
-    """Return the contact at damping delta, near ε = SN1 + gap, of a piece of W^u(A) that returns to A after n impacts.
+    """Return the contact of a piece of W^u(A) with W^s(A) at the damping delta, near ε = SN1 + gap.
 
     Parameters
     ----------
@@ -208,7 +208,7 @@ def solve_contact(delta: float, beta: float, gap: float, window: tuple[float, fl
 def solve_contact_at_gap(
     delta: float, beta: float, gap: float, window: tuple[float, float], n: int, bracket: float, most: float
 ) -> Crisis:
-    """Return the contact at ε = SN1 + gap of a piece of W^u(A); the damping δ is the unknown, and `delta` its guess.
+    """Return the contact of a piece of W^u(A) with W^s(A) at ε = SN1 + gap. δ is the unknown, and `delta` its guess.
 
     bracket: the expected error of the guess. most: the longest step in δ while a root is searched. The other arguments
     and the errors are those of `solve_contact`.
@@ -257,7 +257,7 @@ def _find_contact(name: str, distance_at: Callable[[float], float], x: float, ha
             low, high, at_low = high, high + step, at_high
             at_high = distance_at(high)
     if not at_low * at_high <= 0.0:
-        raise RattleError(f"no contact of a piece of W^u(A) with W^s(A) was found near {name} = {x}")
+        raise RattleError(f"W^u(A) was not found to touch W^s(A) near {name} = {x}")
     return float(brentq(distance_at, low, high, xtol=1e-17, rtol=4 * np.finfo(float).eps))
 
 
@@ -267,7 +267,8 @@ def _build_crisis(delta: float, epsilon: float, beta: float, window: tuple[float
     s = here.least_distance(window, n)[1]
     if min(s - window[0], window[1] - s) < 1e-3 * (window[1] - window[0]):
         raise RattleError(
-            f"the contact of W^u(A) with W^s(A) near epsilon = {epsilon} is at the edge of the searched part of W^u(A)"
+            f"W^u(A) comes closest to W^s(A), near epsilon = {epsilon}, at an end of the searched part of W^u(A), so "
+            "no point is found at which W^u(A) touches W^s(A)"
         )
     sides = [here.symbols(s * (1.0 + side * SAME), n) for side in (-1, 1)]
     contact = "tangency" if sides[0] == sides[1] else "corner"
@@ -275,7 +276,7 @@ def _build_crisis(delta: float, epsilon: float, beta: float, window: tuple[float
 
 
 def contact_position(crisis: Crisis) -> float:
-    """Return the position of the contact along the local series of W^s(A): 0 at A, 1 at the end of the series."""
+    """Return where W^u(A) touches the local series of W^s(A), as a position: 0 at A, 1 at the end of the series."""
     here = saddle_manifolds_at(crisis.delta, crisis.epsilon, crisis.beta)
     start = here.manifold_points(np.array([crisis.parameter]))
     return abs(float(here.signed_distances(here.unstable_manifold.map(start, crisis.steps)[1])[1][0]))
@@ -304,8 +305,8 @@ def square_root_coefficient(crisis: Crisis) -> float:
     edges = np.flatnonzero(word[1:] != word[:-1])
     if not edges.size:
         raise RattleError(
-            f"W^u(A) has no corner where it touches W^s(A), or within 5 % of this position along W^u(A), "
-            f"at delta = {crisis.delta}"
+            f"W^u(A) has no corner within 5 % of the position along W^u(A) at which it touches W^s(A), at delta = "
+            f"{crisis.delta}: choose a crisis at another delta"
         )
     i = int(edges[np.argmin(np.abs(around[edges] - s))])
     low, high, first = around[i], around[i + 1], word[i]

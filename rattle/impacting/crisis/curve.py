@@ -23,13 +23,13 @@ from rattle.impacting.crisis.escape import is_chaotic_below
 from rattle.impacting.crisis.search import boundary_crisis, end_of_crisis_curve, has_escaping_piece
 from rattle.orbits.saddles import Array
 
-START = 0.98  # the curve begins at this multiple of the δ of COD22
+START = 0.98  # the curve is followed in both directions from this multiple of the δ of COD22, by default
 CLOSEST = 1e-5  # least ε − SN1 to which the curve is followed close to COD22, relative to SN1
 RATIO = 0.75  # ratio of successive ε − SN1 close to COD22
 # half-width of the window in which s is searched, relative to the guess of s; expected relative error of the guess of
 # the other unknown, which is ε − SN1 or, close to COD22, the distance in δ from COD22
 WINDOW, BRACKET = 0.05, 0.01
-DOMAIN = 0.3  # largest half-width of the window of s, as a share of a fundamental domain, both in ln s
+DOMAIN = 0.3  # largest half-width of the window of s, divided by the length of a fundamental domain, both in ln s
 # distance below the contact, relative to ε − SN1, at which no piece of W^u(A) may escape; number of samples per unit of
 # ln s with which W^u(A) is followed there
 MARGIN, CHECK_DENSITY = 1e-3, 4000
@@ -43,8 +43,8 @@ INSIDE = 0.6
 class CrisisCurve:
     """The curve of boundary crises of one half-backlash: points in order, from small damping towards COD22.
 
-    `changes` holds the points at which the shape of the contact changes between a corner and a smooth bend. `low_end`
-    and `high_end` say why the curve ends at small and at large damping.
+    `changes` holds the points at which the contact changes between a corner and a tangency of W^u(A). `low_end` and
+    `high_end` say why the curve ends at small and at large damping.
     """
 
     beta: float
@@ -101,9 +101,9 @@ def _steps_of_next_crisis(last: Crisis) -> int:
 
 
 def contact_at_delta(known: list[Crisis], delta: float) -> Crisis:
-    """Return the crisis at a damping, guessed from the crises that are found so far.
+    """Return the crisis at a damping. The search starts at a guess that is extrapolated from known crises.
 
-    known: these crises in the order of the curve; the last of them is the nearest to the new one.
+    known: the crises found so far, in the order of the curve; the last of them is the nearest to the new one.
 
     Returns
     -------
@@ -123,10 +123,10 @@ def contact_at_delta(known: list[Crisis], delta: float) -> Crisis:
 
 
 def contact_at_gap(known: list[Crisis], gap: float, end: float) -> Crisis:
-    """Return the crisis at ε = SN1 + gap, close to COD22, guessed from the crises that are found so far.
+    """Return the crisis at ε = SN1 + gap, close to COD22, by a search that starts from an extrapolated guess.
 
-    known: these crises in the order of the curve; the last of them is the nearest to COD22. end: δ of COD22. The guess
-    of δ is extrapolated from them, because δ − end is nearly proportional to √gap.
+    known: the crises found so far, in the order of the curve; the last of them is the nearest to COD22. end: δ of
+    COD22. The guess of δ is extrapolated from `known`, because δ − end is nearly proportional to √gap.
 
     Returns
     -------
@@ -233,7 +233,7 @@ def crisis_curve(
     """Return the curve of boundary crises from δ = low (default: as far as it exists) to δ = high (default: COD22).
 
     Points are at most `resolution` apart in δ. Near COD22 the curve is followed in steps of ε − SN1, down to 1e-5 of
-    SN1. ε is as accurate as in `boundary_crisis`, which gives the first point.
+    SN1. ε is as accurate as in `boundary_crisis`, which finds the crisis from which the curve is followed.
 
     Returns
     -------

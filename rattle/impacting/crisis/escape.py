@@ -47,8 +47,8 @@ BELOW = (1e-4, 1e-3, 1e-5)
 # distance above the crisis, relative to ε − SN1, at which chaos is tested; few chaotic transients last there
 ABOVE = 0.01
 CHAOTIC = 0.02  # least first Lyapunov exponent of chaos, per forcing period
-# W^u(A) counts as going to a chaotic attractor if more than this share of its samples is chaotic: just below a contact
-# with W^s(A); just above it
+# W^u(A) counts as going to a chaotic attractor if the share of its samples that are chaotic exceeds
+# LEAST_CHAOTIC_SHARE just below a contact with W^s(A), or MOST_CHAOTIC_SHARE just above the contact
 LEAST_CHAOTIC_SHARE, MOST_CHAOTIC_SHARE = 0.2, 0.05
 
 
@@ -68,7 +68,7 @@ class Saddles(NamedTuple):
 
     @property
     def exists(self) -> Flags:
-        """Flags (n,) of the points at which A exists."""
+        """Flags (n,), True for points at which A exists."""
         return np.isfinite(self.tau)
 
     @property
@@ -78,7 +78,7 @@ class Saddles(NamedTuple):
 
     @property
     def impacts_until_quiet_at_later_return(self) -> Array:
-        """Number of impacts (n,) within which a sample becomes quiet if it crosses W^s(A) at a later return to A."""
+        """Impacts (n,) within which a sample becomes quiet if it crosses W^s(A) only after its first return to A."""
         return self._impacts_until_quiet(RETURNS)
 
     @property
@@ -100,7 +100,8 @@ class Saddles(NamedTuple):
     def _impacts_until_quiet(self, returns: int) -> Array:
         """Return the number of impacts (n,) within which a sample becomes quiet.
 
-        returns: the number of impacts that a sample may make, at strong damping, between leaving A and crossing W^s(A).
+        returns: the number of impacts on Σ⁺ that a sample may make between leaving A and crossing W^s(A) if damping is
+        strong. If damping is weak, `_limit_factor` multiplies this number.
 
         Returns
         -------
@@ -162,7 +163,7 @@ class FollowedManifold:
 
     @property
     def becomes_quiet(self) -> Flags:
-        """Flags (n, count) of the samples that were followed until they are certain to become quiet."""
+        """Flags (n, count), True for samples that are certain to become quiet."""
         return np.asarray(self.samples.status.reshape(self.s.shape) == Outcome.QUIET)
 
 

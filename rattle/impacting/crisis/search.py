@@ -32,13 +32,15 @@ HIGHEST = 2.0
 # damping below which the search ends at the quiet limit; damping below which the search is refused
 WEAK, WEAKEST = 0.3, 0.1
 HALVINGS = 6  # number of bisections of a step in ε − SN1 in which W^u(A) begins to escape
-# samples per unit of ln s, s the position on W^u(A): to bisect the ε at which W^u(A) begins to escape; to find the
-# piece that escapes first, and to check that no piece escapes below the contact
+# numbers of samples per unit of ln s, where s is the position on W^u(A). BISECTION_DENSITY: to bisect the ε at which
+# W^u(A) begins to escape. PIECE_DENSITY: to find the piece that escapes first, and to check that no piece escapes below
+# the contact of W^u(A) with W^s(A)
 BISECTION_DENSITY, PIECE_DENSITY = 2000, 40000
 MARGIN = 1e-4  # distance below the crisis, relative to ε − SN1, at which no other piece of W^u(A) may escape
 MOST_PIECES = 6  # most contacts that are tried, each at a smaller ε than the one before
 MOST_RUNS = 4  # most runs of escaping samples whose contacts are tried in turn
-MOST_STEPS = 400  # most impacts on Σ⁺ for which an escaping orbit is followed
+# an escaping orbit is followed for at most MOST_STEPS + 20/ln λ impacts on Σ⁺; λ is the unstable multiplier of A
+MOST_STEPS = 400
 # an orbit is back at A if its distance from W^s(A) is below this share of its largest distance from A so far; an orbit
 # counts as quiet if its speed is below this share of the speed of A
 NEAR, QUIET_SPEED_SHARE = 0.3, 0.5
@@ -50,7 +52,7 @@ def end_of_crisis_curve(beta: float) -> float:
     for point in codimension_two(beta):
         if point.name == "COD22":
             return point.delta
-    raise RattleError(f"the point COD22, where the curve of crises ends, does not exist at beta = {beta}")
+    raise RattleError(f"COD22, where the curve of crises ends, does not exist at beta = {beta}: choose another beta")
 
 
 def _gaps_to_try(delta: float, beta: float) -> Array:
@@ -75,8 +77,8 @@ def _gaps_to_try(delta: float, beta: float) -> Array:
         last = min(last, HIGHEST * floor)
     if last <= first:
         raise RattleError(
-            f"at delta = {delta} the saddle A is born at the quiet limit or above it, where no quiet motion exists: "
-            "choose another delta"
+            f"at delta = {delta} the saddle A exists only for epsilon close to the quiet limit or above it, where no "
+            "quiet motion exists: choose another delta"
         )
     gaps = first * np.exp(STEP * np.arange(int(np.log(last / first) / STEP) + 1))
     return np.asarray(gaps[period_one(delta, floor + gaps, beta).exists[0]], np.float64)
@@ -149,7 +151,8 @@ def _escaping_runs(delta: float, beta: float, gap: float) -> list[Array]:
     edges = np.flatnonzero(np.diff(np.concatenate([[False], gone, [False]]).astype(int))).reshape(-1, 2)
     if not edges.size:
         raise RattleError(
-            f"no sample of W^u(A) becomes quiet at epsilon = {sn1_formula(delta) + gap}, so no contact is found there"
+            f"no sample of W^u(A) becomes quiet at epsilon = {sn1_formula(delta) + gap}, so no point is found at which "
+            "W^u(A) touches W^s(A)"
         )
     runs = sorted(edges, key=lambda ends: ends[0] - ends[1])
     return [np.asarray(s[max(first - 1, 0) : last + 1], np.float64) for first, last in runs]
@@ -223,8 +226,8 @@ def _contact_of_run(delta: float, beta: float, low: float, high: float, run: Arr
     met, entries = _count_returns_of_orbit(delta, beta, high, float(run[run.size // 2]))
     if not entries:
         raise RattleError(
-            f"no contact was found at epsilon = {sn1_formula(delta) + high}: the orbit that escapes does not come "
-            "back to A"
+            f"no point is found at which W^u(A) touches W^s(A) near epsilon = {sn1_formula(delta) + high}: the orbit "
+            "on W^u(A) that becomes quiet does not return to A"
         )
     here = saddle_manifolds_at(delta, float(sn1_formula(delta)) + high, beta)
     run = run * here.unstable_manifold.multiplier**met
@@ -266,7 +269,8 @@ def first_contact(delta: float, beta: float, low: float, high: float) -> Crisis:
             return found
         low, high = found.gap * (1.0 - 10.0 * MARGIN), below
     raise RattleError(
-        f"no first contact was found at delta = {delta}: each finer search shows a piece of W^u(A) that escapes earlier"
+        f"the least epsilon at which W^u(A) touches W^s(A) is not found at delta = {delta}: below each epsilon that "
+        "was found, another piece of W^u(A) becomes quiet"
     )
 
 

@@ -24,7 +24,7 @@ FINEST = 1e-4  # least allowed spacing of points
 
 
 class GammaPiece(NamedTuple):
-    """One piece of Γ: points (n,) (τ, v) on Σ⁺ in order of the time of touch, and that time in forcing periods.
+    """One piece of Γ: points (n,) (τ, v) on Σ⁺, in the order of the times `touch` at which their flights graze Σ⁻.
 
     τ is continuous along the piece and may leave [0, 1); τ % 1 is the phase. `closed` is True if the last point is the
     first point one forcing period later.

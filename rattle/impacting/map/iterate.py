@@ -41,7 +41,7 @@ _memory = _Memory()
 
 
 def working_block() -> Any:
-    """Return this thread's block of lanes, an array (1,) of one record, as kernels take it."""
+    """Return this thread's block of lanes for kernels: an array (1,) of one record."""
     return _memory.block
 
 
@@ -50,8 +50,8 @@ def _build_iterate_lanes(tangent: bool) -> Any:
     def iterate_lanes(memory, tau, v, n, delta, epsilon, beta, paths):
         """Return Π^n of each element of flat arrays. A lane that finishes an element gets the next element.
 
-        `paths` (2,), raised in place, counts flights whose first impact needs a scan, and flights whose first impact
-        needs the slower safe search.
+        `paths` (2,) is incremented in place: it counts flights whose first impact needs a scan, and flights whose first
+        impact needs the slower safe search.
 
         Returns
         -------
@@ -120,8 +120,9 @@ def iterate_tangent(
 ) -> Stretched:
     """Return the results of `iterate` with both Lyapunov exponents over the n impacts.
 
-    A tangent vector, first along the phase, is re-normalised repeatedly in (t, v²/2), where a flight has determinant
-    e^(−δs). The second exponent is the mean ln|det| of the tangent matrices minus the first. Both are NaN where n is 0.
+    A tangent vector that points along the phase at first is re-normalised repeatedly, in the coordinates (t, v²/2), in
+    which a flight of duration s has the determinant e^(−δs). The second exponent is the mean ln|det| of the tangent
+    matrices minus the first exponent. Both exponents are NaN where n is 0.
 
     Returns
     -------

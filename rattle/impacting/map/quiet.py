@@ -53,7 +53,7 @@ def largest_eta(delta):
 
 @kernel
 def compiled_capture_invariant(delta, epsilon, beta, largest):
-    """Return the result of `capture_invariant`, inside kernels. `largest` (ABREAST,) is scratch memory for maxima."""
+    """Return what `capture_invariant` returns, for callers in kernels. `largest` (ABREAST,) is scratch memory."""
     smallest = DRIFT * delta - contact_force_swing(delta, epsilon)
     if smallest <= 0.0:
         return 0.0

@@ -21,8 +21,8 @@ from rattle.impacting.orbits.impact_times import (
 from rattle.numerics.compile import inline, kernel
 
 MOST_CORRECTIONS = 6
-# corrections to a curve end with one shorter than this, in forcing periods; the remaining error is of the order of its
-# square
+# a point is corrected to the curve until a correction is shorter than this, in forcing periods; the remaining error is
+# of the order of the square of this correction
 CORRECTED = 3e-4
 FARTHEST = 0.3  # longest correction from the guess to the first point of a circuit, in forcing periods
 SHORTEST = 1e-4  # shortest step along a circuit; a circuit that needs a shorter step is given up
@@ -112,8 +112,8 @@ def compare_step_with_curve(work, n):
     Returns
     -------
     tuple of float
-        The cosine of the angle between step and curve, and the length of `work.response`, which is negative if this
-        vector points backwards.
+        The absolute cosine of the angle between step and curve, and the length of `work.response`, with a minus sign if
+        this vector points backwards.
     """
     square, along = 0.0, 0.0
     for i in range(n):

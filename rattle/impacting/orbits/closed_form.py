@@ -1,6 +1,6 @@
 """The period-one motions in closed form (compiled): A and C, which are P(1,1,0), and B and D, which are P(1,1,1).
 
-With X = ε cos 2πτ, Y = ε sin 2πτ and the time s = 1/2 + σ from Σ⁺ to Σ⁻, the conditions that a P(1,1,1) closes are
+With X = ε cos 2πτ, Y = ε sin 2πτ and the time s = 1/2 + σ from Σ⁺ to Σ⁻, the equations by which a P(1,1,1) closes are
 linear in X and Y. Let p and q be the decaying parts of the velocity after the impacts on Σ⁺ and on Σ⁻, Y' = ε sin 2π(τ
 + s), E = e^(−δ), Es = e^(−δs), Er = e^(−δ(1−s)). The velocities close if
 
@@ -44,7 +44,7 @@ Array = NDArray[np.float64]
 
 @inline
 def sine_offset_kernel(delta):
-    """Return 2 − δ coth(δ/2), which is ε sin 2πτ of A and C, inside kernels."""
+    """Return ε sin 2πτ = 2 − δ coth(δ/2) of A and C, for callers in kernels."""
     return sine_offset_series(delta * delta) if delta < SMALL else 2.0 - delta / math.tanh(0.5 * delta)
 
 
@@ -94,7 +94,7 @@ def family_eccentricity(sigma, delta, beta):
 
 @kernel
 def family_residual(kind, level, sigma, delta, beta):
-    """Return a function of σ whose zeros are sought among the P(1,1,1) with times 1/2 + σ from Σ⁺ to Σ⁻.
+    """Return the residual whose zeros σ are sought, of the P(1,1,1) with the time 1/2 + σ from Σ⁺ to Σ⁻.
 
     Returns
     -------
@@ -221,12 +221,12 @@ def single_impact_orbit(cosine, delta, epsilon, beta, offset):
 
 @kernel
 def double_impact_orbit(sigma, delta, epsilon, beta):
-    """Return (admissible, τ, v, trace of the tangent map) of the P(1,1,1) at σ, whose eccentricity is epsilon.
+    """Return existence and state of the P(1,1,1) with time 1/2 + σ from Σ⁺ to Σ⁻, whose eccentricity is epsilon.
 
     Returns
     -------
     tuple
-        (admissible, τ, v, trace). The trace is 0 if the motion is not admissible.
+        (admissible, τ, v, trace of the tangent map). The trace is 0 if the motion is not admissible.
     """
     x, y, v, u, determinant = closure_numerators(sigma, delta, beta)
     x, y, v, u = x / determinant, y / determinant, v / determinant, u / determinant
@@ -328,7 +328,7 @@ def next_grazing(sigma, delta, beta):
 
 @kernel
 def grazing_point(sigma, delta, beta):
-    """Return the P(1,1,1) at a σ from `next_grazing`: it touches Σ⁻ with speed 0.
+    """Return the P(1,1,1) that touches Σ⁻ with speed 0, at a σ from `next_grazing`.
 
     The motion is admissible if, between its impacts on Σ⁺, it meets Σ⁻ in this touch only.
 
@@ -352,7 +352,7 @@ def grazing_point(sigma, delta, beta):
 
 @kernel
 def fill_grazing(curve, delta, beta, epsilon, phase, trace):
-    """Write ε, τ and the trace of `grazing_curve` to epsilon, phase and trace (n,), which hold NaN before.
+    """Write ε, τ and the trace of `grazing_curve` to epsilon, phase and trace (n,), which must hold NaN at the start.
 
     curve: 0 for G1, 1 for G2. The entries of points at which the curve does not exist remain NaN.
     """

@@ -169,8 +169,8 @@ def equations_on_line(itinerary: Itinerary, origin: Array, direction: Array) -> 
 def smooth_multipliers(itinerary: Itinerary, x: Array, grazed: int | None = None) -> NDArray[np.complex128]:
     """Return both multipliers (2,) of the motion at x (n + 2,).
 
-    If the motion grazes, `grazed` is the number of the grazing impact, and the multipliers are those of the motion
-    without this impact, which are finite.
+    If the motion grazes, `grazed` is the number of the grazing impact. The result is then for the motion without this
+    impact, because its multipliers are finite.
 
     Returns
     -------

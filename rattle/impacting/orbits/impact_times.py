@@ -193,7 +193,7 @@ def newton_on_times(work, n, farthest, delta, epsilon, beta):
     Returns
     -------
     tuple
-        (found, p). p = (1 − λ₁)(1 − λ₂) for the multipliers λ₁ and λ₂ of the solution; NaN if none was found.
+        (found, p). p = (1 − λ₁)(1 − λ₂) for the multipliers λ₁ and λ₂ of the solution; NaN if no solution was found.
     """
     size = math.inf
     for _ in range(NEWTON_STEPS):

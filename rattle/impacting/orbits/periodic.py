@@ -35,7 +35,7 @@ class PeriodicOrbit(Periodic):
 
     @property
     def point(self) -> ImpactingPoint:
-        """The motion's parameter point for kernels, with the test for quiet motion off."""
+        """The motion's parameter point for kernels, with the test for quiet motion switched off."""
         return ImpactingPoint(self.delta, self.epsilon, self.beta, 0.0)
 
     @property

@@ -1,8 +1,9 @@
-"""Find all stable orbits of period one at many parameter points, each cell by itself (compiled).
+"""Find the stable orbits of period one at many parameter points, each cell by itself (compiled).
 
 P(1, 1, 0) comes from closed forms, and P(1, n, 0) from `rattle.impacting.orbits.bounces`. Orbits with impacts on Σ⁻ are
 found on the circuits (`rattle.impacting.orbits.circuits`) of three kinds of itineraries, where + and − are impacts on
-Σ⁺ and Σ⁻: (+−)^k, +^n − and + −^k. docs/decisions/0023-period-one.md says where other orbits exist.
+Σ⁺ and Σ⁻: (+−)^k, +^n − and + −^k. Other itineraries are not searched, because an independent search found no stable
+orbit of such an itinerary (docs/decisions/0023-period-one.md).
 """
 
 import math
@@ -80,7 +81,7 @@ def find_alternating_orbits(least, work, delta, epsilon, beta):
         # the gap: it must arrive at Σ⁻ with a speed above 0
         crosses = 4.0 * k * k * beta > math.pi * delta
         idle = idle + 1 if crosses and zeros == 0 else 0
-        if idle == 2:  # no orbit for two k in turn: motions with more crossings dissipate even more, so none is stable
+        if idle == 2:  # no orbit for two successive k: motions with more crossings dissipate more, so none is expected
             break
 
 

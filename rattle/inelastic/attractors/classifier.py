@@ -43,7 +43,9 @@ from rattle.inelastic.map.iterate import apply_inelastic_returns
 from rattle.parameters import Parameters
 
 PROBES = 16  # number of states per cell that are followed to see whether they leave the chaotic set
-EXPOSURE = 2**18  # impacts that the PROBES states of a cell make in total before the cell is called chaotic
+# impacts that the PROBES states of a cell make in total in the cell's first test; if none of the states leaves the
+# chaotic set, the cell may be called chaotic
+EXPOSURE = 2**18
 
 
 def cells_of(parameters: Parameters) -> InelasticCells:
@@ -135,8 +137,8 @@ class InelasticClassifier(Classifier):
     def may_lose_samples(self, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
         """Return flags (k,) of cells where a chaotic set may lose samples so slowly that the probes show no loss.
 
-        The flags are those of `Classifier.may_lose_samples`, except that a cell where impacts lose energy is flagged at
-        weak damping only.
+        The flags are those of the base class, except that a cell where impacts lose energy is flagged at weak damping
+        only.
 
         Returns
         -------

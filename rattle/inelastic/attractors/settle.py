@@ -78,7 +78,8 @@ def outcome_after_contact(tau, v, k, samples, states):
     -------
     tuple
         (PERIODIC, orbit) if the state (τ, v) is recorded with the number of an orbit; (UNRESOLVED, −1) if it is
-        recorded with NO_ORBIT, because no orbit was found from it; (RECURRENT, −1) if it is not recorded.
+        recorded with NO_ORBIT, because no orbit was found from it; (RECURRENT, −1) if it is not recorded. In the first
+        and the last case the sample's `pause` is set to CONTACT, and its `gap` to 0.
     """
     orbit = orbit_after_contact(tau, v, samples.cell[k], states)
     if orbit == NO_ORBIT:

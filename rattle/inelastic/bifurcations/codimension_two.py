@@ -1,7 +1,7 @@
 """The codimension-two points of the period-one motions, followed as curves in (δ, ε, r).
 
-All of them lie on the graze of P(1,1,0) on Σ⁻ (`rattle.impacting.bifurcations.codimension_two`), which is the first
-condition. With E = e^(−δ) the grazing motion's tangent map has the trace T = 1 + r²E − (1 + r)² π(1 − E) ε cos 2πτ/δ².
+The first condition of every point is that P(1,1,0) grazes Σ⁻ (`rattle.impacting.bifurcations.codimension_two`).
+With E = e^(−δ) the grazing motion's tangent map has the trace T = 1 + r²E − (1 + r)² π(1 − E) ε cos 2πτ/δ².
 The second conditions are
 
     COD20: T = −1 − r²E     COD21: T = 2r e^(−δ/2)     COD22: cos 2πτ = 0, T = 1 + r²E     COD23: det J = 0.
@@ -155,7 +155,9 @@ class CodimensionTwoCurve(TabularResult):
         guess = self._points[i] + share * (self._points[i + 1] - self._points[i])
         found = solution_with_value(_problem_of_point(self.name, self.beta), guess, R, r)
         if found is None:
-            raise RattleError(f"Newton's method finds no {self.name} at restitution = {r:g}: give a value close to it")
+            raise RattleError(
+                f"Newton's method finds no {self.name} at restitution = {r:g}: give a slightly different restitution"
+            )
         return float(found[DELTA]), float(found[EPSILON])
 
 
@@ -210,7 +212,9 @@ def follow_codimension_two(name: str, beta: float = 0.6, lowest: float = LEAST_R
     at = known[name]
     near = graze_starts(at.delta, beta, 1.0)
     if not near:
-        raise RattleError(f"the elastic gear has no graze at beta = {beta:g} from which {name} can be followed")
+        raise RattleError(
+            f"the elastic gear has no graze at beta = {beta:g} from which {name} can be followed: give another beta"
+        )
     problem = _problem_of_point(name, beta)
     closest = min(near, key=lambda x: abs(float(x[-1]) - at.epsilon))
     start = solution_with_value(problem, np.append(closest, 1.0), R, 1.0)

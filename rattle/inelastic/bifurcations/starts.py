@@ -76,7 +76,7 @@ def graze_starts(delta: float, beta: float, r: float) -> tuple[Array, ...]:
 
 @lru_cache(maxsize=256)
 def flip_starts(delta: float, beta: float, r: float) -> tuple[Array, ...]:
-    """Return the unknowns of the flips of B and D at one damping."""
+    """Return the unknowns of each flip of B and D at one damping, close enough to start Newton's method."""
     return tuple(_zeros_on_family(lambda at: at.flip, delta, beta, r))
 
 

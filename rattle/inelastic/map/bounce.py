@@ -36,7 +36,7 @@ REST_FRACTION = 1e-6
 
 @inline
 def force_primitive(tau, delta, harmonics):
-    """Return e' + δe at this phase, with e the forcing: the integral over time of the contact force less its mean."""
+    """Return e' + δe at this phase, where e is the forcing. Its time derivative is the contact force minus its mean."""
     found = 0.0
     for j in range(harmonics.shape[1]):
         turn = TWO_PI * harmonics[ORDER, j]
@@ -47,7 +47,7 @@ def force_primitive(tau, delta, harmonics):
 
 @inline
 def nearest_release(tau, zeros):
-    """Return the index of the zero nearest to tau, the phase of a release; they differ by rounding errors only."""
+    """Return the index of the zero that equals tau, the phase of a release, except for rounding errors."""
     nearest, off = 0, math.inf
     for i in range(zeros.size):
         away = abs(wrap_phase_difference(zeros[i] - tau))

@@ -63,7 +63,7 @@ def quiet_invariant(delta, drift, beta, harmonics):
     Returns
     -------
     float
-        The bound; 0 if the contact force is not positive at all phases.
+        The bound; 0 if the contact force is 0 or negative at some phase.
     """
     highest = 0.0
     for j in range(harmonics.shape[1]):

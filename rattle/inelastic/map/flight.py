@@ -27,7 +27,7 @@ COSINE, SINE = range(2)
 
 
 class InelasticFlight(NamedTuple):
-    """Quantities of one flight at its departure, at time t₀; `forced_flight` returns it."""
+    """Quantities of one flight at its departure, at time t₀, as `forced_flight` returns them."""
 
     w: float  # velocity of departure
     a: float  # A = q + e'(t₀) − w, with the drift q and the forcing e
@@ -227,7 +227,8 @@ def first_impact_of_forced_flight(wall, tau, flight, piece, point, departure):
     s, f0, f1 = 0.0, 0.0, flight.w
     length, guess = FIRST_PIECE, math.nan
     outwards = wall * (flight.force - delta * flight.w)
-    # a bounce; after a contact phase w and the force are 0 up to rounding, and give no estimate of the flight time
+    # the flight is a bounce and its time can be estimated; not so after a contact phase, where w and the force are 0 up
+    # to rounding
     if outwards > 0.0 and wall * flight.w < 0.0:
         guess = -2.0 * wall * flight.w / outwards
         length = min(FIRST_PIECE_FACTOR * guess, LONGEST_PIECE)

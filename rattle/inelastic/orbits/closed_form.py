@@ -41,7 +41,7 @@ class OneImpactMotion(NamedTuple):
 
 
 def departure_speed(delta: float, restitution: float, drift: float) -> float:
-    """Return the speed with which every P(1,1,0) leaves Σ⁺, which is the same under any forcing."""
+    """Return the speed with which every P(1,1,0) leaves Σ⁺. The forcing does not change this speed."""
     return restitution * delta * drift / (1.0 + restitution)
 
 

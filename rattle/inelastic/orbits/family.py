@@ -41,7 +41,7 @@ Array = NDArray[np.float64]
 def return_speed_by_drift(x, lost):
     """Return x/(1 − e^(−x)) − 1 without cancellation, where `lost` is 1 − e^(−x).
 
-    Times the drift, this is the speed with which an unforced flight must leave Σ⁺ to return to it after the time x/δ.
+    The value times the drift is the speed with which an unforced flight must leave Σ⁺ to return after the time x/δ.
 
     Returns
     -------

@@ -38,7 +38,7 @@ def period_one(
     Notes
     -----
     A and C, P(1,1,0), have closed forms. For P(1,1,1) the eccentricity ε(σ) is an explicit function of σ, the time from
-    Σ⁺ to Σ⁻ less half a period (`rattle.inelastic.orbits.family`). Where ε(σ) equals the given ε, the orbit is B if
+    Σ⁺ to Σ⁻ minus half a period (`rattle.inelastic.orbits.family`). Where ε(σ) equals the given ε, the orbit is B if
     ε(σ) falls and D if ε(σ) rises. A load ℓ only changes the unit of length: the gear is equivalent to one without load
     at (ε, β)/(1 + ℓ).
     """

@@ -24,8 +24,8 @@ class Impacting(Model):
     functions: ClassVar[GearFunctions] = impacting
     classifier = ImpactingClassifier
     curve_names = impacting.NAMES
-    # eccentricities of three cells at δ = β = 0.6: the first has quiet and periodic motions, the second quiet and
-    # chaotic motions, the third chaotic motions only
+    # eccentricities of three cells at δ = β = 0.6: the first has quiet and periodic motions, the second also chaotic
+    # motions, the third chaotic motions only
     compiled_at = 0.089, 0.1, 0.25
 
     def gear(self, delta: float, epsilon: float) -> Gear:

@@ -50,7 +50,7 @@ class Stiff(Model):
     tile_samples = 4096  # computing a return takes a hundred times as long as for the impacting gear
     cell_milliseconds = 100.0
     design_gears = 256
-    # eccentricity of a single cell: computing a second one would take longer than the compilation that it saves
+    # precompilation computes one cell only: a second cell would take longer than the compilation that it saves
     compiled_at = (0.1,)
 
     @property

@@ -27,19 +27,19 @@ def require_captures(piece: PlanePiece, speed: Fraction) -> None:
     """Raise NotProvedError unless all motions that leave Σ⁺ slower than `speed` provably become quiet on the piece."""
     share = piece.epsilon / quiet_limit_enclosure(arb_series([piece.delta]))[0]
     if not share < 1:
-        raise NotProvedError("the block is not proved to be below the quiet limit: choose a smaller ε")
+        raise NotProvedError("the block is not proved to be below the quiet limit: choose a block with smaller ε")
     mean = 4 * PI() * piece.delta
-    # at a departure slower than `speed`, v³/g ≤ invariant: g ≥ 1 − share in units in which the mean of g is 1
+    # a departure slower than `speed` has v³/g ≤ invariant, because g ≥ 1 − share in units in which the mean of g is 1
     invariant = (arb(speed.numerator) / speed.denominator / mean) ** 3 / (1 - upper_end(share))
     longest = _half_duration_bound(piece, share, invariant)
     h = longest / (1 - piece.delta * longest)
     if not piece.delta * h < 1:
-        raise NotProvedError("a bounce may last too long for Lemma 20 of docs/proofs.md: claim a smaller speed")
+        raise NotProvedError("a bounce may be too long for Lemma 20 of docs/proofs.md: choose a smaller capture speed")
     for i in range(PARTS):
         here = hull(arb(i) / PARTS, arb(i + 1) / PARTS)
         if not h * h * _growth_coefficient(here, h, piece.delta, share) < 2 * GROWTH_SHARE * piece.delta:
             raise NotProvedError(
-                "v³/g (v: speed, g: contact force) may grow from one impact to the next: claim a smaller speed"
+                "v³/g (v: speed, g: contact force) may grow from one impact to the next: choose a smaller capture speed"
             )
 
 
@@ -86,11 +86,14 @@ def _half_duration_bound(piece: PlanePiece, share: arb, invariant: arb) -> arb:
             time = upper_end(-(1 - 2 * h * piece.delta).log() / piece.delta)
             least = _scaled_force(hull(here, here + time), share)[0].lower()
             if not least > 0:
-                raise NotProvedError("the contact force may vanish during a bounce: claim a smaller speed")
+                raise NotProvedError("the contact force may vanish during a bounce: choose a smaller capture speed")
             if v < h * least:
                 h = upper_end(v / least) * (1 + arb(2.0**-20))
         if not (v < h * least and v * v * mean < 4 * piece.beta * least):
-            raise NotProvedError("the duration of a bounce is not bounded, or it may reach Σ⁻: claim a smaller speed")
+            raise NotProvedError(
+                "the duration of a bounce is not proved to be bounded, or the bounce may reach Σ⁻: choose a smaller "
+                "capture speed"
+            )
         longest = h if h > longest else longest
     return longest
 
@@ -121,10 +124,10 @@ def _growth_coefficient(middle: arb, h: arb, delta: arb, share: arb) -> arb:
 
 
 def _acceleration_derivatives(t: arb, w: arb, delta: arb, share: arb) -> tuple[arb, arb, arb, arb]:
-    """Return a/(4πδ) and its first three derivatives by x, the acceleration a and the time x being those of (20.2).
+    """Return a/(4πδ) and its first three derivatives by x, for the acceleration a and the time x of a bounce.
 
-    (20.2) is in docs/proofs.md. t is the time since a minimum of the contact force, w = dt/dx = e^(δ(t − t₀)), and
-    share is ε divided by the quiet limit.
+    (20.2) of docs/proofs.md defines a and x. t is the time since a minimum of the contact force,
+    w = dt/dx = e^(δ(t − t₀)), and share is ε divided by the quiet limit.
 
     Returns
     -------

@@ -51,7 +51,7 @@ class Prover:
         """Raise NotProvedError unless the claim is proved on a piece as a whole, without cutting it."""
         if claim in (QUIET, LOUD):
             if quiet_enclosure.is_quiet_possible(piece) is not (claim == QUIET):
-                raise NotProvedError(f"it is not proved that {claim} on the whole block: try a smaller block")
+                raise NotProvedError(f'the claim "{claim}" is not proved on the whole block: try a smaller block')
             return
         states = CLAIMS[claim]
         for letter in states.keys() & {"A", "C"}:
@@ -99,7 +99,8 @@ def require_state(letter: str, state: ClaimedState, number: int | None, attracts
         raise NotProvedError(f"it is undecided whether {letter} exists on the block: try a smaller block")
     if number != (state is not ClaimedState.NONE):
         raise NotProvedError(
-            f"the block has {number} motions {letter}, but the claim gives {letter} the state {str(state)!r}"
+            f"the number of motions {letter} at each point of the block is {number}, which contradicts the claimed "
+            f"state {str(state)!r} of {letter}: choose another claim"
         )
     if state in (ClaimedState.ATTRACTING, ClaimedState.SADDLE) and attracts is not (state is ClaimedState.ATTRACTING):
         raise NotProvedError(f"{letter} is not proved to be {state} on the whole block: try a smaller block")

@@ -56,7 +56,7 @@ def shares_of_claims(blocks: Iterable[ProvedBlock], area: Fraction) -> list[Prov
 
     Returns
     -------
-    list[Share]
+    list[ProvedShare]
         The share on which a region I to V is proved, then one share for each other statement, such as "C attracts".
     """
     areas: defaultdict[str, Fraction] = defaultdict(Fraction)

@@ -260,7 +260,7 @@ class SolutionCell:
         return bool(self.bound_square_plus_speed(1) < low or self.bound_square_plus_speed(-1) < -high)
 
     def all_solutions_are(self, letter: str, epsilon: arb) -> bool | None:
-        """Return whether all solutions of the cell with an ε in this ball are admissible motions B (or D).
+        """Return whether all solutions of the cell with an ε in this ball are admissible motions `letter`, B or D.
 
         Returns
         -------
@@ -296,7 +296,7 @@ class SolutionCell:
 
     def _slope_has_sign(self, sign: int, start: arb, end: arb) -> bool:
         """Return whether Φ' is proved to have this sign between the times `start` and `end` after the impact on Σ⁺."""
-        # a part that begins or ends at an impact uses that Φ' has this sign there, because v > 0 and u > 0
+        # at an impact Φ' has this sign, because v > 0 and u > 0; a part that begins or ends at an impact relies on this
         parts = [(start, end)]
         while parts:
             low, high = parts.pop()
@@ -366,7 +366,7 @@ class SolutionCell:
 
 
 def square_range(epsilon: arb) -> tuple[arb, arb]:
-    """Return the least and the largest ε² in a ball of ε ≥ 0, whose lower end rounding may have made negative."""
+    """Return the least and the largest ε² for the ε ≥ 0 in a ball. Its lower end may be negative by rounding."""
     least = lower_end(epsilon)
     return least**2 if least > 0 else arb(0), upper_end(epsilon) ** 2
 
@@ -465,6 +465,7 @@ def _crosses_block(piece: PlanePiece, run: list[SolutionCell], letter: str) -> b
         sides.append(1 if square > high else -1 if square < low else 0)
     if 0 in sides:
         raise NotProvedError(
-            f"it is not proved where the ε of solutions {letter} leaves the block: try a smaller block"
+            f"it is not proved whether the curve of motions {letter} ends below or above the block's range of ε: try a "
+            "smaller block"
         )
     return sides == [-SLOPE_SIGN[letter], SLOPE_SIGN[letter]]

@@ -158,7 +158,10 @@ def certify_event(event: Event, beta: Exact | None = None) -> BifurcationCertifi
     require(float(number) == itinerary.beta, f"beta must be that of the event, {itinerary.beta!r}, got {beta}")
     x = solution_with_value(condition(itinerary, event.kind, event.impact), event.unknowns, -2, event.delta)
     if x is None:
-        raise NotProvedError("Newton's method does not converge to the event at its damping: compute the branch again")
+        raise NotProvedError(
+            f"Newton's method does not converge to the event at delta = {event.delta}: compute the branch again, and "
+            "give an event of the new branch"
+        )
     motion = CurveMotion(tuple(int(wall) for wall in itinerary.walls), itinerary.m, event.kind, event.impact)
     return _prove_solution(str(event.kind), motion, x, number, {"delta": exact_number("delta", event.delta)})
 
@@ -188,7 +191,8 @@ def certify_codimension_two(beta: Exact = "0.6") -> tuple[BifurcationCertificate
         near = [x for x in solved if x is not None and abs(x[-1] - point.epsilon) < LARGEST_MISS]
         if not near:
             raise NotProvedError(
-                f"Newton's method finds no grazing motion at {point.name}, so this point is not proved"
+                f"Newton's method finds no grazing motion at {point.name}, so {point.name} is not proved: choose "
+                "another beta"
             )
         motion = CurveMotion(graze.walls, 1, graze.kind, graze.impact, point.name)
         found.append(_prove_solution(point.name, motion, near[0], number, {}))

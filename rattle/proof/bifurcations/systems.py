@@ -69,7 +69,7 @@ class ExtendedSystem:
     """The extended system of a bifurcating motion, as a function of its unknowns.
 
     beta: the half-backlash. known: {name: value} of δ or ε, or {} if both are unknowns. scaling: the vector l (n,) of
-    the equation ⟨l, φ⟩ = 1, which fixes the length of φ; empty for a graze.
+    the equation ⟨l, φ⟩ = 1, which fixes the length of the null vector φ; empty for a graze.
     """
 
     motion: CurveMotion
@@ -225,7 +225,9 @@ def require_only_graze(flight: FlightEnclosure, wall: int, target: int, touched:
     """
     push = flight.point.force(*(2 * time).sin_cos_pi())
     if not (-touched * push > 0 and flight.t0 < time < flight.t1 and -wall * flight.w0 > 0 and target * flight.w1 > 0):
-        raise NotProvedError(f"{name} is not proved to start and end inside the walls and to turn at its graze")
+        raise NotProvedError(
+            f"{name} is not proved to leave its first wall, to arrive at its last wall and to turn at its graze"
+        )
     above, below = flight.point.beta * (1 - wall), -flight.point.beta * (1 + wall)
     close = [turn for turn, height in extrema(flight, name) if not (height > below if turn == UP else height < above)]
     if close != [-touched]:

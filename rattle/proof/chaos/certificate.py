@@ -1,4 +1,4 @@
-"""The certificate of a horseshoe: a theorem about chaos in exact numbers, which other programs can check."""
+"""The certificate of a horseshoe: a theorem about chaos. Its numbers are exact, so other programs can check it."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ THEOREM = "horseshoe"
 
 @dataclass(frozen=True)
 class HorseshoeLoop:
-    """A chain of sets from set 0 through other sets back to set 0; the impact map stretches each across the next.
+    """A chain of sets from set 0 through other sets back to set 0; the impact map stretches each set across the next.
 
     L is the number of steps. sets: the numbers (L − 1,) of the other sets, in order.
     sigma_minus: for each step (L,) the number of impacts on Σ⁻.

@@ -198,9 +198,9 @@ class CheckedFlightBundle:
 class HorseshoeClaim:
     """The statement of a certificate: parameters, sets and loops.
 
-    sets, numbers: each set as six intervals and as six exact numbers: the two coordinates of its centre (t, v), of its
-    half side `unstable` and of its half side `stable`. loops: for each loop the numbers of its sets, the impacts on Σ⁻
-    in each step, and the forcing periods of each step.
+    sets, numbers: each set, as six intervals and as six exact numbers. These are the coordinates (t, v) of its centre,
+    of its half side `unstable` and of its half side `stable`.
+    loops: for each loop the numbers of its sets, the impacts on Σ⁻ in each step, and the forcing periods of each step.
     """
 
     def __init__(self, document: Any) -> None:

@@ -59,7 +59,9 @@ class HSet:
         (a, b), (c, d) = self.matrix.tolist()
         size = a * d - b * c
         if not (size > 0 or size < 0):
-            raise NotProvedError("the sides of a set are parallel, so it has no area")
+            raise NotProvedError(
+                "the sides of a parallelogram of states are parallel: choose sides in different directions"
+            )
         return arb_mat([[d / size, -b / size], [-c / size, a / size]])
 
     @cached_property
@@ -111,7 +113,10 @@ class MappedSet:
         left = self._side_of_edge(target, periods, EDGES[-1])
         right = self._side_of_edge(target, periods, EDGES[1])
         if left == right:
-            raise NotProvedError("both edges of a set are mapped to the same side of the next set")
+            raise NotProvedError(
+                "both edges of a parallelogram of states are mapped to the same side of the next parallelogram, which "
+                "is therefore not covered"
+            )
         for _ in self._sides_of_parts(target, periods, WHOLE, inside_allowed=True):
             pass
 
@@ -119,7 +124,10 @@ class MappedSet:
         """Return the side of `target` to which an edge is mapped: 1 (ξ > 1) or −1 (ξ < −1). Raises NotProvedError."""
         sides = set(self._sides_of_parts(target, periods, edge, inside_allowed=False))
         if len(sides) != 1:
-            raise NotProvedError("an edge of a set is mapped to both sides of the next set")
+            raise NotProvedError(
+                "an edge of a parallelogram of states is mapped to both sides of the next parallelogram, which is "
+                "therefore not proved to be covered"
+            )
         return sides.pop()
 
     def _sides_of_parts(self, target: HSet, periods: int, part: SetPart, inside_allowed: bool) -> Iterator[int]:
@@ -142,7 +150,8 @@ class MappedSet:
             here, number = parts.pop(), number + 1
             if number > MOST_SET_PARTS:
                 raise NotProvedError(
-                    f"a covering is not proved with {MOST_SET_PARTS:,} parts of a set: use a smaller set"
+                    f"a covering is not proved with {MOST_SET_PARTS:,} parts of a parallelogram of states: use a "
+                    "smaller parallelogram"
                 )
             found = self.image(here)
             extents = [1.0, 1.0]
@@ -155,7 +164,9 @@ class MappedSet:
                     yield 0
                     continue
                 if _is_cutting_useless(xi, eta, extents, inside_allowed):
-                    raise NotProvedError("a set is not proved to be stretched across the next set")
+                    raise NotProvedError(
+                        "a parallelogram of states is not proved to be stretched across the next parallelogram"
+                    )
             parts += _halve_part(here, extents)
 
 
@@ -205,7 +216,10 @@ def _halve_part(part: SetPart, extents: Sequence[float]) -> list[SetPart]:
     """
     xi, eta, width, height = part
     if max(width, height) < SMALLEST_PART:
-        raise NotProvedError("a covering is not proved even with the smallest parts of a set: use a smaller set")
+        raise NotProvedError(
+            "a covering is not proved even with the smallest parts of a parallelogram of states: use a smaller "
+            "parallelogram"
+        )
     if (extents[0] * (width > 0), width) >= (extents[1], height):
         return [SetPart(xi + side * width / 2, eta, width / 2, height) for side in (-1, 1)]
     return [SetPart(xi, eta + side * height / 2, width, height / 2) for side in (-1, 1)]

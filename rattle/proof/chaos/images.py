@@ -61,8 +61,8 @@ def enclose_image(point: ModelPoint, centre: tuple[arb, arb], sides: arb_mat, wa
 
     Returns
     -------
-    Image
-        Enclosures of the middle's image and of the derivatives.
+    SetImage
+        Enclosures of the image of the centre and of the derivatives.
 
     Raises
     ------
@@ -106,13 +106,13 @@ def enclose_arrival(point: ModelPoint, middle: tuple[arb, arb], sides: arb_mat, 
         late = arb(0, 1) * guess
         speed = bundle.enclosing_flight(time + late).w1
         if not (speed > 0 or speed < 0):
-            raise NotProvedError(f"{name} may graze: the set is too large or too close to a graze")
+            raise NotProvedError(f"{name} may graze: the parallelogram of states is too large or too close to a graze")
         moved = -missed / speed
         if abs(moved) < guess:
             break
         guess = guess.max(abs(moved))
     else:
-        raise NotProvedError(f"the time at which {name} ends is not enclosed: the set is too large")
+        raise NotProvedError(f"the time at which {name} ends is not enclosed: the parallelogram of states is too large")
     here = bundle.enclosing_flight(time + moved)
     bundle.require_no_other_impact(here, wall, target, name)
     (height_t0, speed_t0), (height_w0, speed_w0) = _flight_derivatives(here, here.t1)
@@ -197,7 +197,9 @@ class FlightBundle:
                     parts += [(start, middle), (middle, end)]
             if not parts:
                 return
-        raise NotProvedError(f"{name} may meet a wall before its end: the set is too large or too close to a graze")
+        raise NotProvedError(
+            f"{name} may meet a wall before its end: the parallelogram of states is too large or too close to a graze"
+        )
 
 
 def _flight_from_start(point: ModelPoint, t0: arb, w0: arb, t1: arb) -> FlightEnclosure:
@@ -226,7 +228,9 @@ def _middle_arrival_time(point: ModelPoint, middle: tuple[arb, arb], wall: int, 
     )[:4]
     if status != first_impact.OK or met != target:
         wall_name = "Σ⁺" if target > 0 else "Σ⁻"
-        raise NotProvedError(f"the flight from the middle of a set is not found to end on {wall_name}")
+        raise NotProvedError(
+            f"the flight from the centre of a parallelogram of states does not end on {wall_name}, or no end is found"
+        )
     time, distance = (middle[0] + arb(float(length))).mid(), point.beta * (target - wall)
     for _ in range(MOST_NEWTON):
         height, speed = _flight_from_start(point, *middle, time).state_at(time)
@@ -238,6 +242,7 @@ def _middle_arrival_time(point: ModelPoint, middle: tuple[arb, arb], wall: int, 
     )
     if not (speed > 0 or speed < 0) or not abs(missed / speed) < ARRIVAL_ERROR:
         raise NotProvedError(
-            "the time of an impact of the motion from the middle of a set is not found: the impact may be a graze"
+            "the time of an impact of the motion from the centre of a parallelogram of states is not enclosed: the "
+            "impact may be a graze"
         )
     return time - missed / speed

@@ -106,8 +106,8 @@ def _prove_chain(
 ) -> tuple[int, ...]:
     """Prove that each set of a chain covers the next, at the given parameter point.
 
-    words: for each step the number of impacts on Σ⁻. sources: {(0, word): set 0 with its images}, to which this
-    function adds.
+    words: for each step the number of impacts on Σ⁻. sources: {(0, word): the first set of the chain, with its images};
+    this function adds the entry of the first step if it is missing.
 
     Returns
     -------
@@ -127,7 +127,8 @@ def _prove_chain(
         middle = mapped.image(MIDDLE_PART)
         if middle is None:
             raise NotProvedError(
-                "the motion from the middle of a set is not proved to make the stated number of impacts on Σ⁻"
+                f"the motion from the centre of parallelogram {i} of a loop is not proved to make {word} impacts on Σ⁻ "
+                "before it meets Σ⁺"
             )
         periods.append(round(float(middle.middle[0]) - float(target.centre[0])))
         mapped.require_covers(target, periods[-1])
@@ -135,7 +136,7 @@ def _prove_chain(
 
 
 def _exact_set(box: search.StateBox) -> HSet:
-    """Return the set with exact numbers of few digits that is close to a computed box, its time shifted to [0, 1)."""
+    """Return a set close to a computed box, with exact numbers of few digits, and with its time shifted to [0, 1)."""
     t, v = (Fraction(f"{x:.15f}") for x in (float(box.centre[0]) % 1.0, float(box.centre[1])))
     unstable, stable = (tuple(Fraction(f"{x:.8e}") for x in column) for column in np.asarray(box.sides).T)
     return HSet((t, v), (unstable[0], unstable[1]), (stable[0], stable[1]))
@@ -147,7 +148,9 @@ def require_disjoint_sets(first: Sequence[HSet], second: Sequence[HSet]) -> None
         for other in second:
             for periods in (-1, 0, 1):
                 if not are_separated(list(one.corners()), [(t + periods, v) for t, v in other.corners()]):
-                    raise NotProvedError("the first sets of two loops may meet, so they do not distinguish the loops")
+                    raise NotProvedError(
+                        "the first parallelograms of two loops may overlap, so the loops are not proved to differ"
+                    )
 
 
 def are_separated(one: Sequence[Pair], other: Sequence[Pair]) -> bool:

@@ -69,7 +69,7 @@ class StiffMotions(Motions):
         return self._line_of(itinerary).problem
 
     def solve_motion(self, itinerary: StiffItinerary, y: Array) -> StiffOrbit | None:
-        """Return the orbit near a guess y of the contact equations, or None if none is found (`Motions`)."""
+        """Return the orbit near a guess y of the contact equations, or None if none is found; see `Motions`."""
         line = self._line_of(itinerary)
         found = line.corrected_solution(y)
         return None if found is None else line.orbit(found)
@@ -89,12 +89,12 @@ class StiffMotions(Motions):
         return *found.events, *found.grazes
 
     def motions_at_event(self, event: StiffEvent) -> Iterator[Motion]:
-        """Yield the motion at a flip, or the motion with the other label at a graze; nothing at a saddle-node.
+        """Yield the motion at a flip, or the motion beyond a graze, whose label differs; nothing at a saddle-node.
 
         Yields
         ------
         Motion
-            If a branch of doubled period ends at the flip, the yielded motion has half the period of the branch.
+            At most one. If a branch of doubled period ends at the flip, the motion has half the period of the branch.
         """
         if event.kind is EventKind.FLIP:
             yield event.itinerary, event.unknowns

@@ -57,7 +57,7 @@ def graze_at_end(line: MotionsOnLine, y: Array, tangent: Array) -> Graze | None:
 
 
 def _begin_with_sigma_plus(line: MotionsOnLine, y: Array) -> tuple[MotionsOnLine, Array]:
-    """Return the motion y with its first contact with Σ⁺ as number 0; unchanged if it has no contact with Σ⁺."""
+    """Return the line and the motion y, renumbered so that contact 0 is the first with Σ⁺, if there is one."""
     first = line.walls.index(1) if 1 in line.walls else 0
     itinerary = line.itinerary(y)
     return replace(line, walls=itinerary.with_first_impact(first).walls), unknowns_from_impact(itinerary, y, first)
@@ -97,7 +97,7 @@ def _admissible_motion_near(line: MotionsOnLine, y: Array) -> tuple[MotionsOnLin
 
 
 def _motion_with_one_more_contact(line: MotionsOnLine, y: Array, tangent: Array) -> tuple[MotionsOnLine, Array] | None:
-    """Return the motion with one contact more that continues a branch beyond its end.
+    """Return a motion with one more contact, which continues a branch beyond its end.
 
     y, tangent: the last motion of the branch, and the branch's outward tangent there.
 

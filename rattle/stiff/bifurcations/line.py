@@ -12,7 +12,7 @@ from rattle.orbits.periodic_motions import equivalent_unknowns, solve_at_paramet
 from rattle.stiff.orbits.equations import StiffItinerary
 from rattle.stiff.orbits.periodic import StiffOrbit, is_admissible_solution, orbit_of, trace_of
 
-EQUAL_HALVES = 1e-5  # largest difference between unknowns of the halves of a motion that counts as run through twice
+EQUAL_HALVES = 1e-5  # a motion is a shorter one, run through twice, if its halves differ by less than this
 MOST_BRACKETS = 8  # number of times that the interval around a sought flip is made ten times wider
 
 
@@ -39,7 +39,7 @@ class MotionsOnLine:
         return np.append(x[:-3], (x[-3:] - self.origin) @ self.direction / (self.direction @ self.direction))
 
     def itinerary(self, y: Array) -> StiffItinerary:
-        """Return the itinerary of the motion y, which includes the stiffness at this point of the line."""
+        """Return the itinerary of the motion y, with the softness p of the line's point at which the motion exists."""
         return StiffItinerary(self.walls, self.m, self.beta, float(self.full_unknowns(y)[-1]))
 
     @property

@@ -39,7 +39,7 @@ class StiffEvent(NamedTuple):
 
     @property
     def after(self) -> int:
-        """Index of the last point of the branch before the event: one less than `point` for a saddle-node."""
+        """Index of the last point of the branch before the event: `point`, or for a saddle-node `point` − 1."""
         return self.point - (self.kind is EventKind.SADDLE_NODE)
 
     @property
@@ -72,7 +72,8 @@ def unknowns_of(orbit: StiffOrbit) -> Array:
 class StiffBranch(FollowedBranch):
     """A branch of the stiff gear: see `FollowedBranch`. All its motions are admissible.
 
-    A saddle-node is one of the points. It counts as stable if the motions on one side of it are stable.
+    Each saddle-node of the branch is one of its points. This point counts as stable if the motions on one side of it
+    are stable.
 
     Attributes
     ----------

@@ -32,7 +32,7 @@ from rattle.stiff.map.contact import ENDS, contact_end, forced_responses, respon
 SAME_TIME = 1e-6  # largest error of a flight's duration, in forcing periods, and of a contact's, in units of πp
 LEAST_CONTACT = 1e-6  # duration of a contact, in units of 1/√(2κ), below which the contact counts as a graze
 GRAZING = 1e-6  # speed, in units of `speed_unit`, below which rounding decides whether a flight meets a wall
-SAME_END = 1e-9  # further error of a contact's duration, in forcing periods, that is allowed because of grazes
+SAME_END = 1e-9  # added to the largest error of a contact's duration, in forcing periods, because of grazes
 
 
 class ContactCycle(NamedTuple):

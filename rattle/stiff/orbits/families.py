@@ -139,7 +139,7 @@ def family_lost_error(cycle: ContactCycle, epsilon: float) -> RattleError:
 def largest_family_epsilon(delta: float, epsilon: float) -> float:
     """Return the ε up to which families are followed for a point (δ, ε).
 
-    It is LEAST_SPAN · `plane_scale`(δ) or, if this is more, the smallest power of 2 that is at least 1.5 ε.
+    This ε is the larger of two numbers: LEAST_SPAN · `plane_scale`(δ), and the smallest power of 2 ≥ 1.5 ε.
 
     Returns
     -------
@@ -237,7 +237,7 @@ def family_of_a_and_c(cycle: ContactCycle, span: float) -> list[StiffFamily]:
 
 
 def families_without_letter(cycle: ContactCycle, span: float) -> list[StiffFamily]:
-    """Return the families of P(1,1,0) other than the family of A and C, sought at many durations of the contact."""
+    """Return the families of P(1,1,0) that do not contain A and C, sought at many durations of the contact."""
     longest = 0.999 / softness(cycle.kappa)
     dense = np.linspace(0.0, min(4 * np.pi, longest), DURATIONS)[1:]
     duration = np.concatenate([dense, np.linspace(dense[-1], longest, DURATIONS)])
@@ -306,7 +306,7 @@ def guesses_at_grazes(family: StiffFamily) -> list[Array]:
 
 
 def _letters_of_parts(family: StiffFamily, plus: Sequence[StiffFamily]) -> tuple[str, ...]:
-    """Return the letters of a family of P(1,1,1).
+    """Return the letters A to D of the parts of a family of P(1,1,1).
 
     A part is B if its motions are saddles with a multiplier above 1, else D. The first and the last part may have other
     letters: if the family ends in such a part because the contact with Σ⁻ is lost, the motion continues as a P(1,1,0),
@@ -383,7 +383,7 @@ def find_family_members(delta: float, epsilon: float, beta: float, kappa: float)
 
     Returns
     -------
-    list[Member]
+    list[FamilyMember]
         The motions, sorted by letter; P(1,1,0) before P(1,1,1); longer times from Σ⁺ to Σ⁻ first.
 
     Raises

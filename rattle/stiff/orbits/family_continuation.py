@@ -71,7 +71,7 @@ def solve_linear_system(matrix, right):
 
 @inline
 def epsilon_unit(cycle):
-    """Return the unit of ε where lengths and angles of vectors of unknowns are measured: δ/SMALL_DAMPING, at most 1."""
+    """Return the unit in which ε enters lengths and angles of vectors of unknowns: δ/SMALL_DAMPING, at most 1."""
     return min(1.0, cycle.delta / SMALL_DAMPING)
 
 
@@ -185,10 +185,10 @@ def family_solution_above_chord(a, b, share, cycle, y):
 
 @inline
 def offset_from_target(y, index, level, chord, cycle, tangent):
-    """Return how far a solution y is from the solution that `locate_between` seeks, as a number with a sign.
+    """Return a number that changes sign, at the solution that `locate_between` seeks, along the family of solutions y.
 
-    The number is y[index] − level. For index −1, when a fold is sought, the number is the rate of ε along the family
-    towards `chord`. `tangent` is scratch memory.
+    The number is y[index] − level. If a fold is sought (index −1), the number is the rate at which ε changes along the
+    family in the direction of `chord`. `tangent` is scratch memory.
 
     Returns
     -------
@@ -236,8 +236,8 @@ def locate_between(a, b, index, level, cycle, y):
 def is_solution_between(solution, a, b, cycle, y):
     """Return whether a solution lies on a family between two points a and b of the family.
 
-    The times of the solution may differ from those of the family by whole periods. If the solution lies there, it is
-    written to y, with times that do not differ from those of the family.
+    The times of the solution may differ from those of the family by whole periods. y is overwritten in any
+    case. If the solution lies there, y receives it with times shifted to those of the family.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""The counterparts of A, B, C and D in the stiff gear: at one point, over arrays of parameters, and their regions."""
+"""The counterparts of A, B, C and D in the stiff gear, at one point or over arrays of points, and their regions."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Periodic motions P(m, n₊, n₋) of the stiff gear: solve for one, check it, or follow it from the impacting limit."""
+"""Motions P(m, n₊, n₋) of the stiff gear: solve for one, check it, or follow it from the impacting limit."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -43,7 +43,7 @@ class StiffOrbit(Periodic):
 
     @property
     def departures(self) -> Array:
-        """The times (c,) at which the motion leaves the walls, which are the ends of its contacts."""
+        """The times (c,) at which the motion leaves the walls: the ends of its contacts."""
         return self.times + self.durations
 
     @property
@@ -86,7 +86,7 @@ def is_admissible_solution(itinerary: StiffItinerary, x: Array) -> bool:
 
 
 def first_failing_piece(itinerary: StiffItinerary, x: Array) -> FailingPiece | None:
-    """Return the first flight or contact that does not end as the equations assume, of the motion with unknowns x.
+    """Return the first flight or contact of the motion with unknowns x that does not end as the equations assume.
 
     Returns
     -------
@@ -98,7 +98,7 @@ def first_failing_piece(itinerary: StiffItinerary, x: Array) -> FailingPiece | N
 
 
 def _cycle_of(itinerary: StiffItinerary, x: Array) -> ContactCycle:
-    """Return walls and parameters of the motion with unknowns x, as `rattle.stiff.orbits.closure` takes them."""
+    """Return the walls, the period and the parameters of the motion with the unknowns x as a `ContactCycle`."""
     kappa = 0.5 / itinerary.softness**2
     return ContactCycle(np.array(itinerary.walls), itinerary.m, float(x[-2]), itinerary.beta, kappa)
 
@@ -216,7 +216,7 @@ def follow_contacts(
         if len(walls) > MOST_IMPACTS:
             raise RattleError(
                 f"no periodic motion near tau = {tau}, v = {v}: the motion from this state makes more than "
-                f"{MOST_IMPACTS} contacts before it has made {n_plus} contacts with Σ⁺"
+                f"{MOST_IMPACTS} contacts before it has made {n_plus} contacts with Σ⁺; give another state"
             )
         time += s
         if leaves:

@@ -17,7 +17,7 @@ Show = Callable[[], object]
 
 
 class DrawingRunner:
-    """Runner of drawings, one at a time. A request waits for the running drawing: its thread cannot be cancelled.
+    """Runner of drawings, one at a time. A new one waits for the running one, whose thread cannot be cancelled.
 
     If several requests arrive while a drawing runs, only the newest is drawn. While a survey runs, PAUSE seconds pass
     between two drawings.

@@ -106,7 +106,7 @@ def colour_scales(values: ColumnDataSource, fine: ColumnDataSource, **bar: Any) 
 
     Returns
     -------
-    dict[bool, Scale]
+    dict[bool, ScaleRenderers]
         {False: the linear scale, True: the logarithmic scale}.
     """
     found = {}

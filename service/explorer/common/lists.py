@@ -39,7 +39,7 @@ class SurveyMenu(JSComponent):
 
 
 class MapKey(JSComponent):
-    """Key of the map: meanings of its colours (`shades`) and lines (`overlays`). chosen: names of the drawn lines."""
+    """Legend of a map: meanings of its colours (`shades`) and lines (`overlays`). chosen: names of drawn lines."""
 
     shades = param.List(default=[])
     overlays = param.List(default=[])

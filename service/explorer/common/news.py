@@ -19,7 +19,7 @@ from gear_rattle.service.operations.surveys import list_jobs
 from gear_rattle.service.state import Front
 
 LISTED = 100  # most surveys in the list of a page: the newest ones
-PAUSE_SECONDS = 0.5  # seconds after a reading of the database until the next; a new listener ends this pause
+PAUSE_SECONDS = 0.5  # least seconds between two readings of the database; a new listener ends this pause early
 RATE_SECONDS = 20.0  # seconds over which the rate of a running survey is measured
 
 

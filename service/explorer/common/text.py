@@ -1,4 +1,4 @@
-"""Text on the page that changes often."""
+"""Panes of the page whose text changes often."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class Text:
 
 
 class Heading(Text):
-    """Line that describes the shown map. The reason why no map is shown replaces the line."""
+    """Line that describes the shown map. While no map is shown, the line gives the reason."""
 
     def __init__(self, sheet: str) -> None:
         super().__init__("", sheet)

@@ -145,7 +145,7 @@ class PageSession:
             change_document(self.document, act)
 
     def end(self) -> None:
-        """Cancel the tasks of a page that was closed. Its document is not changed any more."""
+        """Cancel the tasks of a page that was closed. No task changes its document any more."""
         self.ended = True
         for task in tuple(self._tasks):
             task.cancel()

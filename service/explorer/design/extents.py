@@ -79,8 +79,9 @@ def followed_range(gear: AnyGear, map_range: Pair | None) -> Pair:
 
 
 def motion_extent(gear: AnyGear, attractor: rattle.Attractor, within: Pair) -> MotionExtent | None:
-    """Return the range of ε in which an attractor attracts, as far as it lies in `within`; None for undecided samples.
+    """Return the range of ε in which an attractor attracts; None for undecided samples.
 
+    The range of quiet motion is from 0 to the quiet limit. All other ranges are cut off at the ends of `within`.
     attractor: an attractor of the point, or the entry of its undecided samples (kind "undecided").
 
     Returns
@@ -106,7 +107,7 @@ def add_crisis(
 ) -> tuple[MotionExtent | None, ...]:
     """Return extents with the boundary crisis at the gear's δ as the upper end of chaos, if a sweep bracketed it.
 
-    An end stays if its distance from the crisis is larger than the width of its bracket.
+    The bracketed end is kept if its distance from the crisis is larger than the width of the bracket.
 
     Returns
     -------
@@ -154,8 +155,8 @@ def _branch_of(gear: AnyGear, attractor: rattle.Attractor, within: Pair) -> Any:
 
 def _extent_of_branch(branch: Any, within: Pair) -> MotionExtent:
     """Return the extent of the attracting part of a branch around the point from which the branch was followed."""
-    # Only a branch of the stiff gear has `grazes`: the branch ends at each of them, which lies before its first point
-    # (index −1) or after its last point.
+    # Only branches of the stiff gear have `grazes`. Such a branch ends at a graze, so each graze lies before the first
+    # point (index −1) or after the last point.
     grazes = [(each, each.after or -1) for each in getattr(branch, "grazes", ())]
     events = [(each, _index_of_point_before(each, branch)) for each in branch.events if each.admissible] + grazes
     attracts = branch.stable & branch.admissible

@@ -21,7 +21,7 @@ class NumberEntry(NamedTuple):
     """One of the numbers that describe a machine, such as its backlash, and the field in which it is entered.
 
     name, unit: the label of the field. per: factor from the library's unit (SI, but rpm for speed) to `unit`, such as
-    1e6 from m to µm. first: the first value of the field; None if the field may be empty. is_count: True for a count,
+    1e6 from m to µm. first: the initial value of the field; None if the field may be empty. is_count: True for a count,
     such as the number of teeth. about: the tooltip, "" for none.
     """
 

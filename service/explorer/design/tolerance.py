@@ -30,7 +30,7 @@ LEAST_OF_MEAN = 0.1  # least speed and least damping of a gear, each relative to
 
 
 class Yield(NamedTuple):
-    """Yield of a population of `gears` gears.
+    """The yield of a population of `gears` gears.
 
     quiet: the probability that a random gear runs quietly from a random start. passing: the share of gears that pass,
     because each runs quietly with at least the required probability.
@@ -102,7 +102,7 @@ def _amplitudes_by_order(name: str, harmonics: Sequence[Harmonic]) -> dict[str, 
 
 
 def _number_with_tolerance(mean: float, width: float, low: float) -> Any:
-    """Return a normal distribution cut off below low · mean; the number `mean` if the standard deviation width is 0."""
+    """Return a normal distribution cut off below low · mean; only `mean` if the standard deviation `width` is 0."""
     return Normal(mean, width, low=low * mean) if width > 0.0 else mean
 
 

@@ -43,7 +43,7 @@ class FamilyExtent:
 
     @property
     def state(self) -> PointState:
-        """State of the tabs for the point `middle`, whose diagram then runs along the row or column of cells."""
+        """State of the tabs for the point `middle`, with a diagram of `half_span` to either side in this direction."""
         return PointState(direction=self.direction, span=float(f"{self.half_span:.12g}"))
 
 

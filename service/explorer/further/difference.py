@@ -21,7 +21,7 @@ SAME, OTHER = "the_same", "different"
 
 
 def require_small_survey(request: SurveyRequest) -> None:
-    """Raise SurveyError if a survey has too many cells for a difference, which is held in memory."""
+    """Raise SurveyError if a survey has too many cells for a difference, because differences are held in memory."""
     if (size := math.prod(request.shape)) > MOST_CELLS:
         raise SurveyError(
             f"A difference needs surveys of at most {MOST_CELLS:,} cells, and one of these surveys has {size:,} cells: "
@@ -30,7 +30,7 @@ def require_small_survey(request: SurveyRequest) -> None:
 
 
 class DifferenceMap(MapPlane):
-    """The first map less another map of the same variable, float32. For maps of codes: 1 where they differ, else 0.
+    """The first map minus another map of the same variable, float32. For maps of codes: 1 where they differ, else 0.
 
     A difference of phases is wrapped to [−0.5, 0.5). The value is NaN where either map has no value. The status is 0
     where either map is not computed or the other map has no cell, and FAILED where a cell of either map failed.

@@ -79,7 +79,7 @@ class RightSide:
         self._answering = self._viewer.start(self._show_survey_answer(point, view, self._store.job, model))
 
     async def _show_survey_answer(self, point: PointView, view: View, job: JobRow | None, model: Model) -> None:
-        """Show the basin fractions of the survey's cell around the point, until the point itself is computed."""
+        """Show the basin fractions of the survey's cell around the point, if any, until the point is computed."""
         assert view.point is not None
         at = view.point
 

@@ -89,7 +89,7 @@ def shown_values(plane: MapPlane, block: MapBlock) -> np.ndarray:
 
 
 def values_in_window(plane: MapPlane, window: Ranges, room: Room) -> tuple[np.ndarray, Ranges]:
-    """Return the values of the cells in a window, and the box of these cells. It blocks: use a thread."""
+    """Return the values of the cells in a window, and the box of these cells. This function blocks: use a thread."""
     block = plane.block(window, room)
     return shown_values(plane, block), block.box
 
@@ -184,7 +184,7 @@ def family_places(block: MapBlock, labels: Mapping[float, str], room: Room) -> d
 
 
 def _short_name(label: str) -> str:
-    """Return the number of a family, with the letter of its motion if it has one: "6: P(1,1,1) = D" is "6: D"."""
+    """Shorten the name of a family to its number and letter: "6: P(1,1,1) = D" to "6: D". Other names do not change."""
     number, is_numbered, name = label.partition(": ")
     return f"{number}: {name.split(' = ')[-1]}" if is_numbered else label
 

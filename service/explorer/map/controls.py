@@ -102,8 +102,8 @@ def meaning_of(variable: str) -> str:
 class MapControls:
     """Widgets that choose a map.
 
-    featured: the buttons of the featured maps. panel: all other widgets. row: the part of `panel` with these widgets,
-    to which the page adds widgets of other classes.
+    featured: the buttons of the featured maps. panel: all other widgets. row: the part of `panel` without the
+    message about wrong limits; the page adds widgets of other classes to it.
     """
 
     def __init__(self, shared: SharedState, store: Store, sheet: str) -> None:

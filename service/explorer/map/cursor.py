@@ -34,7 +34,7 @@ STEPS = 40
 FAR_STEP = 0.1  # length of a step with Shift, as a share of the window
 MOST_STEPS_AT_ONCE = 1000  # most steps in one message of the browser; a key that is held down sends many steps
 ZOOM_FACTOR = 0.5  # factor of the window's width and height when a viewer zooms in by the keyboard
-# if the window moves to contain the cursor, the cursor's distance from the window's edge, as a share of the window
+# distance of the cursor from the window's edge after the window has moved to contain it, as a share of the window
 EDGE_SHARE = 0.25
 LARGEST_ZOOM_OUT = 3.0  # greatest width of a window after zooming out, in widths of the survey
 WINDOWS = {"back": "Back to the window before", "forward": "Forward to the window after"}

@@ -79,7 +79,7 @@ class MapLines:
     def _change_lines(self, name: str, change: Callable[[], object]) -> None:
         """Let the page call `change` to draw a line that the current task has computed.
 
-        Do not call `change` if another task has begun to compute the line meanwhile.
+        The page does not call `change` if another task has begun to compute the line meanwhile.
         """
         task = asyncio.current_task()
 
@@ -271,7 +271,7 @@ def _missing_capability(model: Model) -> str:
 
 
 def curve_pieces(name: str, model: Model, delta: Pair, epsilon: Pair) -> tuple[list[np.ndarray], str]:
-    """Return the pieces of a curve inside a window, each an array (k, 2) of points (δ, ε); or why there are none.
+    """Return the pieces of a curve inside a window, each an array (k, 2) of points (δ, ε), or why it is not traced.
 
     This function blocks: use a thread. A curve that lies outside of the window has no pieces and no reason.
 

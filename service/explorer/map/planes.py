@@ -99,7 +99,7 @@ class MapPlane:
         self._lock = threading.Lock()
 
     def update(self, job: JobRow) -> bool:
-        """Read new tiles for at most READING_SECONDS, and return whether all were read. It blocks: use a thread."""
+        """Read new tiles for at most READING_SECONDS; return whether all were read. This call blocks: use a thread."""
         with self._lock:
             deadline = time.monotonic() + READING_SECONDS
             whole = job.state == State.SUCCESSFUL
@@ -163,8 +163,8 @@ class MapPlane:
             Pixels along δ and along ε.
         anywhere : bool
             True if a cell that stands for several cells shows their largest value, so that a small part of a family
-            remains visible. This needs a map with its cells in memory (`is_kept`). If False, the cell shows a rare
-            code, or the mean or a rare extreme of the numbers.
+            remains visible. This needs a map with its cells in memory (`is_kept`). If False, the cell shows a rare one
+            of its codes, or the mean or a rare extreme of its numbers.
 
         Returns
         -------
@@ -252,7 +252,7 @@ class LeveledPlane(MapPlane):
         self._opened: dict[str, xr.Dataset] = {}
 
     def update(self, job: JobRow) -> bool:  # noqa: ARG002  # a completed survey does not change
-        """Return True: no tile needs to be read in advance, because cells are read when they are drawn."""
+        """Read nothing, because cells are read when they are drawn; return True, as if all tiles were read."""
         return True
 
     def _read_displayed_cells(self, part: LevelPart) -> DisplayedCells:
@@ -320,7 +320,7 @@ def _cell_index(axis: np.ndarray, value: float) -> int | None:
 
 
 def cell_indices(axis: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Return for each value the index, along an axis, of the cell that contains the value; −1 outside of all cells."""
+    """Return the index, along an axis, of the cell that contains each value; −1 for a value outside of all cells."""
     step = (axis[-1] - axis[0]) / (axis.size - 1)
     found = np.floor((values - axis[0]) / step + 0.5).astype(int)
     return np.where((found >= 0) & (found < axis.size), found, -1)

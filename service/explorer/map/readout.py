@@ -113,7 +113,7 @@ def cell_summary(cell: xr.Dataset | None, request: SurveyRequest) -> str:
 
 
 def cell_position(cell: xr.Dataset, request: SurveyRequest) -> str:
-    """Return a cell's δ and ε, in enough digits to tell it from its neighbours, or a machine's rpm and eccentricity."""
+    """Return as text a cell's δ and ε, with enough digits to tell it from its neighbours, or rpm and eccentricity."""
     delta, epsilon = float(cell["delta"]), float(cell["epsilon"])
     if request.machine is not None:
         return ", ".join(value for _, value in _speed_and_eccentricity(request.machine, delta, epsilon))

@@ -187,7 +187,7 @@ class SharedState:
         return {} if store.whole_request is None else maps_of(store.whole_request)
 
     def plane(self, job: JobRow | None, variable: str, index: int, number: int) -> MapPlane:
-        """Return a map of a survey, or of the example if `job` is None. It blocks. For errors see `Atlas.plane`."""
+        """Return a map of a survey, or of the example if `job` is None. It blocks. For errors see `MapCache.plane`."""
         if job is None:
             return self.exact.plane(variable, index)
         is_whole = False
@@ -196,7 +196,15 @@ class SharedState:
         return plane
 
     def exact_map(self, view: View) -> tuple[MapPlane, MapBlock, Colouring]:
-        """Return the view's map of the example, its drawn cells, and their colours. It blocks: use a thread."""
+        """Return a map of the example, its drawn cells and their colours. This method blocks: use a thread.
+
+        view: the view whose variable is mapped.
+
+        Returns
+        -------
+        tuple[MapPlane, MapBlock, Colouring]
+            The map, the cells and the colours.
+        """
         plane = self.exact.plane(view.variable, view.index)
         block = plane.block()
         return plane, block, replace(colouring(plane, block, view.limits, view.log), note=EXAMPLE)

@@ -84,7 +84,7 @@ class SurveyMap(ABC):
         chosen : MapChoice | None
             Map that the workers can compute in finer windows; None if they cannot, as for a difference.
         limits, log
-            The viewer's choice of the colour range: (low, high) or a rule such as "auto"; and True for a log scale.
+            The viewer's choice of the colour range, (low, high) or a rule such as "auto"; whether it is logarithmic.
         """
         is_new = plane is not self.plane
         self.plane, self.colours, self._chosen, self._how = plane, colours, chosen, (limits, log)
@@ -185,7 +185,7 @@ class SurveyMap(ABC):
         self._viewer.change(lambda: self.show_shades(shades))
 
     def read_cell(self, read: Callable[[], Read], show: Callable[[Read], object]) -> None:
-        """Call `read` in a thread, and then `show` with the result of `read`. Cancel an earlier reading."""
+        """Call `read` in a thread, and then `show` with its result. Cancel the reading that an earlier call began."""
         self.stop_reading()
         self._reading = self._viewer.start(self._read_and_show(read, show))
 

@@ -206,7 +206,10 @@ class MapView(SurveyMap):
             self.read_cell(read, show)
 
     def _mark_point_and_pins(self) -> None:
-        """Mark the open point, its ellipse and its diagram's line, and the pins, if their model is the map's."""
+        """Mark the pins and the open point, with the ellipse of its tolerances and the line of its diagram.
+
+        A point or pin is marked only if its model is that of the map.
+        """
         view, model, machine = self._store.view, self._store.model, self._store.machine
         self.figure.mark_pins(points_by_number(view.pins, model))
         if (marked := (view.point, view.machine, view.point_state, model, machine)) != self._marked:

@@ -139,7 +139,7 @@ class SurveyForm:
         self.sample.fill(request)
 
     def fill_window(self, window: Ranges, model: Model, machine: SurveyedMachine | None = None) -> None:
-        """Set the fields to the part of a window that a survey may cover (δ > 0, ε ≥ 0), in few digits.
+        """Set the fields to the part of a window that a survey may cover (δ > 0, ε ≥ 0), rounded to few digits.
 
         If a machine is given, set also its fields: its numbers, and its speeds and eccentricities in the window.
         """

@@ -1,4 +1,4 @@
-"""Write the first document that a browser gets. It is the same for all viewers; its scripts request the page."""
+"""Write the first document that a browser gets, the same for all viewers. Its scripts request the page."""
 
 from __future__ import annotations
 

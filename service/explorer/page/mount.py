@@ -102,7 +102,7 @@ class Explorer:
             log.exception("the explorer cannot be loaded")
 
     async def load(self) -> PageApplication:
-        """Return the application that serves the pages. It is loaded once, and again after a failure."""
+        """Return the application that serves the pages; load it at the first call, or again after a failure."""
         failed = self._loading is not None and self._loading.done() and self._loading.exception() is not None
         if self._loading is None or failed:
             self._loading = asyncio.ensure_future(self._load())
@@ -151,7 +151,7 @@ class Explorer:
     async def _serve_head(self, _request: Request) -> Response:
         """Return the first document, whose scripts request the page itself.
 
-        A page takes memory until its browser leaves, so a client that runs no scripts gets none.
+        A page takes memory until its browser leaves. So only a client that runs the scripts of this document gets one.
 
         Returns
         -------

@@ -161,7 +161,7 @@ class Page:
     def _choose_default(self) -> None:
         """Show the default survey if no survey is chosen when the list of surveys first arrives.
 
-        If this survey is deleted later, show the default survey among the remaining ones. If the list is empty at
+        If this survey is deleted later, show the default survey among the other surveys. If the list is empty at
         first, the page shows the example. A survey that is submitted later does not replace the example, at which the
         viewer may be looking.
         """

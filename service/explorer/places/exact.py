@@ -96,7 +96,7 @@ class UnfinishedPlane(ExactPlane):
         super().__init__(cells, _closed_form_dataset(cells, {variable}), variable, index)
         self.id, self.request, self._load_computed_map = survey_id, request, load_computed_map
         self._levels = possible_levels(cells.shape)
-        # keep copies, because `cells` holds every quantity that was evaluated, which would fill the memory
+        # keep copies, because `cells` holds every quantity that was evaluated, and these would fill the memory
         self.plane, self._evaluated = self.plane.copy(), replace(cells)
 
     def cell_at(self, delta: float, epsilon: float) -> xr.Dataset | None:
@@ -180,7 +180,7 @@ class ExactMaps:
             return self._unfinished[key]
 
     def plane(self, variable: str, index: int) -> MapPlane:
-        """Return a map of the explorer's example; `index` is the number of an orbit. It blocks: use a thread."""
+        """Return a map of the explorer's example. index: number of the orbit. The call blocks: use a thread."""
         return ExamplePlane(self._cells, self._dataset, variable, index)
 
     @cached_property

@@ -90,7 +90,7 @@ class BasinsTab:
         )
 
     def _missing_parts(self, is_at_other_point: bool) -> list[Part]:
-        """Return the parts of the basins that the open tab needs and that are not begun yet.
+        """Return the parts of the basins that the open tab needs and whose computation has not begun.
 
         is_at_other_point: True for the parts at the other point that the slider chooses, False for the parts at the
         open point.

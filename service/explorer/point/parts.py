@@ -152,7 +152,7 @@ class DiagramLines(NamedTuple):
 
 
 def listed_attractors(cell: xr.Dataset) -> Iterator[tuple[xr.Dataset, str, tuple[int, int, int], int]]:
-    """Yield each attractor of a survey's cell: variables, kind, label (m, n₊, n₋), and number of contact phases."""
+    """Yield for each attractor of a survey's cell: variables, kind, label (m, n₊, n₋), number of contact phases."""
     for slot in range(cell.sizes["attractor"]):
         one = cell.isel(attractor=slot)
         kind = rattle.KINDS[int(one["attractor_kind"])]
@@ -162,7 +162,7 @@ def listed_attractors(cell: xr.Dataset) -> Iterator[tuple[xr.Dataset, str, tuple
 
 
 def survey_attractors(cell: xr.Dataset, starts: int) -> SampledAttractors | None:
-    """Return the attractors of a survey's cell, which has `starts` samples.
+    """Return the attractors of a survey's cell. starts: number of samples of the cell.
 
     Returns
     -------

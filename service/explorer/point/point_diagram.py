@@ -42,7 +42,7 @@ DENSE_EXCESS = 0.5  # a range of speeds is dense if its excess mass is larger th
 ROUNDING_STEPS = 1e-7, 1e-3  # parameter and speed of states are rounded to these steps; equal states count once
 # pixels: height of the figure, height of its speed axis, width that is assumed until a browser sends the true one
 HEIGHT, INNER, NARROW = 360, 270, 300
-# of event names: rows above the data; height of a row, in pixels; width of a letter, in pixels; most names
+# names of events: number of rows above the data; height of a row and width of a letter, in pixels; most names shown
 NAME_ROWS, ROW, LETTER, MOST_NAMES = 4, 15, 6.2, 12
 
 

@@ -78,7 +78,7 @@ class MotionTab:
             (tau, v), what = point.state.start, "From the chosen initial condition"
         elif (attractor := point.shown_attractor) is None:
             raise rattle.RattleError(
-                "No attractor is known here. Click in the basins to see the motion from that state."
+                "No attractor is known at this point. Click in the basins to see the motion from the clicked state."
             )
         else:
             tau, v, what = attractor.tau, attractor.v, legend_name(attractor)

@@ -83,7 +83,7 @@ class PointView:
             tab(point, panel)
 
     def show_survey_answer(self, found: parts.SampledAttractors) -> None:
-        """Show the attractors of the survey's cell around the point, unless the point's own are computed already."""
+        """Show the attractors of the survey's cell that contains the point, unless the point's own are known."""
         if self._point is not None and self._point.attractors is None:
             self._answer.show(found, FROM_SURVEY_CELL)
 

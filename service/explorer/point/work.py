@@ -24,7 +24,7 @@ from rattle.models import DEFAULT_MODEL
 if TYPE_CHECKING:
     from bokeh.document import Document
 
-GRACE_SECONDS = 15.0  # seconds before a given-up task is cancelled; the cancellation ends the process that computes
+GRACE_SECONDS = 15.0  # seconds before an abandoned task is cancelled; the cancellation ends the process that runs it
 
 Result = TypeVar("Result")
 Arguments = TypeVarTuple("Arguments")
@@ -53,12 +53,12 @@ async def _prepare_process(front: Front) -> None:
 
 
 def waiting_html(what: str) -> str:
-    """Return a message in HTML for the time in which `what`, a noun such as "the diagram", is being computed."""
+    """Return an HTML message which says that `what`, a noun such as "the diagram", is being computed."""
     return f'<p class="faint" role="status">computing {escape(what)} …</p>'
 
 
 class PointTasks:
-    """Tasks, in the event loop, of the view of one point. document: None if no page shows the view, as in tests."""
+    """The tasks that the view of one point runs in the event loop. document: None if no page shows the view."""
 
     def __init__(self, front: Front, document: Document | None, model: str) -> None:
         self._front, self._document = front, document

@@ -1,4 +1,4 @@
-"""Profile of a map along a line in the plane: the values of the cells that the line crosses."""
+"""The profile of a map along a line in the plane: the values of the cells that the line crosses."""
 
 from __future__ import annotations
 

@@ -68,8 +68,8 @@ class MapDrawn:
     """A map was drawn, or the drawn map was removed.
 
     seen: settings of the drawn map, None if the map was removed. limits: `View.limits` when the map was drawn. A
-    drawing with logarithmic colours replaces a lower limit of 0 or less. The view then gets the limits of `seen`,
-    unless a viewer has changed the view's limits in the meantime.
+    drawing with logarithmic colours replaces a lower limit of 0 or less. In this case the view gets the limits of
+    `seen`, unless a viewer has changed the view's limits in the meantime.
     """
 
     seen: DrawnSettings | None
@@ -233,7 +233,7 @@ class MapAdded:
 
 @dataclass(frozen=True)
 class MapChanged:
-    """Another map was chosen for comparison map number `index`, 0 for the second map of the page."""
+    """Another map was chosen for the comparison map with the number `index`, from 0 (the main map has no number)."""
 
     index: int
     further: ComparisonChoice

@@ -158,7 +158,7 @@ def _open_point(view: View, point: Pair, machine: EnteredMachine | None, state: 
     if state is None:
         is_open = (view.point, view.machine) == (point, machine)
         state = view.point_state if is_open else PointState(tab=view.point_state.tab)
-    # a pointer at another point is dropped: the numbers beside the map shall be of the opened point's cell
+    # a pointer at another point is dropped, so that the numbers beside the map are those of the opened point's cell
     pointer = view.pointer if view.pointer is not None and view.pointer.at == point else None
     return replace(view, point=point, machine=machine, point_state=state.with_changes(), pointer=pointer)
 
@@ -174,7 +174,7 @@ def _change_point_state(view: View, **fields: Any) -> View:
 
 
 def _draw_diagram_to(view: View, to: Pair) -> View:
-    """Draw and show the diagram from the open point to another point. If no point is open, open the other point."""
+    """Draw the diagram from the open point to another point of the plane. If no point is open, open the other one."""
     if view.point is None:
         return _open_point(view, to, None, None)
     return _change_point_state(view, to=to, at=None, tab=DIAGRAM) if to[0] > 0 and to[1] >= 0 else view

@@ -96,7 +96,7 @@ class Store(Listeners):
 
     @property
     def whole_request(self) -> SurveyRequest | None:
-        """Request of the chosen survey or the example, with all slices; None if it is not known or cannot be read."""
+        """Request of the chosen survey or the example, with all slices; None if it is unknown or unreadable."""
         if self.view.is_example:
             return self._example
         job = self.job
@@ -108,7 +108,7 @@ class Store(Listeners):
 
     @property
     def request(self) -> SurveyRequest | None:
-        """Request of the shown survey, or of its chosen slice if it has a third axis; None if it is not known."""
+        """Request of the shown survey, or of the chosen slice along its third axis; None if it is not known yet."""
         whole = self.whole_request
         return whole if whole is None else whole.slice_request(whole.slice_index(self.view.slice))
 

@@ -63,7 +63,7 @@ async def reached(
     """
     limit = front.settings.max_point_count
     if max(len(tau), len(v)) > limit:
-        raise LimitError("query.tau", f"there may be at most {limit:,} states. For more, use the library.")
+        raise LimitError("query.tau", f"there may be at most {limit:,} states. For more, use Gear.reached in Python.")
     gear = point.gear
     found = await compute_in_process(
         front,

@@ -100,7 +100,7 @@ async def verdict_of_measured(
     """Return the verdict on a machine whose transmission error is measured and sent as a CSV table.
 
     The table contains the effect of the eccentricity, which is therefore no parameter. `machine` in the answer has the
-    parameter point, restitution and harmonics of this machine, as the queries of other routes take them.
+    parameter point, restitution and harmonics of this machine, in the form that the queries of other routes accept.
     """
     measured = await run_in_threadpool(_read_curve, curve, orders)
     return await _verdict_document(front, replace(machine, errors=measured.harmonics), measured, count, seed)

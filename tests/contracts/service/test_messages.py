@@ -192,7 +192,7 @@ def test_another_program_at_the_address_is_no_service() -> None:
 
     with (
         Client(http=httpx.Client(transport=httpx.MockTransport(answer), base_url="http://example")) as client,
-        pytest.raises(ServiceError, match="which is not a JSON object: is a gear-rattle service at http://example"),
+        pytest.raises(ServiceError, match="which is not a JSON object, so another program may be at http://example"),
     ):
         client.job("0" * 16)
     with Client() as client, pytest.raises(ServiceError, match="give finite numbers"):

@@ -150,7 +150,7 @@ def test_a_database_elsewhere_knows_the_directory(tmp_path: Path, database_url: 
         pass
     for wrong in (hole, other):
         with (
-            pytest.raises(DataDirectoryError, match="not the data directory of this job database"),
+            pytest.raises(DataDirectoryError, match="not the data directory that the job database has recorded"),
             open_data(Settings(data=wrong, database_url=database_url)),
         ):
             pass

@@ -72,9 +72,9 @@ def test_what_cannot_be_done_is_said(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     refused = [monkeypatch, capsys]
-    assert "no data directory" in refusal(*refused, "key", "list", "--data", str(tmp_path / "none"))
+    assert "has no job database" in refusal(*refused, "key", "list", "--data", str(tmp_path / "none"))
     assert not (tmp_path / "none").exists()
-    assert "no data directory" in refusal(*refused, "key", "list", "--data", str(tmp_path))
+    assert "has no job database" in refusal(*refused, "key", "list", "--data", str(tmp_path))
     assert list(tmp_path.iterdir()) == []
     rattle("key", "add", "Ann", "--data", str(tmp_path))
     assert "no key 'abc'" in refusal(*refused, "key", "revoke", "abc", "--data", str(tmp_path))

@@ -159,7 +159,7 @@ def test_what_a_population_costs_is_measured(client: TestClient) -> None:
         ({"gear": POPULATION["gear"] | {"epsilon": 0.1, "beta": 0.6}}, "body", "nothing varies"),
         ({"gear": POPULATION["gear"] | {"radius": 0.05}}, "body", "both define the gear"),
         ({"gear": POPULATION["gear"] | {"beta": {"distribution": "normal", "mean": 0.6}}}, "body.gear.beta", ""),
-        ({"gear": POPULATION["gear"] | {"restitution": LOSES}}, "body", "cut the distribution off (high=1)"),
+        ({"gear": POPULATION["gear"] | {"restitution": LOSES}}, "body", "such as a normal one with high = 1"),
         ({"correlation": [[1.0, 0.5], [0.4, 1.0]]}, "body", "must be symmetric"),
         ({"count": 100}, "body.count", "limit of this service, 64."),
         ({"gears": 2_000_000}, "body.gears", "limit of this service, 1,000,000."),

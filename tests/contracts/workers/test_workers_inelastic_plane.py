@@ -54,5 +54,5 @@ def test_what_harmonics_leave_of_a_survey() -> None:
     more = FIELDS | {"harmonics": [(3, 0.1, 0.0)]}
     assert "region" in SurveyRequest.model_validate(FIELDS).quantities
     assert not {"region", "orbits"} & {*SurveyRequest.model_validate(more).quantities}
-    with pytest.raises(ValidationError, match="the inelastic model with harmonics has no region: name some of"):
+    with pytest.raises(ValidationError, match="the inelastic model with harmonics has no region: choose from"):
         SurveyRequest.model_validate(more | {"quantities": ["region"]})

@@ -158,7 +158,7 @@ def test_axes_of_the_model_have_a_machines_numbers_too() -> None:
         ({"machine": {"inertia": 1.0} | SPANS}, "machine.drag: is not given"),
         ({"machine": GEARS | {"rpm": SPANS["rpm"]}}, "epsilon"),
         ({"machine": GEARS | SPANS | {"rpm": {"start": 0.0, "stop": 10.0, "num": 3}}}, "rpm must be greater than 0"),
-        ({"machine": GEARS | SPANS | {"rpm": 3000}}, "machine.rpm: an axis has start"),
+        ({"machine": GEARS | SPANS | {"rpm": 3000}}, "machine.rpm: an axis needs start"),
         ({"model": "stiff", "kappa": 1e4, "quantities": ("region",)}, "kappa of a machine changes with its speed"),
         ({"machine": GEARS | SPANS | {"stiffness": 1e8}}, "machine.stiffness: is not a known field"),
     ],

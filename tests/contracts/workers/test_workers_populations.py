@@ -116,7 +116,7 @@ def test_a_population_that_is_resumed_has_the_same_bytes(whole: Path, kept: tupl
     path = tmp_path / "population.zarr"
     create_store(REQUEST, path)
     run_tiles_here(REQUEST, path, [TILES[i] for i in reversed(kept)], lambda _: None, never)
-    with pytest.raises(SurveyError, match=r"lacks .* gears: wait until all are computed, or run its command again"):
+    with pytest.raises(SurveyError, match=r"lacks .* gears: wait until all gears are computed"):
         population_of(path)
     create_store(REQUEST, path)
     done = tiles_done(REQUEST, path)

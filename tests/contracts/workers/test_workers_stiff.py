@@ -143,7 +143,7 @@ def test_the_stiffness_makes_another_survey() -> None:
         ({"kappa": 1e11}, "must be at most"),
         ({"kappa": "1e4"}, "number"),
         ({"model": "soft"}, "impacting"),
-        ({"quantities": ["region", "grazing"]}, "the stiff model has no grazing: name some of region"),
+        ({"quantities": ["region", "grazing"]}, "the stiff model has no grazing: choose from region"),
     ],
 )
 def test_refused_with_a_reason(fields: dict[str, object], message: str) -> None:

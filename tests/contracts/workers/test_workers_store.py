@@ -169,9 +169,9 @@ MISALIGNED = [
 @pytest.mark.parametrize("tile", MISALIGNED, ids=str)
 def test_a_misaligned_tile_is_refused_at_submission_and_at_the_write(store: Path, tile: Tile) -> None:
     before = snapshot(store)
-    with pytest.raises(SurveyError, match="not a chunk"):
+    with pytest.raises(SurveyError, match="not one whole chunk"):
         write_tile(REQUEST, str(store), tile, {"region": np.ones((4, 2), "int8")})
-    with pytest.raises(SurveyError, match="not a chunk"):
+    with pytest.raises(SurveyError, match="not one whole chunk"):
         run_tiles(REQUEST, store, [tile], None, lambda _: None, lambda: False)  # type: ignore[arg-type]  # refused before a client is used
     assert snapshot(store) == before
 

@@ -141,9 +141,9 @@ def test_quiet_is_nothing_and_undecided_is_not_known() -> None:
 def test_what_is_no_motion_of_the_gear_is_refused() -> None:
     gear = rattle.Gear(0.6, 0.1)
     (c,) = (each for each in gear.orbits() if each.name == "C")
-    with pytest.raises(rattle.RattleError, match="give a periodic motion of this very gear"):
+    with pytest.raises(rattle.RattleError, match="give a periodic motion of this gear"):
         rattle.Gear(0.6, 0.12).intensity(c)
-    with pytest.raises(rattle.RattleError, match="give a periodic motion of this very gear"):
+    with pytest.raises(rattle.RattleError, match="give a periodic motion of this gear"):
         gear.impacts(c._replace(v=c.v + 1e-4))
     with pytest.raises(rattle.ParameterError, match="must leave Σ⁺ with a speed v above 0"):
         gear.intensity(c._replace(v=-1.0))

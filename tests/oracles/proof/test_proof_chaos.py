@@ -213,10 +213,10 @@ def test_loops_are_told_apart_by_their_first_sets(stored):
         one = sets_of(document)[0]
         prove.require_disjoint_sets([one], [moved(one, Fraction(3), Fraction(0))])
         for overlapping in (one, moved(one, Fraction(19, 10), Fraction(0)), moved(one, Fraction(1), Fraction(1))):
-            with pytest.raises(rattle.NotProvedError, match="the first sets of two loops may meet"):
+            with pytest.raises(rattle.NotProvedError, match="the first parallelograms of two loops may overlap"):
                 prove.require_disjoint_sets([one], [overlapping])
         later = coverings.HSet((one.centre[0] + 1, one.centre[1]), one.unstable, one.stable)
-        with pytest.raises(rattle.NotProvedError, match="the first sets of two loops may meet"):
+        with pytest.raises(rattle.NotProvedError, match="the first parallelograms of two loops may overlap"):
             prove.require_disjoint_sets([one], [later])
 
 

@@ -210,7 +210,7 @@ def test_a_motion_listed_twice_is_not_of_twice_the_period():
             finder.require_least_period(times, walls, m)
         twice = [*once, *(t + 1 for t in once)]
         with pytest.raises(
-            rattle.NotProvedError, match="2 is not proved to be the least period of the motion: it may be 1"
+            rattle.NotProvedError, match="2 is not proved to be the least period of the motion, which may be 1"
         ):
             finder.require_least_period(twice, (1, -1, 1, -1), 2)
         apart = [*once, once[0] + 1, once[1] + arb("1.0000001")]

@@ -138,7 +138,7 @@ def files_of_levels(request: SurveyRequest) -> Template:
 
 
 def _layout_entries(levels: tuple[Level, ...]) -> Iterator[dict[str, Any]]:
-    """Yield the description of each level in the form of the multiscales convention for zarr.
+    """Yield the description of each level as the multiscales convention of zarr requires it.
 
     Yields
     ------

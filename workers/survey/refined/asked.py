@@ -10,7 +10,7 @@ from gear_rattle.workers.survey.values.schema import SAMPLED, Group
 from rattle.models import MODELS, Capability, require_capability
 
 BLOCK = 32  # cells along a side of a block; blocks begin at rows and columns that are multiples of this number
-AUDITED_SHARE = 0.02  # default of `Refine.audit`, the share of filled cells to audit
+AUDITED_SHARE = 0.02  # default of `RefineOptions.audit`, the share of filled cells to audit
 
 
 class RefineOptions(StrictRecord):

@@ -86,7 +86,7 @@ class Blocks:
 
     @property
     def n_cells(self) -> int:
-        """Number of cells of the frame: of the cells rows × columns, and of the next row and column of the grid."""
+        """Number of cells of the frame (see `Blocks`)."""
         return self.shape[0] * self.shape[1]
 
     def undivided_leaves(self) -> Leaves:
@@ -120,7 +120,7 @@ class Blocks:
         )
 
     def cell_numbers(self, square: LeafCells) -> np.ndarray:
-        """Return the number of each cell in the frame (see `Blocks`), whose cells are counted row by row."""
+        """Return the number of each cell of a square. The cells of the frame (see `Blocks`) are numbered row by row."""
         block, row, column = square.block[:, :1, :1], square.row[:, :, :1], square.column[:, :1]
         top, left = (corner[block] for corner in self.block_origins)
         number: np.ndarray = (top + row) * self.shape[1] + left + column

@@ -42,7 +42,10 @@ class Evidence:
         self._code = np.zeros((blocks.block_origins[0].size, BLOCK + 1, BLOCK + 1), np.uint64)
 
     def compute(self, cells: np.ndarray) -> None:
-        """Compute the cells with these numbers unless they are computed, and continue their orbits in their blocks."""
+        """Compute those of these cells that are not computed yet, and continue their orbits in their blocks.
+
+        cells: the numbers of the cells.
+        """
         cells = cells[~self.known[cells]]
         if not cells.size:
             return

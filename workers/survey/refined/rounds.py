@@ -34,7 +34,7 @@ class AuditRound(NamedTuple):
 
     drawn: the round audits the filled cells whose random number (see `random_draws`) is below this value, but not below
     that of the round before. regular, chaotic: sizes of leaves (squares of cells). Before the audit the round computes
-    all cells of the leaves without chaos up to the size `regular`, and of those with chaos up to `chaotic`.
+    all cells of two kinds of leaves: leaves without chaos up to the size `regular`, leaves with chaos up to `chaotic`.
     """
 
     drawn: float

@@ -63,7 +63,7 @@ def fill_leaves(evidence: Evidence, leaves: Leaves) -> Filling:
 
 
 def branches_of(existing: GridPiece) -> Branches:
-    """Return the orbits of a block, grouped into branches."""
+    """Group the orbits of a block into branches: neighbouring orbits that continue into each other are connected."""
     from scipy.sparse import coo_array  # imported here, because it takes an eighth of a second to load
     from scipy.sparse.csgraph import connected_components
 
@@ -173,7 +173,7 @@ class _Leaf:
         return filled, np.sqrt(np.maximum(((shares - fitted) ** 2).mean(axis=0) - noise, 0.0))
 
     def _plane_terms(self, which: np.ndarray) -> np.ndarray:
-        """Return (1, row, column) for each cell flagged in `which`; row and column go from −0.5 to 0.5 in the leaf."""
+        """Return the terms (1, row, column) of a linear fit at the flagged cells; rows and columns are in ±0.5."""
         at = np.argwhere(which) / (self.cell.shape[0] - 1) - 0.5
         return np.column_stack([np.ones(len(at)), at])
 
@@ -237,7 +237,7 @@ class _Leaf:
 
 
 def _normalize_fractions(fractions: np.ndarray) -> np.ndarray:
-    """Replace negative fractions by 0, and scale each cell's fractions to the sum 1, shape (cells, functions)."""
+    """Replace negative fractions by 0, and scale the fractions of each cell (cells, fractions) to the sum 1."""
     found = np.maximum(fractions, 0.0)
     return np.asarray(found / found.sum(axis=1, keepdims=True))
 
@@ -245,10 +245,10 @@ def _normalize_fractions(fractions: np.ndarray) -> np.ndarray:
 def _divide_fractions(fraction: np.ndarray, weight: np.ndarray) -> np.ndarray:
     """Divide each basin fraction among the orbits that have one label in one cell, in proportion to their weights.
 
-    fraction (k,): for each orbit, the number of the fraction of which it gets a part. weight (k,): how many samples of
-    computed cells go to the orbit's branch; negative if no computed cell has the branch. An orbit with a negative
-    weight gets no part if another orbit of the same fraction has a weight of 0 or more. Orbits get equal parts if none
-    of them has a positive weight.
+    fraction (k,): the index of the basin fraction that each orbit shares. weight (k,): the number of samples of
+    computed cells that go to each orbit's branch; negative if no computed cell has the branch. An orbit with a negative
+    weight gets no part if another orbit of the same fraction has a weight of 0 or more. If no orbit of a fraction has a
+    positive weight, its other orbits get equal parts.
 
     Returns
     -------

@@ -144,7 +144,7 @@ class Tree:
         return self._are_uniform(leaves)
 
     def _record_kind(self, leaves: Leaves, cell: np.ndarray, empty: np.ndarray) -> None:
-        """Write the codes of `self.leaf` (round and kind of leaf, see `Tree`) for the cells of leaves to be filled.
+        """Write the codes of `self.leaf` (round and kind of leaf) for the cells of leaves to be filled.
 
         A cell keeps the first code that it gets in a round. cell: the numbers of the leaves' cells. empty: flags of the
         cells that are not computed, and so are to be filled.

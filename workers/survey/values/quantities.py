@@ -1,4 +1,4 @@
-"""The registry of a survey's variables, one entry each. The stores' schema, REST and documents follow from these.
+"""The registry of a survey's variables. Its entries, one for each variable, define the stores' schema, REST, documents.
 
 To add a variable, add one `Quantity` to `QUANTITIES`. A new dimension also needs a `Coordinate`.
 """
@@ -443,7 +443,7 @@ def groups_of(model: str, has_harmonics: bool = False) -> tuple[Group, ...]:
 
 
 def stored_variables(groups: Iterable[Group], model: str, more: Iterable[Quantity] = ()) -> tuple[Quantity, ...]:
-    """Return the variables of these groups as they are stored: complex ones as a real and an imaginary part."""
+    """Return the variables of these groups as they are stored: a complex variable as its real and imaginary parts."""
     return tuple(part for quantity in variables_of_groups(groups, model, more) for part in quantity.parts)
 
 

@@ -81,7 +81,7 @@ class Quantity:
 
     @property
     def fill_value(self) -> int | float | complex | bool:
-        """The value of the variable where nothing is computed, or nothing is there to describe (an empty slot)."""
+        """The stored value of a cell that is not computed, or that has nothing to describe, as in an empty slot."""
         fills = {"f": float("nan"), "c": complex("nan+nanj"), "b": False}
         return fills.get(np.dtype(self.dtype).kind, 0)
 

@@ -7,7 +7,7 @@ from .half_way import stability_margins
 from .intervals import ZERO, Interval, interval_between, is_less, midpoint, require
 from .two_impacts import TwoImpactCell
 
-#: Ratio of the width in s of the narrowest cell to the width in δ of the block.
+#: A cell is not halved if its width in s is at most this share of the width of the δ interval.
 SHARE = Fraction(1, 64)
 Part = tuple[Fraction, Fraction]
 

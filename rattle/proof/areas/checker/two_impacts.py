@@ -146,7 +146,7 @@ class TwoImpactCell(ParameterBox):
         return force_of_phase(self.d, z2 * cosine - z1 * sine, z1 * cosine + z2 * sine)
 
     def velocity(self, sign: int, t: Interval) -> Interval:
-        """Return Φ' a time t after the impact on Σ⁺, on the flight to Σ⁻ (sign −1) or on the flight back (1)."""
+        """Return Φ' at a time t after the impact on Σ⁺, on the flight to Σ⁻ (sign −1) or on the flight back (1)."""
         departure, w = (ZERO, -self.v.x) if sign < 0 else (self.s, self.u.x)
         z1, z2 = (z.x for z in self.z)
 
