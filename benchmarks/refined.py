@@ -66,7 +66,7 @@ def drawn(survey: xr.Dataset, cells: int, seed: int) -> Iterator[Drawn]:
     filled = np.flatnonzero((survey.source_level.values > 0) & (survey.status.values > 0))
     row, column = np.divmod(np.sort(rng.choice(filled, min(cells, filled.size), replace=False)), request.shape[1])
     height, width = request.tile_shape
-    tile = (row // height) * request.tile_grid[1] + column // width
+    tile = (row // height) * request.tile_grid_shape[1] + column // width
     for which in np.unique(tile):
         mine = np.flatnonzero(tile == which)
         top, left = (int(x.min()) for x in (row[mine], column[mine]))

@@ -107,7 +107,7 @@ async def simulate(url: str, number: int) -> None:
         keys = store._chunk_keys(request, tile).values()
         with encoding:  # the workers of this process share one encoder
             written = dict(zip(keys, contents(request, _shape(tile)), strict=True))
-        place = store._checked_place(path, request)
+        place = store._checked_store_location(path, request)
         for key, content in written.items():
             place.put(key, content)
         return TileRecord(tile.index, tile.n_cells, (), 0, 0.001, files=file_digests(written))

@@ -18,7 +18,7 @@ from rattle.attractors.table import AttractorTable
 from rattle.flight.forcing import DRIFT
 from rattle.inelastic.orbits.closed_form import departure_speed
 from rattle.models import Inelastic
-from rattle.plot import RestitutionPlane, codimension_two_figure, restitution_figure, restitution_plane, save
+from rattle.plot import RestitutionPlane, codimension_two_figure, draw_restitution_figure, restitution_plane, save
 
 IMAGES = Path(__file__).parent / "images"
 RESTITUTIONS = (1.0, 0.98, 0.95, 0.9, 0.8)
@@ -120,7 +120,7 @@ def main() -> None:
     """Compute, draw and print."""
     directory = Path(sys.argv[1] if len(sys.argv) > 1 else ".")
     planes = [kept_plane(r, directory) for r in RESTITUTIONS]
-    save(restitution_figure(planes).figure, IMAGES / "restitution.png", dpi=110)
+    save(draw_restitution_figure(planes).figure, IMAGES / "restitution.png", dpi=110)
     save(codimension_two_figure(BETA).figure, IMAGES / "restitution_points.png", dpi=110)
     for plane in planes:
         tell_plane(plane)

@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Any
 from rattle import curves
 from rattle._version import __version__
 from rattle.attractors.basins import Basins
-from rattle.attractors.measures import BasinEntropy, Uncertainty, basin_entropy, differing, disagreement
-from rattle.attractors.reached import Reached
+from rattle.attractors.measures import BasinEntropy, Uncertainty, basin_entropy, differing_cells, disagreement
+from rattle.attractors.reached import ReachedAttractors
 from rattle.attractors.table import KINDS, Attractor, Attractors, AttractorTable
 from rattle.continuation.bifurcation_diagram import Diagram
 from rattle.errors import MissingExtraError, NotProvedError, ParameterError, RattleError
@@ -23,7 +23,7 @@ from rattle.families.family_table import Families, FamilyTable
 from rattle.impacting.attractors.boundary_distance import BoundaryDistance, boundary_distances
 from rattle.impacting.attractors.classifier import attractors_of
 from rattle.impacting.attractors.families import families_of
-from rattle.impacting.bifurcations.branches import Branch, beyond, branch, doubled, fate
+from rattle.impacting.bifurcations.branches import Branch, beyond, branch, continue_to, doubled
 from rattle.impacting.bifurcations.cascade import cascade
 from rattle.impacting.bifurcations.codimension_two import robust_chaos_interval
 from rattle.impacting.bifurcations.diagram import diagram
@@ -33,18 +33,18 @@ from rattle.impacting.gear import FirstImpact, Gear
 from rattle.impacting.map.gamma import GammaPiece
 from rattle.impacting.map.iterate import iterate, iterate_tangent
 from rattle.impacting.orbits.limits import quiet_limit
-from rattle.impacting.orbits.period_one import Grazing, flip, grazing, period_one, regions, sn1
+from rattle.impacting.orbits.period_one import GrazingPoints, flip, grazing, period_one, regions, sn1
 from rattle.impacting.orbits.periodic import PeriodicOrbit, periodic_orbit
 from rattle.intensity.intensity import Intensity
-from rattle.intensity.spectrum import Density, Lines
+from rattle.intensity.spectrum import SpectralDensity, SpectralLines
 from rattle.intensity.visit import Impacts
 from rattle.machine import Machine, MachineVerdict, TransmissionError, read_transmission_error, transmission_error
 from rattle.numerics.compile import source_hash, toolchain
 from rattle.numerics.sampling import wilson_interval
 from rattle.numerics.states import sampled_states
-from rattle.orbits.iterates import Impact, Iterates, Stretched, Trajectory
+from rattle.orbits.iterates import Impact, Iterates, IteratesWithExponents, Trajectory
 from rattle.orbits.orbits_a_to_d import REGIONS, Orbit, PeriodOne, classify_regions
-from rattle.populations.answers import Estimate, Index, Population
+from rattle.populations.answers import Estimate, Population, SobolIndex
 from rattle.populations.distributions import LogNormal, Measured, Normal, Triangular, Uniform
 from rattle.populations.limit import Limit, design_limit, design_limits
 from rattle.populations.measured import read_gears
@@ -58,7 +58,7 @@ if TYPE_CHECKING:
     from rattle.resilience.accumulate import Accumulator, accumulated
     from rattle.resilience.convergence import Convergence, convergence
     from rattle.resilience.edges import EdgeState, edge_state
-    from rattle.resilience.path import Change, GlobalContinuation, global_continuation
+    from rattle.resilience.path import FamilyChange, GlobalContinuation, global_continuation
     from rattle.resilience.shocks import LeastShock, smallest_shock
     from rattle.resilience.tipping import Tipping, tipping
 
@@ -93,28 +93,26 @@ __all__ = [
     "BoundaryDistance",
     "Branch",
     "Certificate",
-    "Change",
     "Convergence",
-    "Density",
     "Diagram",
     "EdgeState",
     "Estimate",
     "Event",
     "Families",
+    "FamilyChange",
     "FamilyTable",
     "FirstImpact",
     "GammaPiece",
     "Gear",
     "GlobalContinuation",
-    "Grazing",
+    "GrazingPoints",
     "Impact",
     "Impacts",
-    "Index",
     "Intensity",
     "Iterates",
+    "IteratesWithExponents",
     "LeastShock",
     "Limit",
-    "Lines",
     "LogNormal",
     "Machine",
     "MachineVerdict",
@@ -128,9 +126,11 @@ __all__ = [
     "PeriodicOrbit",
     "Population",
     "RattleError",
-    "Reached",
+    "ReachedAttractors",
     "Shock",
-    "Stretched",
+    "SobolIndex",
+    "SpectralDensity",
+    "SpectralLines",
     "Tipping",
     "Trajectory",
     "TransmissionError",
@@ -147,18 +147,18 @@ __all__ = [
     "cascade",
     "certify",
     "classify_regions",
+    "continue_to",
     "convergence",
     "crisis_side",
     "curves",
     "design_limit",
     "design_limits",
     "diagram",
-    "differing",
+    "differing_cells",
     "disagreement",
     "doubled",
     "edge_state",
     "families_of",
-    "fate",
     "flip",
     "global_continuation",
     "grazing",

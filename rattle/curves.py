@@ -3,7 +3,7 @@
 from rattle.continuation.curve_continuation import QUIET_LIMIT, Curve, PieceEnd
 from rattle.impacting.bifurcations.codimension_two import CodimensionTwo, codimension_two
 from rattle.impacting.bifurcations.curve_tracing import bifurcation_curve, trace
-from rattle.impacting.bifurcations.registry import CURVES, NAMES, describe, name_of
+from rattle.impacting.bifurcations.registry import CURVES, NAMES, curve_name_of_event, describe
 
 __all__ = [
     "CURVES",
@@ -14,7 +14,7 @@ __all__ = [
     "PieceEnd",
     "bifurcation_curve",
     "codimension_two",
+    "curve_name_of_event",
     "describe",
-    "name_of",
     "trace",
 ]

@@ -116,7 +116,7 @@ def motion_label(m: int, n_plus: int, n_minus: int) -> str:
     return f"P({m}, {n_plus}, {n_minus})"
 
 
-def table_of(columns: Columns) -> str:
+def plain_text_table(columns: Columns) -> str:
     """Return a table as plain text: a line with the names of the columns, then a line for each row."""
     texts = [[name, *map(_value_as_text, values)] for name, values in columns.items()]
     widths = [max(map(len, column)) for column in texts]

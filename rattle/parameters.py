@@ -82,7 +82,7 @@ class Parameter:
         return f"{self.label} {self.symbol}"
 
     @property
-    def in_words(self) -> str:
+    def list_item_text(self) -> str:
         """The parameter as an item in a list of a gear's properties, such as "walls of stiffness κ"."""
         part = self.of.removeprefix("the ")
         return f"{part} of {self.long_name}" if part else self.long_name
@@ -98,7 +98,7 @@ class Parameter:
         return f"{self.label} of {self.of}" if self.of else self.label
 
 
-def parameters_in(module: str) -> tuple[Parameter, ...]:
+def read_declared_parameters(module: str) -> tuple[Parameter, ...]:
     """Return the parameters that the file `declaration.toml` in the folder of a module declares.
 
     The declarations are in a file, because commands and the client read them without loading the library.
@@ -171,15 +171,15 @@ class Parameters:
 
     def flat(self) -> Parameters:
         """Return the points in C order as new arrays (size,)."""
-        return self._map_arrays(lambda x: np.array(x, order="C").ravel())
+        return self._apply_to_arrays(lambda x: np.array(x, order="C").ravel())
 
     def take(self, which: Any) -> Parameters:
         """Return the points that an index, a slice or a mask selects."""
-        return self._map_arrays(lambda x: np.ascontiguousarray(x[which]))
+        return self._apply_to_arrays(lambda x: np.ascontiguousarray(x[which]))
 
     def repeat(self, count: int) -> Parameters:
         """Return each point `count` times in a row."""
-        return self._map_arrays(lambda x: np.repeat(x, count))
+        return self._apply_to_arrays(lambda x: np.repeat(x, count))
 
     def interpolate(self, other: Parameters, share: float) -> Parameters:
         """Return the points at a share of the way from these points (share 0) to the points of `other` (share 1)."""
@@ -197,7 +197,7 @@ class Parameters:
         """Return the values at point number `number`, by name."""
         return {name: float(x[number]) for name, x in self.values_by_name.items()}
 
-    def _map_arrays(self, function: Any) -> Parameters:
+    def _apply_to_arrays(self, function: Any) -> Parameters:
         """Return the points with a function applied to each array."""
         added = {name: function(x) for name, x in self.added.items()}
         return Parameters(

@@ -7,9 +7,9 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from rattle.attractors.chaos import pool_exponents, write_group_numbers
-from rattle.attractors.classify import empty_record
-from rattle.attractors.recurrence import mark_states_in_bitmaps, resolve
+from rattle.attractors.chaos import pool_exponents, write_attractor_numbers
+from rattle.attractors.classify import empty_probe_record
+from rattle.attractors.recurrence import assign_orbits_to_recurrent_samples, mark_states_in_bitmaps
 from rattle.attractors.speeds import SampleSpec
 from rattle.families.join import join_attractors
 from rattle.impacting.orbits.period_one import grazing
@@ -19,7 +19,7 @@ from rattle.numerics.compile import compile_in_subprocess
 DELTA, EPSILON = 0.6, 0.1
 HIGHEST = 0.25  # upper end in ε of the window in which an example of a bifurcation curve is traced
 COUNT = 16  # number of samples of an example cell
-SURVEY, OPTIONAL_QUANTITIES = f"{__name__}:survey_steps", f"{__name__}:optional_quantity_steps"
+SURVEY, OPTIONAL_QUANTITIES = f"{__name__}:kernel_steps_for_surveys", f"{__name__}:optional_quantity_steps"
 Steps = dict[str, Callable[[], object]]
 
 
@@ -49,7 +49,7 @@ def precompile(*, preload: bool = False, optional: bool = False, **added: float 
     model = model_with_parameters(name for name, value in added.items() if value is not None).name
     compile_in_subprocess(model, SURVEY, *([OPTIONAL_QUANTITIES] if optional else []))
     if preload:
-        survey_steps(model)["attractors"]()
+        kernel_steps_for_surveys(model)["attractors"]()
 
 
 def example_model(name: str) -> Model:
@@ -57,7 +57,7 @@ def example_model(name: str) -> Model:
     return MODELS[name](BETA.example, **{each.name: each.example for each in MODELS[name].added})
 
 
-def survey_steps(name: str) -> Steps:
+def kernel_steps_for_surveys(name: str) -> Steps:
     """Return {step: function} for the model `name`: the functions run, and so compile, the kernels of every survey."""
     model, delta, epsilon, few = _example_cells(name)
 
@@ -75,12 +75,12 @@ def survey_steps(name: str) -> Steps:
 
     def compile_rare_cases() -> None:
         # the samples of the example cells may not need the kernels below, so these are called with empty arrays
-        none, nothing, seen = np.zeros(0, np.int64), np.zeros(0), empty_record(0)
+        none, nothing, seen = np.zeros(0, np.int64), np.zeros(0), empty_probe_record(0)
         states = np.zeros((delta.size, 1)), np.full((delta.size, 1), 5.0)
         of = model.classify_states(model.parameters_at(delta, epsilon), *states)
-        resolve(none, of.cells, of.samples, of.orbits, of.balls, of.grown)
+        assign_orbits_to_recurrent_samples(none, of.cells, of.samples, of.orbits, of.balls, of.grown)
         mark_states_in_bitmaps(none, 1, of.cells, of.samples, seen.prints)
-        write_group_numbers(seen.prints, none, none)
+        write_attractor_numbers(seen.prints, none, none)
         of.follow_with_tangent(none, nothing, nothing, seen)
         pool_exponents([seen.sums])
 

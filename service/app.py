@@ -20,18 +20,18 @@ from gear_rattle import workers
 from gear_rattle.service.access.middleware import REFERENCE_ASSETS, AccessMiddleware, caller_of
 from gear_rattle.service.access.revocation import RevocationWatcher
 from gear_rattle.service.explorer.page.mount import Explorer
-from gear_rattle.service.jobs.broadcast import Broadcast
+from gear_rattle.service.jobs.broadcast import SurveyEventBroadcaster
 from gear_rattle.service.jobs.manager import JobManager
-from gear_rattle.service.jobs.opening import open_data
+from gear_rattle.service.jobs.opening import open_service_data
 from gear_rattle.service.jobs.recovery import clean_up_unfinished_work
 from gear_rattle.service.kernels import KernelCompiler
-from gear_rattle.service.observability.logs import adopt_handlers
+from gear_rattle.service.observability.logs import format_logs_of_libraries
 from gear_rattle.service.observability.metrics import Metrics
 from gear_rattle.service.observability.request_log import RequestLogMiddleware
 from gear_rattle.service.operations.overlaid import Overlays
 from gear_rattle.service.routes import ROUTERS, health
 from gear_rattle.service.settings import Settings
-from gear_rattle.service.state import Front
+from gear_rattle.service.state import ApplicationState
 from gear_rattle.service.web import problems
 from gear_rattle.service.web.conditional import AnyTagMiddleware
 from gear_rattle.service.web.documents import documents_app
@@ -99,7 +99,7 @@ def create_app(settings: Settings | None = None, cluster: Cluster | None = None)
         app.add_middleware(CORSMiddleware, allow_origins=settings.cors_origins, **CORS_OPTIONS)
     app.add_middleware(RequestLogMiddleware, metrics=metrics)
     app.add_middleware(PrefixMiddleware, root_path=settings.root_path, trusted=settings.behind_proxy)
-    problems.install_handlers(app)
+    problems.install_error_handlers(app)
     app.include_router(health.router, dependencies=[Depends(refuse_unknown_queries)])
     for router in ROUTERS:
         app.include_router(
@@ -130,13 +130,13 @@ def _lifespan(
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
         remove_working_directory_from_path()
-        adopt_handlers()
-        broadcast = Broadcast()
-        with open_data(settings, broadcast.notify) as (directory, database):
+        format_logs_of_libraries()
+        broadcast = SurveyEventBroadcaster()
+        with open_service_data(settings, broadcast.notify) as (directory, database):
             clean_up_unfinished_work(database, directory)
             manager = JobManager(database, directory, cluster, metrics.count_tile)
             metrics.add_scraped_metrics(database, manager)
-            app.state.front = Front(
+            app.state.front = ApplicationState(
                 settings=settings,
                 directory=directory,
                 database=database,

@@ -55,9 +55,9 @@ class CommandGroup(TyperGroup):
             return super().invoke(ctx)
         except typer.BadParameter as error:
             if error.param is not None and hasattr(error.__cause__, "errors"):  # typer's error, caused by pydantic's
-                from gear_rattle.workers.survey.axes import first_message
+                from gear_rattle.workers.survey.axes import message_of_first_error
 
-                error.message = first_message(error.__cause__)  # type: ignore[arg-type]
+                error.message = message_of_first_error(error.__cause__)  # type: ignore[arg-type]
             raise
 
 

@@ -22,7 +22,7 @@ from httpx_sse import SSEError, connect_sse
 
 from gear_rattle.service.errors import ResponseError, ServiceError, WaitTimeoutError
 from gear_rattle.service.parameters import added_parameters
-from gear_rattle.service.results import key_headers, open_family, open_results
+from gear_rattle.service.results import api_key_headers, open_family, open_results
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -58,7 +58,7 @@ class Client:
         self, url: str = "http://127.0.0.1:8000", http: httpx.Client | None = None, key: str | None = None
     ) -> None:
         self._http = http or httpx.Client(base_url=url, timeout=httpx.Timeout(10.0, read=READ_SECONDS))
-        self.headers = key_headers(key)
+        self.headers = api_key_headers(key)
 
     def __enter__(self) -> Self:
         """Return this client, which the end of the `with` block closes."""
@@ -324,7 +324,7 @@ class Job:
                 lost = time.monotonic() - unreachable_since > patience
                 refused = isinstance(error, ResponseError) and error.status < httpx.codes.INTERNAL_SERVER_ERROR
                 if lost or refused:
-                    refusal = _as_service_error(error)
+                    refusal = _convert_to_service_error(error)
                     raise refusal from error
                 if time.monotonic() >= deadline:
                     raise self._timeout_error(timeout) from error
@@ -439,7 +439,7 @@ def _to_plain_numbers(value: Any) -> Any:
     return value.item() if getattr(value, "shape", None) == () else value
 
 
-def _as_service_error(error: Exception) -> ServiceError:
+def _convert_to_service_error(error: Exception) -> ServiceError:
     return error if isinstance(error, ServiceError) else ServiceError(f"The service cannot be reached: {error}")
 
 

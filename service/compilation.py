@@ -15,7 +15,7 @@ from rattle.precompile import Steps, example_model
 EXAMPLE_POINT = 0.6, 0.1  # δ, ε of the computed example
 
 
-def answer_kernel_steps(name: str) -> Steps:
+def kernel_steps_for_answers(name: str) -> Steps:
     """Return functions that compile those kernels of the model `name` that requests about a point or a curve need.
 
     The kernels of surveys are compiled by other functions.

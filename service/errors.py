@@ -107,7 +107,7 @@ class UnavailableError(ServiceError):
     code = "unavailable"
 
 
-class DirectoryAwayError(UnavailableError):
+class DirectoryMissingError(UnavailableError):
     """The data directory is missing, or another directory is in its place."""
 
     code = "data_directory_away"
@@ -119,7 +119,7 @@ class DirectoryAwayError(UnavailableError):
         )
 
 
-class KernelsError(UnavailableError):
+class KernelsNotReadyError(UnavailableError):
     """The request needs compiled kernels, and their compilation has not ended."""
 
     code = "compiling_kernels"

@@ -14,7 +14,7 @@ from contextlib import asynccontextmanager
 import anyio
 from anyio import BrokenWorkerProcess, to_process
 
-from gear_rattle.service.errors import KernelsError
+from gear_rattle.service.errors import KernelsNotReadyError
 from gear_rattle.service.settings import Settings
 from rattle.models import DEFAULT_MODEL
 from rattle.numerics import compile_in_subprocess, completion_note_path
@@ -23,7 +23,7 @@ from rattle.precompile import OPTIONAL_QUANTITIES, SURVEY
 log = logging.getLogger(__name__)
 
 #: Functions that compile kernels. The function for surveys comes first, because workers wait for its kernels.
-COMPILERS = (SURVEY, OPTIONAL_QUANTITIES, "gear_rattle.service.compilation:answer_kernel_steps")
+COMPILERS = (SURVEY, OPTIONAL_QUANTITIES, "gear_rattle.service.compilation:kernel_steps_for_answers")
 
 
 def compile_kernels(model: str) -> None:
@@ -58,7 +58,7 @@ class KernelCompiler:
             self._compiled[model] = loop.create_future()
             self._compiled[model].set_result(None)
         else:
-            self._compiled[model] = loop.create_task(_compile(model))
+            self._compiled[model] = loop.create_task(_compile_model_kernels(model))
 
     @property
     def is_compiling(self) -> bool:
@@ -81,25 +81,25 @@ class KernelCompiler:
 
         Raises
         ------
-        KernelsError
+        KernelsNotReadyError
             The kernels are still being compiled, or too many requests wait for kernels.
         """
         self.start_compiling(model)
         if self.is_compiled(model):
             return
         if self.waiting >= self._settings.max_points_waiting:
-            raise KernelsError
+            raise KernelsNotReadyError
         self.waiting += 1
         try:
             with anyio.fail_after(self._settings.max_point_seconds if patience is None else patience):
                 await asyncio.wait([self._compiled[model]])
         except TimeoutError as error:
-            raise KernelsError from error
+            raise KernelsNotReadyError from error
         finally:
             self.waiting -= 1
 
 
-async def _compile(model: str) -> None:
+async def _compile_model_kernels(model: str) -> None:
     """Compile a model's kernels in a worker process, which is killed with its child process if the service ends."""
     try:
         await to_process.run_sync(compile_kernels, model, cancellable=True)

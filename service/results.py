@@ -19,7 +19,7 @@ KEY_VARIABLE, URL_VARIABLE = "RATTLE_API_KEY", "RATTLE_URL"
 STORE_URL = re.compile(r"https?://[^/]+/(.*/)?v1/(surveys|populations)/[0-9a-f]+/store/?")
 
 
-def key_headers(key: str | None = None) -> dict[str, str]:
+def api_key_headers(key: str | None = None) -> dict[str, str]:
     """Return the HTTP header with an API key. key: the key; by default the variable ``RATTLE_API_KEY``.
 
     Returns
@@ -67,7 +67,7 @@ def open_results(store: str | Path, headers: Mapping[str, str] | None = None, gr
     """
     from gear_rattle.workers import open_survey
 
-    if headers is None and STORE_URL.fullmatch(str(store)) and (key := key_headers()):
+    if headers is None and STORE_URL.fullmatch(str(store)) and (key := api_key_headers()):
         if not _is_trusted(str(store)):
             raise ServiceError(
                 f"The key in {KEY_VARIABLE} is sent only to this machine and to the address in {URL_VARIABLE}: set "
@@ -104,9 +104,9 @@ def open_family(
     RattleError
         There is no survey, it has no families, or it has no family with this number.
     """
-    from gear_rattle.workers.families.one import family_of
+    from gear_rattle.workers.families.one import family_as_map
 
-    return family_of(lambda group: open_results(store, headers, group), str(store), number, slice_number)
+    return family_as_map(lambda group: open_results(store, headers, group), str(store), number, slice_number)
 
 
 def _is_trusted(url: str) -> bool:

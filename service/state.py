@@ -20,7 +20,7 @@ from gear_rattle.service.access.revocation import RevocationWatcher
 from gear_rattle.service.database import Database
 from gear_rattle.service.database.tables import JobKind, JobRow, State
 from gear_rattle.service.errors import MissingError, UnavailableError
-from gear_rattle.service.jobs.broadcast import Broadcast
+from gear_rattle.service.jobs.broadcast import SurveyEventBroadcaster
 from gear_rattle.service.jobs.directory import DataDirectory
 from gear_rattle.service.jobs.manager import JobManager
 from gear_rattle.service.kernels import KernelCompiler
@@ -31,7 +31,7 @@ from gear_rattle.workers import Bucket
 
 
 @dataclass(frozen=True)
-class Front:
+class ApplicationState:
     """The state of an application that its routes need. It exists during the application's lifespan.
 
     picture_limiter: limits how many pictures are drawn at the same time. export_limiter: limits how many files are
@@ -42,7 +42,7 @@ class Front:
     directory: DataDirectory
     database: Database
     manager: JobManager
-    broadcast: Broadcast
+    broadcast: SurveyEventBroadcaster
     metrics: Metrics
     picture_limiter: CapacityLimiter
     export_limiter: CapacityLimiter
@@ -63,7 +63,7 @@ class Front:
         ------
         UnknownSurveyError
             There is no job of this kind with this id.
-        DirectoryAwayError
+        DirectoryMissingError
             The data directory is missing.
         """
         return self.database.job(survey_id, kind), self.directory.store(survey_id)
@@ -78,7 +78,7 @@ class Front:
 
         Raises
         ------
-        UnknownSurveyError, DirectoryAwayError
+        UnknownSurveyError, DirectoryMissingError
             See `job_and_store`.
         MissingError
             The survey has no stored values, or its store is gone.
@@ -126,10 +126,10 @@ class Front:
             scope.cancel()
 
 
-async def front_of(request: Request) -> Front:
+async def front_of(request: Request) -> ApplicationState:
     """Return the shared state of the application of a request."""
-    front: Front = request.app.state.front
+    front: ApplicationState = request.app.state.front
     return front
 
 
-FrontState = Annotated[Front, Depends(front_of)]
+FrontState = Annotated[ApplicationState, Depends(front_of)]

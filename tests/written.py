@@ -19,8 +19,8 @@ def write_tile(request: Any, path: str | Path | Place, tile: Any, values: Mappin
         note({tile.index: files})
 
 
-def compute_and_write(request: Any, path: str, tile: Any) -> TileRecord:
-    record = runner.compute_and_write(request, path, tile)
+def compute_and_write_tile(request: Any, path: str, tile: Any) -> TileRecord:
+    record = runner.compute_and_write_tile(request, path, tile)
     with tile_recorder(place_of(path)) as note:
         note({tile.index: record.files})
     return record

@@ -9,11 +9,11 @@ import numpy as np
 import zarr
 
 from gear_rattle.workers.errors import SurveyError, report_damage
-from gear_rattle.workers.kinds import request_of
+from gear_rattle.workers.kinds import parse_request_document
 from gear_rattle.workers.populations.request import PopulationRequest
-from gear_rattle.workers.populations.variables import gears_of
+from gear_rattle.workers.populations.variables import read_population_gears
 from gear_rattle.workers.storage.location import Place, place_of
-from gear_rattle.workers.storage.manifest import manifest_of, read_undamaged_root, unchecked_attributes
+from gear_rattle.workers.storage.manifest import manifest_of, read_unchecked_attributes, read_undamaged_root
 from gear_rattle.workers.survey.values.evaluate import FAILED
 from rattle import Population
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 
-def population_of(where: str | Path | Place) -> Population:
+def read_finished_population(where: str | Path | Place) -> Population:
     """Read the population from a store whose gears are all computed.
 
     The result equals that of `rattle.population`. The samples of a failed gear count as undecided.
@@ -39,13 +39,13 @@ def population_of(where: str | Path | Place) -> Population:
     place = place_of(where)
     manifest = manifest_of(place)
     is_whole = manifest is None or read_undamaged_root(place, manifest) is not None  # old stores have no manifest
-    request = _request_of(unchecked_attributes(place) if is_whole else {}, str(place))
+    request = _request_of(read_unchecked_attributes(place) if is_whole else {}, str(place))
     with report_damage(f"the gears of {place}"):
         group = zarr.open_group(place.zarr(), mode="r")
-        return _complete_population(request, lambda name: np.asarray(group[name]), str(place))
+        return _require_complete_population(request, lambda name: np.asarray(group[name]), str(place))
 
 
-def population_in(dataset: "xr.Dataset", name: str) -> Population:
+def read_population_in_dataset(dataset: "xr.Dataset", name: str) -> Population:
     """Read the population from an opened store, for example that of a service. name: name of the store in messages.
 
     Returns
@@ -60,13 +60,13 @@ def population_in(dataset: "xr.Dataset", name: str) -> Population:
     """
     request = _request_of(dataset.attrs, name)
     with report_damage(f"the gears of {name}"):
-        return _complete_population(request, lambda column: np.asarray(dataset[column]), name)
+        return _require_complete_population(request, lambda column: np.asarray(dataset[column]), name)
 
 
 def _request_of(attributes: Any, name: str) -> PopulationRequest:
     """Return the request in a store's attributes. Raises SurveyError if the store has no readable population."""
     try:
-        request = request_of(json.loads(attributes["request"])) if "request" in attributes else None
+        request = parse_request_document(json.loads(attributes["request"])) if "request" in attributes else None
     except (KeyError, ValueError) as error:
         raise SurveyError(
             f"{name} holds a population that this version cannot read ({error}): use the version that computed the "
@@ -77,14 +77,16 @@ def _request_of(attributes: Any, name: str) -> PopulationRequest:
     return request
 
 
-def _complete_population(request: PopulationRequest, column: Callable[[str], np.ndarray], name: str) -> Population:
+def _require_complete_population(
+    request: PopulationRequest, column: Callable[[str], np.ndarray], name: str
+) -> Population:
     status = column("status")
     if missing := int((status == 0).sum()):
         raise SurveyError(
             f"{name} lacks {missing} gears: wait until all gears are computed, or run the population's command again, "
             "which computes the missing gears"
         )
-    found = gears_of(request, column)
+    found = read_population_gears(request, column)
     failed = status == FAILED
     if failed.any():  # the store has fill values for failed gears, so their values are taken from the plan
         rows = np.flatnonzero(failed)

@@ -46,9 +46,7 @@ def certify_areas(
     found: list[ProvedBlock] = []
     try:
         with out.open("w") as file:
-            for done, blocks in enumerate(
-                _blocks_of_columns(cut_into_columns(delta, number), epsilon, beta, processes), 1
-            ):
+            for done, blocks in enumerate(_prove_columns(cut_into_columns(delta, number), epsilon, beta, processes), 1):
                 file.writelines(block.json() + "\n" for block in blocks)
                 file.flush()
                 found += blocks
@@ -61,9 +59,7 @@ def certify_areas(
     return found
 
 
-def _blocks_of_columns(
-    ranges: list[Ends], epsilon: Ends, beta: Fraction, processes: int
-) -> Iterator[list[ProvedBlock]]:
+def _prove_columns(ranges: list[Ends], epsilon: Ends, beta: Fraction, processes: int) -> Iterator[list[ProvedBlock]]:
     """Prove the blocks of each column, and yield a list for each column. ranges: the range of δ of each column."""
     if processes == 1:
         yield from (prove_column(beta, delta, epsilon) for delta in ranges)

@@ -15,17 +15,23 @@ import zarr
 from gear_rattle.workers.errors import report_damage, storage_error
 from gear_rattle.workers.storage.added import RunForEach, run_in_process
 from gear_rattle.workers.storage.location import Place, place_of
-from gear_rattle.workers.storage.manifest import attributes_of, set_attributes, tile_recorder
+from gear_rattle.workers.storage.manifest import read_root_attributes, set_attributes, tile_recorder
 from gear_rattle.workers.storage.store import write_tile
 from gear_rattle.workers.survey.refined.audit import AUDIT, AUDIT_ATTRIBUTES, DISAGREED, LEAF, ROUNDS, SOURCE_LEVEL
-from gear_rattle.workers.survey.refined.rounds import KINDS, AuditCounts, AuditRound, next_round, wrong_share_upper
+from gear_rattle.workers.survey.refined.rounds import (
+    KINDS,
+    AuditCounts,
+    AuditRound,
+    next_audit_round,
+    wrong_share_upper,
+)
 from gear_rattle.workers.survey.request import SurveyRequest
 from gear_rattle.workers.survey.tiles import Tile, compute_tile, first_audit_round, tiles_of
 
 COUNTED_VARIABLES = (SOURCE_LEVEL, AUDIT, LEAF)  # variables of a tile from which its `AuditCounts` follow
 
 
-def lacks_bound(request: SurveyRequest, where: str | Path | Place) -> bool:
+def lacks_wrong_cell_bound(request: SurveyRequest, where: str | Path | Place) -> bool:
     """Return whether a survey must meet a bound on its share of wrong cells, and its store does not record this yet.
 
     All tiles of the survey must be computed.
@@ -35,10 +41,10 @@ def lacks_bound(request: SurveyRequest, where: str | Path | Place) -> bool:
     bool
         False for a survey without such a bound.
     """
-    return request.has_bound and AUDIT_ATTRIBUTES[-1] not in attributes_of(place_of(where))
+    return request.has_bound and AUDIT_ATTRIBUTES[-1] not in read_root_attributes(place_of(where))
 
 
-def meet_bound(
+def audit_until_bound_is_met(
     request: SurveyRequest,
     where: str | Path | Place,
     each: RunForEach = run_in_process,
@@ -75,7 +81,7 @@ def meet_bound(
     assert request.refine is not None
     assert request.refine.bound is not None
     place = place_of(where)
-    later = tuple(AuditRound(*asked) for asked in json.loads(attributes_of(place).get(ROUNDS, "[]")))
+    later = tuple(AuditRound(*asked) for asked in json.loads(read_root_attributes(place).get(ROUNDS, "[]")))
     while True:
         tiles = [(replace(tile, rounds=later),) for tile in tiles_of(request)]
         # The counts of all tiles are read without a pause. If a call could pause while it reads, the next call would
@@ -90,7 +96,7 @@ def meet_bound(
                 if should_pause():
                     return False
         counts = reduce(_add_counts, (one for one in found if one is not None))
-        more = next_round(request.refine.bound, (first_audit_round(request), *later), counts)
+        more = next_audit_round(request.refine.bound, (first_audit_round(request), *later), counts)
         if more is None:
             break
         later = (*later, more)
@@ -114,7 +120,7 @@ def audit_counts_of_tile(_request: SurveyRequest, path: str, tile: Tile) -> Audi
             name: np.asarray(zarr.open_array(place.zarr(), path=name, mode="r")[tile.selection])
             for name in COUNTED_VARIABLES
         }
-    return _audit_counts(tile, stored)
+    return _count_audited_cells(tile, stored)
 
 
 def recompute_tile(request: SurveyRequest, path: str, tile: Tile) -> tuple[AuditCounts, dict[str, str]]:
@@ -127,12 +133,12 @@ def recompute_tile(request: SurveyRequest, path: str, tile: Tile) -> tuple[Audit
     """
     values, _ = compute_tile(request, tile)
     files = write_tile(request, path, tile, values)
-    counts = _audit_counts(tile, values)
+    counts = _count_audited_cells(tile, values)
     assert counts is not None, "every filled cell has gone through all rounds"
     return counts, files
 
 
-def _audit_counts(tile: Tile, values: Mapping[str, np.ndarray]) -> AuditCounts | None:
+def _count_audited_cells(tile: Tile, values: Mapping[str, np.ndarray]) -> AuditCounts | None:
     """Count the findings of the last round of audits in a tile: see the fields of `AuditCounts`.
 
     values: arrays of the tile by variable.

@@ -24,9 +24,9 @@ from gear_rattle.workers.errors import SurveyError, storage_error
 from gear_rattle.workers.storage.added import RunForEach
 from gear_rattle.workers.storage.integrity import COMPLETED
 from gear_rattle.workers.storage.location import CERTIFICATES as BESIDE
-from gear_rattle.workers.storage.location import Directory, certificates_path, place_of
 from gear_rattle.workers.storage.location import Place as Location
-from gear_rattle.workers.storage.manifest import unchecked_attributes
+from gear_rattle.workers.storage.location import StoreDirectory, certificates_path, place_of
+from gear_rattle.workers.storage.manifest import read_unchecked_attributes
 from gear_rattle.workers.storage.store import open_survey
 from gear_rattle.workers.survey.manifest import ROOT, digest
 from gear_rattle.workers.survey.request import SurveyRequest
@@ -286,13 +286,13 @@ def prove_survey(
     """
 
     def prove(parts: Sequence[list[AttractorClaim]]) -> list[ProofResults]:
-        return each(_certify_task, request, str(where), [(part,) for part in parts])
+        return each(_certify_claims_in_task, request, str(where), [(part,) for part in parts])
 
     with open_survey(where) as survey:
         certify_survey(survey, certificates_path(where), prove, at_once, on_done, should_stop)
 
 
-def _certify_task(_request: SurveyRequest, _path: str, claims: list[AttractorClaim]) -> ProofResults:
+def _certify_claims_in_task(_request: SurveyRequest, _path: str, claims: list[AttractorClaim]) -> ProofResults:
     return certify_claims(claims)
 
 
@@ -327,11 +327,11 @@ class CertificatesIntegrity:
     complete: bool  # False if the store has no checksums yet, because the run has not ended
 
 
-def holds_certificates(where: str | Path | Location) -> bool:
+def is_certificate_store(where: str | Path | Location) -> bool:
     """Return whether a directory is a store of certificates, damaged or not."""
     place = place_of(where)
-    return isinstance(place, Directory) and (
-        IDENTITY_ATTRIBUTE in unchecked_attributes(place)
+    return isinstance(place, StoreDirectory) and (
+        IDENTITY_ATTRIBUTE in read_unchecked_attributes(place)
         or any((place.path / name).is_file() for name in (CHECKSUMS_FILE, CERTIFICATES))
     )
 
@@ -355,14 +355,14 @@ def examine_certificates(out: Path, ended: bool = False) -> CertificatesIntegrit
     known, files = _read_checksums_file(out)
     complete = ended or (out / CHECKSUMS_FILE).exists()
     if not known:
-        known = str(unchecked_attributes(Directory(out)).get(IDENTITY_ATTRIBUTE, ""))
+        known = str(read_unchecked_attributes(StoreDirectory(out)).get(IDENTITY_ATTRIBUTE, ""))
         return CertificatesIntegrity(out, known, 0, (CHECKSUMS_FILE,) if complete else (), complete)
     found = _checksums(out, files)
     lost = tuple(key for key, of in files.items() if found.get(key) != of)
     return CertificatesIntegrity(out, known, len(files), lost, complete)
 
 
-def examine_certificates_beside(where: str | Path | Location) -> list[CertificatesIntegrity]:
+def examine_certificates_beside_survey(where: str | Path | Location) -> list[CertificatesIntegrity]:
     """Check each store of certificates beside a survey, also those of its slices; [] for a survey in a bucket.
 
     A store that is missing although the completed survey requests certificates is in the list too.
@@ -373,9 +373,9 @@ def examine_certificates_beside(where: str | Path | Location) -> list[Certificat
         The result for each store, in the order of their paths.
     """
     place = place_of(where)
-    if not isinstance(place, Directory):
+    if not isinstance(place, StoreDirectory):
         return []
-    attributes = unchecked_attributes(place)
+    attributes = read_unchecked_attributes(place)
     try:
         certify = json.loads(attributes["request"])["certify"] is True
     except (KeyError, TypeError, ValueError):

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-from gear_rattle.workers.bound import lacks_bound, meet_bound
+from gear_rattle.workers.bound import audit_until_bound_is_met, lacks_wrong_cell_bound
 from gear_rattle.workers.certificates import lacks_certificates, prove_survey
-from gear_rattle.workers.families.join import join_survey, lacks_families
+from gear_rattle.workers.families.join import join_attractors_of_survey, lacks_families
 from gear_rattle.workers.kinds import AnyRequest
-from gear_rattle.workers.overviews import lacks_levels, make_levels
+from gear_rattle.workers.overviews import build_pyramid_levels, lacks_levels
 from gear_rattle.workers.storage.added import RunForEach, run_in_process
 from gear_rattle.workers.storage.location import Place
 from gear_rattle.workers.survey.request import SurveyRequest
@@ -25,7 +25,7 @@ def is_incomplete(request: AnyRequest, where: str | Path | Place) -> bool:
         certificates. False for a population.
     """
     return isinstance(request, SurveyRequest) and any(
-        lacks(request, where) for lacks in (lacks_bound, lacks_families, lacks_levels, lacks_certificates)
+        lacks(request, where) for lacks in (lacks_wrong_cell_bound, lacks_families, lacks_levels, lacks_certificates)
     )
 
 
@@ -64,11 +64,13 @@ def complete(
     """
     if not isinstance(request, SurveyRequest):
         return
-    if lacks_bound(request, where) and not meet_bound(request, where, each, at_once, should_pause):
+    if lacks_wrong_cell_bound(request, where) and not audit_until_bound_is_met(
+        request, where, each, at_once, should_pause
+    ):
         return
     if lacks_families(request, where):
-        join_survey(request, where, each, at_once)
+        join_attractors_of_survey(request, where, each, at_once)
     if lacks_levels(request, where):  # levels are built after families are joined, because the join changes slots
-        make_levels(request, where, each)
+        build_pyramid_levels(request, where, each)
     if lacks_certificates(request, where):  # last, because certificates name slots, and joining families changes slots
         prove_survey(request, where, each, at_once, on_proved, should_pause)

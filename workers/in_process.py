@@ -12,7 +12,7 @@ from gear_rattle.workers.kinds import AnyRequest, AnyTile, compute_tile, tile_er
 from gear_rattle.workers.populations.request import PopulationRequest
 from gear_rattle.workers.storage.location import Place, place_of
 from gear_rattle.workers.storage.manifest import tile_recorder
-from gear_rattle.workers.storage.store import prepare_for_tiles, require_aligned, write_tile
+from gear_rattle.workers.storage.store import remove_outdated_results, require_aligned_tiles, write_tile
 from gear_rattle.workers.survey.tiles import GRACE_SECONDS, POLL_SECONDS, TileRecord
 from gear_rattle.workers.survey.values.schema import SAMPLED, Group
 from rattle.models import MODELS
@@ -39,7 +39,7 @@ def takes_few_seconds(request: AnyRequest, cells: int) -> bool:
     return cells * (each + (BASINS if Group.BASINS in groups else 0.0)) <= 1000 * FEW_SECONDS
 
 
-def run_tiles_here(
+def run_tiles_in_this_process(
     request: AnyRequest,
     where: str | Path | Place,
     tiles: Iterable[AnyTile],
@@ -65,7 +65,7 @@ def run_tiles_here(
         A tile cannot be computed, or another run has locked the store.
     """
     tiles = list(tiles)
-    require_aligned(request, tiles)
+    require_aligned_tiles(request, tiles)
     place = place_of(where)
     stopping, run_ended = threading.Event(), threading.Event()
     ended: SimpleQueue[TileRecord | Exception | None] = SimpleQueue()
@@ -87,7 +87,7 @@ def run_tiles_here(
 
     with place.lock_for_writing():
         if tiles:
-            prepare_for_tiles(request, place)
+            remove_outdated_results(request, place)
         with tile_recorder(place) as note:
             threading.Thread(target=compute_tiles, name="tiles", daemon=True).start()
             try:

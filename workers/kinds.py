@@ -26,7 +26,7 @@ AnyRequest = SurveyRequest | PopulationRequest
 AnyTile = Tile | GearTile
 
 
-def request_of(document: Any) -> AnyRequest:
+def parse_request_document(document: Any) -> AnyRequest:
     """Return the request that a job or a store keeps as JSON. Raises ValidationError. document: the decoded JSON."""
     kind = PopulationRequest if isinstance(document, dict) and "gear" in document else SurveyRequest
     return kind.model_validate(document)
@@ -42,7 +42,7 @@ def compile_kernels_for_request(request: AnyRequest) -> None:
     """Compile the kernels that the tiles of a request need, unless the cache already has these kernels."""
     if SAMPLED & set(request.quantities) or isinstance(request, PopulationRequest):
         by_request = bool(OPTIONAL.intersection(request.quantities))
-        rattle.precompile(preload=False, optional=by_request, **request.added_numbers)
+        rattle.precompile(preload=False, optional=by_request, **request.added_parameter_values)
 
 
 def compute_tile(
@@ -65,7 +65,7 @@ def compute_tile(
     return found
 
 
-def cell_outcomes(
+def evaluate_cells_one_by_one(
     request: AnyRequest, tile: AnyTile, first: int = 0, failing: tuple[type[Exception], ...] = ()
 ) -> Iterator[CellOutcome]:
     """Evaluate each cell of a tile alone, so that a failing cell does not affect the others.
@@ -79,7 +79,7 @@ def cell_outcomes(
         A cell's values, or the message of its failure, for each cell in order.
     """
     compile_kernels_for_request(request)
-    found: Iterator[CellOutcome] = _tile_module(request).cell_outcomes(request, tile, first, failing)
+    found: Iterator[CellOutcome] = _tile_module(request).evaluate_cells_one_by_one(request, tile, first, failing)
     return found
 
 
@@ -108,7 +108,7 @@ def tile_name(request: AnyRequest, tile: AnyTile) -> str:
     return str(_tile_module(request).tile_name(request, tile))
 
 
-def position_of_cell(request: AnyRequest, i: int, j: int) -> dict[str, int]:
+def position_of_failed_cell(request: AnyRequest, i: int, j: int) -> dict[str, int]:
     """Return the position of a failed cell: {axis: index} of a survey's cell, or {"gear": row} in a population.
 
     i: row of the cell, counted through all slices; ignored in a population. j: column of the cell, or row of the gear.

@@ -22,8 +22,8 @@ from gear_rattle.workers.survey.levels.grid import GROUP, LevelBlock, level_bloc
 from gear_rattle.workers.survey.levels.template import (
     code_meanings,
     create_level_array,
+    describe_level_arrays,
     files_of_levels,
-    level_arrays,
     level_variables,
 )
 from gear_rattle.workers.survey.manifest import digest
@@ -38,7 +38,7 @@ def lacks_levels(request: SurveyRequest, where: str | Path | Place) -> bool:
     return bool(levels_of(request.shape)) and not has_added_node(where, GROUP)
 
 
-def make_levels(request: SurveyRequest, where: str | Path | Place, each: RunForEach = run_in_process) -> None:
+def build_pyramid_levels(request: SurveyRequest, where: str | Path | Place, each: RunForEach = run_in_process) -> None:
     """Build and store the levels of a survey whose tiles are final.
 
     The caller holds the lock of the store. The result depends on the cells alone, not on the shape or order of tiles. A
@@ -102,12 +102,12 @@ def _chunks_of_levels(
         Key and content of a chunk.
     """
     levels = levels_of(request.shape)
-    arrays = level_arrays(quantity)
+    arrays = describe_level_arrays(quantity)
     beside = values.shape[:-2]
     found: list[list[tuple[np.ndarray, ...]]] = [[] for _ in levels]  # for each level, the arrays of all maps
     for at in np.ndindex(*beside):
         of = known[at] if known.ndim > 2 else known
-        for made, each in zip(found, _reduced_arrays(quantity, values[at], of, request), strict=True):
+        for made, each in zip(found, _reduce_to_level_arrays(quantity, values[at], of, request), strict=True):
             made.append(each)
     for level, made in zip(levels, found, strict=True):
         kept: dict[str, Buffer] = {}
@@ -118,10 +118,10 @@ def _chunks_of_levels(
         yield from ((key, kept[key].to_bytes()) for key in sorted(kept) if "/c/" in key)
 
 
-def _reduced_arrays(
+def _reduce_to_level_arrays(
     quantity: Quantity, values: np.ndarray, known: np.ndarray, request: SurveyRequest
 ) -> Iterator[tuple[np.ndarray, ...]]:
-    """Reduce one map of a variable. Yield for each level its arrays, in the order of `level_arrays`."""
+    """Reduce one map of a variable. Yield for each level its arrays, in the order of `describe_level_arrays`."""
     steps = reduction_steps(levels_of(request.shape))
     if words := code_meanings(quantity):
         yield from reduce.reduced_codes(values, known, steps, len(words))

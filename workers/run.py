@@ -13,10 +13,10 @@ from pydantic import ValidationError
 from gear_rattle.workers.certificates import require_certifiable
 from gear_rattle.workers.completion import complete, is_incomplete
 from gear_rattle.workers.errors import SurveyError
-from gear_rattle.workers.in_process import run_tiles_here, takes_few_seconds
+from gear_rattle.workers.in_process import run_tiles_in_this_process, takes_few_seconds
 from gear_rattle.workers.storage.location import Place, place_of
 from gear_rattle.workers.storage.store import create_store, finish_store, open_survey, tiles_done
-from gear_rattle.workers.survey.axes import field_and_message
+from gear_rattle.workers.survey.axes import message_with_field
 from gear_rattle.workers.survey.request import SurveyRequest
 from gear_rattle.workers.survey.tiles import Tile, TileRecord, tiles_of
 
@@ -66,7 +66,7 @@ def run_survey(
     SurveyError
         The request is invalid, `out` has other contents or cannot be written, or there is no cluster.
     """
-    wanted = _validated_request(request, fields)
+    wanted = _validate_request(request, fields)
     if out is not None:
         require_certifiable(wanted, out)
         return _run_and_open(wanted, place_of(out), cluster, progress)
@@ -79,12 +79,12 @@ def run_survey(
         return survey.load()
 
 
-def _validated_request(request: SurveyRequest | Mapping[str, Any] | None, fields: Mapping[str, Any]) -> SurveyRequest:
+def _validate_request(request: SurveyRequest | Mapping[str, Any] | None, fields: Mapping[str, Any]) -> SurveyRequest:
     given = request.model_dump(exclude_unset=True) if isinstance(request, SurveyRequest) else request or {}
     try:
         return SurveyRequest.model_validate({**given, **fields})
     except ValidationError as error:
-        raise SurveyError(field_and_message(error)) from None
+        raise SurveyError(message_with_field(error)) from None
 
 
 def _run_and_open(
@@ -115,7 +115,7 @@ def _compute_and_complete(
             progress(done, request.n_cells)
 
     if cluster is None and takes_few_seconds(request, request.n_cells):
-        run_tiles_here(request, place, missing, on_tile, _never_stop)
+        run_tiles_in_this_process(request, place, missing, on_tile, _never_stop)
         with place.lock_for_writing():
             complete(request, place)
         return

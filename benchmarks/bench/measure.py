@@ -114,12 +114,12 @@ class Rate:
 def rates(thin: int = 1) -> list[Rate]:
     """Measure each workload without and with the tangent map, with every thin-th trajectory."""
     import rattle
-    from rattle.impacting.map.iterate import flight_counts
+    from rattle.impacting.map.iterate import count_flights
 
     flown = {name: _arguments(name, thin) for name in IMPACTS}
     runs = [partial(run, *each) for each in flown.values() for run in (rattle.iterate, rattle.iterate_tangent)]
     seconds = np.reshape(best(runs), (-1, 2)).tolist()
-    counted = [flight_counts(*each) for each in flown.values()]
+    counted = [count_flights(*each) for each in flown.values()]
     return [
         Rate(name, plain / flights * NANO, tangent / flights * NANO, scanned / flights, searched / flights)
         for name, (plain, tangent), (flights, scanned, searched) in zip(flown, seconds, counted, strict=True)
@@ -194,10 +194,10 @@ def portable(thin: int = 1) -> dict[str, tuple[float, float]]:
 def _workload_a(thin: int) -> Callable[[], list[float]]:
     """Return a function that measures workload A once: nanoseconds per impact without and with the tangent map."""
     import rattle
-    from rattle.impacting.map.iterate import flight_counts
+    from rattle.impacting.map.iterate import count_flights
 
     arguments = _arguments("A", thin)
-    flights = flight_counts(*arguments)[0]
+    flights = count_flights(*arguments)[0]
     runs = [partial(run, *arguments) for run in (rattle.iterate, rattle.iterate_tangent)]
     return lambda: [_seconds(run) / flights * NANO for run in runs]
 

@@ -10,9 +10,9 @@ from rattle.attractors.speeds import (
     SampleSpec,
     SpeedLimit,
     are_in_paper_plane,
-    read_speed,
-    sampled_speed,
-    sampled_speeds,
+    highest_sampled_speed,
+    highest_sampled_speeds,
+    parse_speed_limit,
 )
 from rattle.attractors.table import attractors_of_cell
 
@@ -35,7 +35,7 @@ __all__ = [
     "are_in_paper_plane",
     "attractors_of_cell",
     "classify_plane_states",
-    "read_speed",
-    "sampled_speed",
-    "sampled_speeds",
+    "highest_sampled_speed",
+    "highest_sampled_speeds",
+    "parse_speed_limit",
 ]

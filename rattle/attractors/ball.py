@@ -16,11 +16,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rattle.attractors.samples import Orbits
+from rattle.attractors.samples import KnownOrbits
 from rattle.flight.first_impact import OK
 from rattle.flight.law import speed_unit
 from rattle.numerics.compile import inline, kernel
-from rattle.orbits.return_map import point_of, power_map, step
+from rattle.orbits.return_map import apply_return_map_power, point_of_cell, step
 
 # The first radius that is tried, in units of phase. Each further radius is half the previous one; no smaller one than
 # SMALLEST is tried.
@@ -33,7 +33,7 @@ COSINES, SINES = (np.array([f(math.pi * i / DIRECTIONS) for i in range(2 * DIREC
 BALLS_PER_ORBIT = 4  # an orbit has capture regions around at most this many of its points
 
 
-class Centres(NamedTuple):
+class CaptureCentres(NamedTuple):
     """Points (k,) of orbits around which capture regions are grown.
 
     Attributes
@@ -138,7 +138,7 @@ def is_contracting_at(tau, v, i, centres, point):
     """
     if not v > 0.0:
         return False
-    status, _t, _v, _time, below, a, b, c, d, _ln = power_map(tau, v, centres.n_plus[i], point)
+    status, _t, _v, _time, below, a, b, c, d, _ln = apply_return_map_power(tau, v, centres.n_plus[i], point)
     same = status == OK and below == centres.n_minus[i]
     return same and is_contraction(a, b, c, d, centres.m00[i], centres.m01[i], centres.m11[i])
 
@@ -147,7 +147,7 @@ def is_contracting_at(tau, v, i, centres, point):
 def find_radii_one_by_one(centres, cells):
     """Write the sizes of capture regions to `centres.radius`; for gears whose flights are computed one by one."""
     for i in range(centres.radius.size):
-        point = point_of(centres.cell[i], cells)
+        point = point_of_cell(centres.cell[i], cells)
         direction = 0
         while centres.radius[i] > 0.0 and direction < 2 * DIRECTIONS:
             tau, v = state_on_ellipse(centres, i, direction, centres.radius[i])
@@ -170,23 +170,23 @@ def impacts_between_centres(n_plus):
 
 @kernel
 def fill_centres(grown, orbits, cells, integers, floats):
-    """Compute the columns of the `Centres` that `centres_of` returns, in compiled code.
+    """Compute the columns of the `CaptureCentres` that `centres_of_new_regions` returns, in compiled code.
 
-    grown, orbits, cells: as in `centres_of`. integers (4, n): receives the columns `cell` to `n_minus`. floats
-    (6, n): receives the columns `tau` to `radius`.
+    grown, orbits, cells: as in `centres_of_new_regions`. integers (4, n): receives the columns `cell` to `n_minus`.
+    floats (6, n): receives the columns `tau` to `radius`.
     """
     n = 0
     for cell in range(grown.size):
         for j in range(grown[cell], orbits.n[cell]):
             if orbits.first[cell, j] == -math.inf:
                 continue
-            point = point_of(cell, cells)
+            point = point_of_cell(cell, cells)
             n_plus, tau, v = orbits.n_plus[cell, j], orbits.tau[cell, j], orbits.v[cell, j]
             every = impacts_between_centres(n_plus)
             unit = speed_unit(point.delta, point.epsilon, point.beta)
             for i in range(n_plus):
                 if i % every == 0:
-                    status, _t, _v, _time, _below, a, b, c, d, _ln = power_map(tau, v, n_plus, point)
+                    status, _t, _v, _time, _below, a, b, c, d, _ln = apply_return_map_power(tau, v, n_plus, point)
                     found, m00, m01, m11 = contracting_norm(a, b, c, d, SPEED_WEIGHT / (unit * unit))
                     found = status == OK and found and m00 > 0.0 and m00 * m11 > m01 * m01
                     integers[0, n], integers[1, n], integers[2, n], integers[3, n] = (
@@ -203,7 +203,7 @@ def fill_centres(grown, orbits, cells, integers, floats):
                     _status, tau, v, _time, _below = step(tau, v, point)
 
 
-def centres_of(grown: NDArray[np.int64], orbits: Orbits, cells: Any) -> Centres:
+def centres_of_new_regions(grown: NDArray[np.int64], orbits: KnownOrbits, cells: Any) -> CaptureCentres:
     """Return the centres of capture regions for all orbits that have no capture regions yet.
 
     grown (n_cells,): in cell i the first grown[i] orbits have capture regions.
@@ -213,7 +213,7 @@ def centres_of(grown: NDArray[np.int64], orbits: Orbits, cells: Any) -> Centres:
 
     Returns
     -------
-    Centres
+    CaptureCentres
         The centres. Their radius is the largest radius to try; it is 0 where Π^k, with the k impacts on Σ⁺ of the
         orbit, does not contract.
     """
@@ -224,7 +224,7 @@ def centres_of(grown: NDArray[np.int64], orbits: Orbits, cells: Any) -> Centres:
     n = int(((n_plus + every - 1) // every).sum())
     integers, floats = np.zeros((4, n), np.int64), np.zeros((6, n))
     fill_centres(grown, orbits.to_kernel_tuple(), cells, integers, floats)
-    return Centres(*integers, *floats)
+    return CaptureCentres(*integers, *floats)
 
 
 @kernel

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rattle.attractors.cell_map import Box, cell_of, groups_of_map
+from rattle.attractors.cell_map import PhaseSpeedBox, find_cell_numbers, periodic_groups_of_cell_map
 from rattle.attractors.classify import BUDGET, WEAK, Classifier
 from rattle.attractors.recurrence import SAME_POINT
 from rattle.attractors.samples import Outcome
@@ -27,7 +27,7 @@ from rattle.attractors.table import (
 from rattle.errors import require_integer, require_number, require_one_of
 from rattle.flight.law import speed_unit, wrap_phase_difference
 from rattle.notebook import Columns, Dataset, TabularResult, dataset_of
-from rattle.numerics.states import box_of
+from rattle.numerics.states import state_box_ranges
 from rattle.parameters import Parameters
 
 Array = NDArray[np.float64]
@@ -84,11 +84,11 @@ class StatePlane:
         budget = budget_per_state(self.delta, tau.size)
         return self.classifier.classify(self.parameters, tau[None].copy(), v[None].copy(), budget)
 
-    def states_after(self, tau: Array, v: Array, returns: int) -> tuple[Array, Array, NDArray[np.bool_]]:
+    def states_after_returns(self, tau: Array, v: Array, returns: int) -> tuple[Array, Array, NDArray[np.bool_]]:
         """Return the states after a number of returns to Σ⁺, and flags of states that became quiet on the way."""
-        return self.classifier.states_after(self.parameters, tau, v, returns)
+        return self.classifier.states_after_returns(self.parameters, tau, v, returns)
 
-    def cell_of(self, tau: Array, v: Array, n: int, box: Box) -> NDArray[np.int64]:
+    def cell_of(self, tau: Array, v: Array, n: int, box: PhaseSpeedBox) -> NDArray[np.int64]:
         """Return the number of the cell that holds each state.
 
         Returns
@@ -99,7 +99,7 @@ class StatePlane:
         """
         cell, quiet = np.empty(tau.size, np.int64), self.classifier.quiet_invariant(self.parameters)
         point = self.parameters.point()
-        cell_of(tau, v, n, box, point["delta"], point["epsilon"], quiet, cell)
+        find_cell_numbers(tau, v, n, box, point["delta"], point["epsilon"], quiet, cell)
         return cell
 
     def sample(self, count: int, v_max: float) -> tuple[Array, Array]:
@@ -126,7 +126,7 @@ class Basins(TabularResult):
         is then the sum of the impacts of these steps and of the impacts for which the last cell was followed.
     method : str
         The method: one of `METHODS`.
-    box : Box
+    box : PhaseSpeedBox
         Ranges of τ and v, by default [0, 1) × (0, v_max).
     """
 
@@ -136,7 +136,7 @@ class Basins(TabularResult):
     attractors: tuple[Attractor, ...]
     steps: NDArray[np.int64]
     method: str
-    box: Box
+    box: PhaseSpeedBox
 
     @property
     def v_max(self) -> float:
@@ -195,7 +195,7 @@ def _mark_unconverged(steps: NDArray[np.int64], table: AttractorTable, rows: NDA
     return np.where((kind == Outcome.CHAOTIC) | (kind == Outcome.UNDECIDED), -1, steps)
 
 
-def boundary_cells(labels: NDArray[np.int64], all_phases: bool = True) -> NDArray[np.bool_]:
+def flag_boundary_cells(labels: NDArray[np.int64], all_phases: bool = True) -> NDArray[np.bool_]:
     """Return flags (n_v, n_tau) of the cells that differ in their label from one of the eight cells around them.
 
     If the grid covers all phases, the last phase is a neighbour of the first. Speeds are not periodic.
@@ -215,7 +215,9 @@ def boundary_cells(labels: NDArray[np.int64], all_phases: bool = True) -> NDArra
     return found
 
 
-def _cell_images(plane: StatePlane, tau: Array, v: Array, n: int, box: Box, impacts: int) -> NDArray[np.int64]:
+def _induced_cell_map(
+    plane: StatePlane, tau: Array, v: Array, n: int, box: PhaseSpeedBox, impacts: int
+) -> NDArray[np.int64]:
     """Return the map of cells (n² + 1,), induced by Π^impacts. The last cell is the sink of states that become quiet.
 
     A cell maps to itself if the trajectory from its centre leaves the box and does not return within MOST_MAP_STEPS
@@ -227,12 +229,12 @@ def _cell_images(plane: StatePlane, tau: Array, v: Array, n: int, box: Box, impa
         For each cell the number of the cell to which its centre is mapped.
     """
     sink = tau.size
-    t, speed, rests = plane.states_after(tau, v, impacts)
+    t, speed, rests = plane.states_after_returns(tau, v, impacts)
     image = np.append(np.where(rests, sink, plane.cell_of(t, speed, n, box)), sink)
     image[:-1][plane.cell_of(tau, v, n, box) == sink] = sink
     outside = np.flatnonzero(image < 0)
     for _ in range(MOST_MAP_STEPS):
-        t[outside], speed[outside], rests = plane.states_after(t[outside], speed[outside], impacts)
+        t[outside], speed[outside], rests = plane.states_after_returns(t[outside], speed[outside], impacts)
         image[outside] = np.where(rests, sink, plane.cell_of(t[outside], speed[outside], n, box))
         outside = outside[image[outside] < 0]
     image[outside] = outside
@@ -294,7 +296,7 @@ class GrowingClassification:
 
 
 def _classify_by_cell_map(
-    plane: StatePlane, tau: Array, v: Array, n: int, box: Box, impacts: int, refine: bool
+    plane: StatePlane, tau: Array, v: Array, n: int, box: PhaseSpeedBox, impacts: int, refine: bool
 ) -> tuple[AttractorTable, NDArray[np.int64], NDArray[np.int64]]:
     """Classify the centres of all cells by simple cell mapping.
 
@@ -308,8 +310,8 @@ def _classify_by_cell_map(
     """
     # at weak damping a step of the cell map needs more impacts to move a state by more than a cell
     impacts = round(impacts * max(1.0, WEAK / plane.delta))
-    image = _cell_images(plane, tau, v, n, box, impacts)
-    group, steps, members = groups_of_map(image)
+    image = _induced_cell_map(plane, tau, v, n, box, impacts)
+    group, steps, members = periodic_groups_of_cell_map(image)
     sink, on_sink = tau.size, np.flatnonzero(image[:-1] == tau.size)[:1]
     # one cell of each group but the last (the sink of quiet states); and one cell, if any, that goes to the sink
     chosen = np.concatenate([members[:-1], on_sink])
@@ -325,8 +327,8 @@ def _classify_by_cell_map(
     row[sink] = row[on_sink[0]] if on_sink.size else 0
     while refine:
         image[known] = np.flatnonzero(known)
-        group, steps, members = groups_of_map(image)
-        meet = boundary_cells(row[members][group[:-1]].reshape(n, n), box.tau_high - box.tau_low == 1.0)
+        group, steps, members = periodic_groups_of_cell_map(image)
+        meet = flag_boundary_cells(row[members][group[:-1]].reshape(n, n), box.tau_high - box.tau_low == 1.0)
         edge = np.flatnonzero(meet.ravel() & ~known[:-1])
         if not edge.size:
             break
@@ -343,8 +345,8 @@ def basins(
     """Return the basins of attraction on a grid of states (τ, v); `rattle.Gear.basins` explains the arguments."""
     n = require_integer("resolution", resolution, 1, MOST_CELLS_PER_AXIS)
     v_max = require_number("v_max", v_max, positive=True)
-    phases, speeds = box_of((0.0, 1.0) if tau is None else tau, (0.0, v_max) if v is None else v)
-    box = Box(*phases, *speeds)
+    phases, speeds = state_box_ranges((0.0, 1.0) if tau is None else tau, (0.0, v_max) if v is None else v)
+    box = PhaseSpeedBox(*phases, *speeds)
     impacts = require_integer("impacts", impacts, 1, MOST_IMPACTS)
     require_one_of("method", method, METHODS)
     centres = (np.arange(n) + 0.5) / n

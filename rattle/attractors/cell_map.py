@@ -16,7 +16,7 @@ from rattle.numerics.compile import kernel
 UNSEEN, ON_THE_WAY = -1, -2
 
 
-class Box(NamedTuple):
+class PhaseSpeedBox(NamedTuple):
     """A box of states, with its lower and upper ends in phase and in speed."""
 
     tau_low: float
@@ -26,7 +26,7 @@ class Box(NamedTuple):
 
 
 @kernel
-def cell_of(tau, v, n, box, delta, epsilon, capture, cell):
+def find_cell_numbers(tau, v, n, box, delta, epsilon, capture, cell):
     """Write the number of the cell that holds each state to `cell`.
 
     The number is row-major (v, τ) among the n × n cells of the box, n² if the state is certain to become quiet, −1
@@ -46,7 +46,7 @@ def cell_of(tau, v, n, box, delta, epsilon, capture, cell):
 
 
 @kernel
-def find_groups(image, group, steps):
+def find_periodic_groups(image, group, steps):
     """Follow every cell of the map to the periodic group in which it ends.
 
     For each cell the function writes the number of its group to `group`, and the number of steps of the map until the
@@ -79,7 +79,9 @@ def find_groups(image, group, steps):
     return groups
 
 
-def groups_of_map(image: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
+def periodic_groups_of_cell_map(
+    image: NDArray[np.int64],
+) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
     """Return the periodic groups of a map of cells 0 … n − 1, numbered in the order of their first cells.
 
     image (n,): the cell to which the map takes each cell.
@@ -90,7 +92,7 @@ def groups_of_map(image: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[
         Group of each cell (n,), steps of each cell to its group (n,), and the first cell of each group.
     """
     group, steps = np.full(image.size, UNSEEN), np.zeros(image.size, np.int64)
-    n_groups = find_groups(image, group, steps)
+    n_groups = find_periodic_groups(image, group, steps)
     on_group = np.flatnonzero(steps == 0)
     first = np.full(n_groups, image.size)
     np.minimum.at(first, group[on_group], on_group)

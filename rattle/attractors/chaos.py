@@ -40,7 +40,7 @@ def count_bits(bits):
 
 
 @inline
-def is_same_attractor(boxes, i, j):
+def do_bitmaps_overlap(boxes, i, j):
     """Return whether bitmaps i and j share more than the fraction SAME_FOOTPRINT of the smaller bitmap's boxes."""
     in_i, in_j, shared = 0, 0, 0
     for k in range(boxes.shape[1]):
@@ -51,7 +51,7 @@ def is_same_attractor(boxes, i, j):
 
 
 @kernel
-def write_group_numbers(boxes, size, group):
+def write_attractor_numbers(boxes, size, group):
     """Write the number of the attractor of each visited-cell bitmap to group (k,).
 
     `boxes` (k, GRID) holds the bitmaps and is overwritten; parameter cell i has size[i] consecutive bitmaps. Two
@@ -68,7 +68,7 @@ def write_group_numbers(boxes, size, group):
             joined = False
             for i in range(begin, end):
                 for j in range(begin, i):
-                    if group[i] != i - begin or group[j] != j - begin or not is_same_attractor(boxes, i, j):
+                    if group[i] != i - begin or group[j] != j - begin or not do_bitmaps_overlap(boxes, i, j):
                         continue
                     for k in range(boxes.shape[1]):
                         boxes[j, k] |= boxes[i, k]

@@ -17,10 +17,17 @@ from typing import Any, ClassVar, NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from rattle.attractors.ball import BALLS_PER_ORBIT, Centres, append_balls, centres_of
-from rattle.attractors.chaos import BATCHES, are_chaotic, count_unresolved, write_group_numbers
-from rattle.attractors.recurrence import mark_states_in_bitmaps, resolve
-from rattle.attractors.samples import GRID, Outcome, SampleSets, Trajectories, double_room, empty_tables
+from rattle.attractors.ball import BALLS_PER_ORBIT, CaptureCentres, append_balls, centres_of_new_regions
+from rattle.attractors.chaos import BATCHES, are_chaotic, count_unresolved, write_attractor_numbers
+from rattle.attractors.recurrence import assign_orbits_to_recurrent_samples, mark_states_in_bitmaps
+from rattle.attractors.samples import (
+    GRID,
+    Outcome,
+    SampleSets,
+    Trajectories,
+    copy_with_double_capacity,
+    empty_orbit_tables,
+)
 from rattle.numerics.compile import compile_in_subprocess
 from rattle.parameters import Parameters
 
@@ -108,8 +115,8 @@ class Classifier(ABC):
             self.longer = np.maximum(1.0, WATCH / (PERIODS * self.damping(cells)))
         self.weak = self.damping(cells) < WEAK
         cell = np.repeat(np.arange(n_cells), self.count)
-        self.samples = new_trajectories(cell, tau.ravel(), v.ravel(), self.impact_limit(FIRST, cell))
-        self.orbits, self.balls = empty_tables(n_cells, ROOM, BALLS_PER_ORBIT)
+        self.samples = create_trajectories(cell, tau.ravel(), v.ravel(), self.impact_limit(FIRST, cell))
+        self.orbits, self.balls = empty_orbit_tables(n_cells, ROOM, BALLS_PER_ORBIT)
         self.grown = np.zeros(n_cells, np.int64)  # number of the cell's orbits that have capture regions
         self.chaos: dict[int, list[ChaoticSet]] = {}
         self.stage = np.zeros(n_cells, np.int64)
@@ -132,13 +139,13 @@ class Classifier(ABC):
         return np.asarray(cells.delta)
 
     @classmethod
-    def cells_of_orbits(cls, parameters: Parameters) -> Any:
+    def cells_for_orbit_kernels(cls, parameters: Parameters) -> Any:
         """Return the record of cells for kernels that follow periodic orbits only."""
         return cls.cells_of(parameters)
 
     @staticmethod
     @abstractmethod
-    def states_after(
+    def states_after_returns(
         parameters: Parameters, tau: NDArray[np.float64], v: NDArray[np.float64], returns: int
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
         """Return the states (k,) after a number of returns to Σ⁺, and flags (k,) of states that become quiet.
@@ -164,14 +171,14 @@ class Classifier(ABC):
         Self
             The classifier, which holds the outcomes.
         """
-        compile_in_subprocess(cls.model, "rattle.precompile:survey_steps")
+        compile_in_subprocess(cls.model, "rattle.precompile:kernel_steps_for_surveys")
         found = cls(cls.cells_of(parameters), tau, v, budget)
         found.run()
         return found
 
     @property
     @abstractmethod
-    def has_quiet(self) -> NDArray[np.bool_]:
+    def cell_has_quiet_motion(self) -> NDArray[np.bool_]:
         """Flags of the cells (n_cells,) that have a quiet motion."""
 
     @abstractmethod
@@ -179,8 +186,8 @@ class Classifier(ABC):
         """Add the orbits that are known in closed form to the tables of the cells."""
 
     @abstractmethod
-    def find_radii(self, centres: Centres) -> None:
-        """Find the sizes of capture regions around these centres, and write them to `centres.radius` (`Centres`)."""
+    def find_capture_radii(self, centres: CaptureCentres) -> None:
+        """Find the sizes of the capture regions around these centres, and write them to `centres.radius`."""
 
     @abstractmethod
     def advance(self, which: NDArray[np.int64], samples: Trajectories, early: bool) -> None:
@@ -215,17 +222,17 @@ class Classifier(ABC):
             left, leaks = count_unresolved(pending, self.status, self.impacts, FIRST * self.longer)
             some = left > 0
             pending, left, leaks = pending[some], left[some], leaks[some]
-            leaks &= self.should_defer_probes(pending)
+            leaks &= self.cells_with_deferred_probes(pending)
             leaks |= (self.stage[pending] == 0) & (left < self.count) | self.unclear[pending]
             decided = np.zeros(pending.size, np.bool_)
             decided[~leaks] = self.judge_by_probes(pending[~leaks])
             few = (self.status[pending] == Outcome.UNRESOLVED).sum(axis=1) <= self.count // FEW
             decided |= (self.stage[pending] >= STAGES + few) & ~self.weak[pending]
-            decided |= stage_impact_limit(self.stage[pending]) * self.longer[pending] >= self.budget
+            decided |= impact_limits_of_stages(self.stage[pending]) * self.longer[pending] >= self.budget
             pending = pending[~decided]
             self.run_next_stage(pending)
 
-    def outcomes_of(
+    def outcomes_of_states(
         self, cell: NDArray[np.int64], tau: NDArray[np.float64], v: NDArray[np.float64], most: NDArray[np.int64]
     ) -> NDArray[np.int64]:
         """Return the outcomes (k,) of states that are not samples, after at most `most` impacts.
@@ -238,7 +245,7 @@ class Classifier(ABC):
         NDArray[np.int64]
             `Outcome` of each state.
         """
-        others = new_trajectories(cell, tau.copy(), v.copy(), most.copy())
+        others = create_trajectories(cell, tau.copy(), v.copy(), most.copy())
         self.settle(np.arange(cell.size), others)
         return np.asarray(others.status)
 
@@ -290,7 +297,7 @@ class Classifier(ABC):
         The tables of orbits are enlarged if a cell has no room for another orbit.
         """
         while which.size:
-            which = resolve(which, self.cells, samples, self.orbits, self.balls, self.grown)
+            which = assign_orbits_to_recurrent_samples(which, self.cells, samples, self.orbits, self.balls, self.grown)
             self.grow_capture_regions()
             room = self.orbits.m.shape[1]
             if which.size and (self.orbits.n[samples.cell[which]] == room).any():
@@ -300,22 +307,22 @@ class Classifier(ABC):
         """Grow capture regions around points of the orbits that have no capture regions yet."""
         if (self.orbits.n == self.grown).all():
             return
-        centres = centres_of(self.grown, self.orbits, self.cells)
-        self.find_radii(centres)
+        centres = centres_of_new_regions(self.grown, self.orbits, self.cells)
+        self.find_capture_radii(centres)
         append_balls(centres, self.balls.to_kernel_tuple())
         self.grown[:] = self.orbits.n
 
     def make_room(self, most: int) -> None:
         """Double the room for orbits in each cell until each cell has room for at least `most` orbits."""
         while self.orbits.m.shape[1] < most:
-            self.orbits, self.balls = double_room(self.orbits), double_room(self.balls)
+            self.orbits, self.balls = copy_with_double_capacity(self.orbits), copy_with_double_capacity(self.balls)
 
     def run_next_stage(self, cells: NDArray[np.int64]) -> None:
         """Raise these cells' limit of impacts to that of the next stage; follow their unresolved samples up to it."""
         self.stage[cells] += 1
         which = self.select_unresolved(cells).which
         cell = self.samples.cell[which]
-        self.samples.limit[which] = self.impact_limit(stage_impact_limit(self.stage[cell]), cell)
+        self.samples.limit[which] = self.impact_limit(impact_limits_of_stages(self.stage[cell]), cell)
         self.settle(which[self.samples.impacts[which] < self.samples.limit[which]], self.samples)
 
     def judge_by_probes(self, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
@@ -323,8 +330,8 @@ class Classifier(ABC):
 
         A cell is decided if all its probes are chaotic. If the probes seem to lie on several attractors, the samples
         that `declare_chaos` then follows for longer must all be chaotic too. In a cell whose chaotic set may lose
-        samples slowly to an attractor (`may_lose_samples`), all unresolved samples must also stay unresolved for as
-        long as the probes.
+        samples slowly to an attractor (`flag_cells_losing_samples`), all unresolved samples must also stay unresolved
+        for as long as the probes.
 
         Returns
         -------
@@ -342,11 +349,11 @@ class Classifier(ABC):
             every = np.repeat(decided, chosen.size)
             seen = ProbeRecord(seen.sums[every], seen.prints[every])
         decided[decided] = self.declare_chaos(cells[decided], chosen.select_cells(decided), seen)
-        doubtful = decided & self.may_lose_samples(cells)
-        decided[doubtful] = self.samples_outlast_probes(cells[doubtful])
+        doubtful = decided & self.flag_cells_losing_samples(cells)
+        decided[doubtful] = self.cells_whose_samples_outlast_probes(cells[doubtful])
         return decided
 
-    def may_lose_samples(self, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
+    def flag_cells_losing_samples(self, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
         """Return flags (k,) of cells where a chaotic set may lose samples so slowly that the probes show no loss.
 
         Such losses are frequent at weak damping and in cells with a quiet motion. Cells with fewer samples than
@@ -355,11 +362,11 @@ class Classifier(ABC):
         Returns
         -------
         NDArray[np.bool_]
-            True for cells whose unresolved samples must all be followed (`samples_outlast_probes`).
+            True for cells whose unresolved samples must all be followed (`cells_whose_samples_outlast_probes`).
         """
-        return np.asarray(self.weak[cells] | self.has_quiet[cells] | (self.count < ENOUGH_SAMPLES))
+        return np.asarray(self.weak[cells] | self.cell_has_quiet_motion[cells] | (self.count < ENOUGH_SAMPLES))
 
-    def should_defer_probes(self, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
+    def cells_with_deferred_probes(self, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
         """Return flags (k,) of the cells whose probes are not measured while samples still reach attractors.
 
         The probes of a flagged cell are measured as soon as `count_unresolved` expects that none of the cell's
@@ -372,7 +379,7 @@ class Classifier(ABC):
         """
         return np.ones(cells.size, np.bool_)
 
-    def samples_outlast_probes(self, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
+    def cells_whose_samples_outlast_probes(self, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
         """Return flags (k,) of the cells where all unresolved samples stay unresolved for as long as the probes.
 
         Chaotic sets that lose samples slowly are frequent at weak damping and in cells with a quiet motion, and twelve
@@ -401,14 +408,14 @@ class Classifier(ABC):
             crowd = lasted & weak
             lasted[crowd] = self.neighbours_stay_unresolved(cells[crowd], first, last)
         if self.count < ENOUGH_SAMPLES:
-            for has_quiet, states in ((True, STATES_OF_SMALL_CELL), (False, MOST_PROBES)):
-                crowd = lasted & ~weak & (self.has_quiet[cells] == has_quiet)
+            for cell_has_quiet_motion, states in ((True, STATES_OF_SMALL_CELL), (False, MOST_PROBES)):
+                crowd = lasted & ~weak & (self.cell_has_quiet_motion[cells] == cell_has_quiet_motion)
                 lasted[crowd] = self.neighbours_stay_unresolved(cells[crowd], 0, states)
         for cell, all_left in zip(cells, lasted, strict=True):
             found = self.chaos.pop(int(cell))
             if all_left:
                 self.chaos[int(cell)] = [
-                    chaos._replace(watched=self.shortest_observation(chaos.samples)) for chaos in found
+                    chaos._replace(watched=self.shortest_observation_time(chaos.samples)) for chaos in found
                 ]
         return lasted
 
@@ -461,9 +468,9 @@ class Classifier(ABC):
             n·k states, cell by cell.
         """
         turn, place = np.divmod(number, unresolved.size[:, None])
-        which, samples = unresolved.which[unresolved.first_index[:, None] + place].ravel(), self.samples
+        which, samples = unresolved.which[unresolved.first_sample_index[:, None] + place].ravel(), self.samples
         v = samples.v[which] * (1.0 + NEIGHBOUR_STEP * turn.ravel())
-        return new_trajectories(samples.cell[which], samples.tau[which], v, np.repeat(most, turn.shape[1]))
+        return create_trajectories(samples.cell[which], samples.tau[which], v, np.repeat(most, turn.shape[1]))
 
     def may_be_chattering(
         self, cell: NDArray[np.int64], time: NDArray[np.float64], periods: NDArray[np.float64]
@@ -479,7 +486,7 @@ class Classifier(ABC):
         NDArray[np.bool_]
             True where a sample may be chattering.
         """
-        return np.asarray(self.has_quiet[cell] & (time < CHATTERING * periods))
+        return np.asarray(self.cell_has_quiet_motion[cell] & (time < CHATTERING * periods))
 
     def measure_exponents(self, which: NDArray[np.int64], factor: float = 1.0) -> tuple[ProbeRecord, NDArray[np.bool_]]:
         """Follow the samples `which` with a tangent vector, and for longer where the exponent is unclear.
@@ -492,7 +499,7 @@ class Classifier(ABC):
         tuple[ProbeRecord, NDArray[np.bool_]]
             The observations, and flags of samples that are unresolved and chaotic.
         """
-        seen, chaotic = empty_record(which.size), np.zeros(which.size, np.bool_)
+        seen, chaotic = empty_probe_record(which.size), np.zeros(which.size, np.bool_)
         samples = self.samples
         pace = samples.time / np.maximum(samples.impacts, 1)
         todo = np.flatnonzero(samples.impacts[which] < self.budget)
@@ -506,7 +513,7 @@ class Classifier(ABC):
             longer = np.maximum(self.longer[samples.cell[now]], factor) * 2**extension
             most, room = MOST_PROBE_IMPACTS * longer, self.budget - samples.impacts[now]
             samples.limit[now] = samples.impacts[now] + np.minimum(most, room).astype(np.int64)
-            part, before = empty_record(todo.size), samples.time[now]
+            part, before = empty_probe_record(todo.size), samples.time[now]
             self.follow_with_tangent(
                 now, np.full(todo.size, float(LEAST_PROBE_IMPACTS * 2**extension)), PERIODS * longer, part
             )
@@ -525,7 +532,7 @@ class Classifier(ABC):
         """Declare the unresolved samples of these cells to be on the chaotic attractor on which their probes are.
 
         If the probes of a cell seem to lie on several attractors, the probes are followed for longer. If they still
-        seem to lie on several, all unresolved samples of the cell are followed (`declare_several_sets`).
+        seem to lie on several, all unresolved samples of the cell are followed (`separate_chaotic_attractors`).
 
         seen: the observations of the probes.
 
@@ -537,28 +544,28 @@ class Classifier(ABC):
         if not cells.size:
             return np.zeros(0, np.bool_)
         declared = np.ones(cells.size, np.bool_)
-        several = self.have_several_attractors(probes, seen.prints)
+        several = self.cells_with_several_attractors(probes, seen.prints)
         if several.any():
             some, each = probes.select_cells(several), np.repeat(several, probes.size)
-            seen.prints[each] = self.mark_more_states(some.which, seen.prints[each])
-            several[several] = self.have_several_attractors(some, seen.prints[each])
+            seen.prints[each] = self.mark_states_of_next_impacts(some.which, seen.prints[each])
+            several[several] = self.cells_with_several_attractors(some, seen.prints[each])
         if several.any():
             some, each = probes.select_cells(several), np.repeat(several, probes.size)
             more, chaotic = self.measure_exponents(some.which, LONGER_BY)
             seen.sums[each] = more.sums
             seen.prints[each] |= more.prints
             declared[several] = some.cells_where_all(chaotic)
-            several[several] = self.have_several_attractors(some, seen.prints[each])
+            several[several] = self.cells_with_several_attractors(some, seen.prints[each])
         single = declared & ~several
         left, one = self.select_unresolved(cells[single]).split_by_cell(), probes.select_cells(single)
-        sums = np.split(seen.sums, probes.first_index[1:])
+        sums = np.split(seen.sums, probes.first_sample_index[1:])
         watched = one.smallest_by_cell(self.samples.time).tolist()
         for cell, all_left, i, least in zip(cells[single].tolist(), left, np.flatnonzero(single), watched, strict=True):
             self.chaos[cell] = [ChaoticSet(all_left, sums[i], least)]
-        declared[several & declared] = self.declare_several_sets(cells[several & declared])
+        declared[several & declared] = self.separate_chaotic_attractors(cells[several & declared])
         return declared
 
-    def declare_several_sets(self, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
+    def separate_chaotic_attractors(self, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
         """Follow all unresolved samples of these cells for longer, and group them by the chaotic attractor they are on.
 
         Samples whose visited-cell bitmaps overlap are on the same attractor, so a cell may have only one after all.
@@ -574,18 +581,18 @@ class Classifier(ABC):
         (sums, prints), chaotic = self.measure_exponents(left.which, LONGER_BY)
         declared = left.cells_where_all(chaotic)
         left, every = left.select_cells(declared), np.repeat(declared, left.size)
-        sums, prints = sums[every], self.mark_more_states(left.which, prints[every])
+        sums, prints = sums[every], self.mark_states_of_next_impacts(left.which, prints[every])
         number = np.zeros(left.which.size, np.int64)
-        write_group_numbers(prints, left.size, number)
-        for cell, start, size in zip(cells[declared], left.first_index, left.size, strict=True):
+        write_attractor_numbers(prints, left.size, number)
+        for cell, start, size in zip(cells[declared], left.first_sample_index, left.size, strict=True):
             span = np.arange(start, start + size)
             groups = [span[number[span] == i] for i in np.unique(number[span])]
             self.chaos[int(cell)] = [
-                ChaoticSet(left.which[i], sums[i], self.shortest_observation(left.which[i])) for i in groups
+                ChaoticSet(left.which[i], sums[i], self.shortest_observation_time(left.which[i])) for i in groups
             ]
         return declared
 
-    def have_several_attractors(self, sets: SampleSets, prints: NDArray[np.uint64]) -> NDArray[np.bool_]:
+    def cells_with_several_attractors(self, sets: SampleSets, prints: NDArray[np.uint64]) -> NDArray[np.bool_]:
         """Return the cells whose samples' visited-cell bitmaps show several attractors.
 
         sets: the samples (k,) of each cell. prints (k, GRID): the bitmap of each sample.
@@ -596,10 +603,10 @@ class Classifier(ABC):
             True if the bitmaps of the cell's samples show several attractors.
         """
         number = np.zeros(sets.which.size, np.int64)
-        write_group_numbers(prints.copy(), sets.size, number)
+        write_attractor_numbers(prints.copy(), sets.size, number)
         return ~sets.cells_where_all(number == 0)
 
-    def mark_more_states(self, which: NDArray[np.int64], prints: NDArray[np.uint64]) -> NDArray[np.uint64]:
+    def mark_states_of_next_impacts(self, which: NDArray[np.int64], prints: NDArray[np.uint64]) -> NDArray[np.uint64]:
         """Follow samples (k,) for TRACED_IMPACTS impacts, and mark the state after each impact in `prints` (k, GRID).
 
         Returns
@@ -610,17 +617,17 @@ class Classifier(ABC):
         mark_states_in_bitmaps(which, TRACED_IMPACTS, self.cells, self.samples, prints)
         return prints
 
-    def shortest_observation(self, which: NDArray[np.int64]) -> float:
+    def shortest_observation_time(self, which: NDArray[np.int64]) -> float:
         """Return the shortest time, in forcing periods, for which one of these samples was followed."""
         return float(self.samples.time[which].min())
 
 
-def stage_impact_limit(stage: NDArray[np.int64]) -> NDArray[np.float64]:
+def impact_limits_of_stages(stage: NDArray[np.int64]) -> NDArray[np.float64]:
     """Return the most impacts of a sample from its start to the end of each stage (k,); weak damping allows more."""
     return np.where(stage == 0, float(FIRST), SECOND * float(GROWTH) ** (stage - 1))
 
 
-def new_trajectories(
+def create_trajectories(
     cell: NDArray[np.int64], tau: NDArray[np.float64], v: NDArray[np.float64], limit: NDArray[np.int64] | int
 ) -> Trajectories:
     """Return new trajectories (k,) with these states and limits of impacts. Kernels advance trajectories in place."""
@@ -634,6 +641,6 @@ def new_trajectories(
     )
 
 
-def empty_record(count: int) -> ProbeRecord:
+def empty_probe_record(count: int) -> ProbeRecord:
     """Return a record of zeros for the observations of `count` probes."""
     return ProbeRecord(np.zeros((count, BATCHES, 3)), np.zeros((count, GRID), np.uint64))

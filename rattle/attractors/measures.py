@@ -57,7 +57,7 @@ class Uncertainty(NamedTuple):
     pairs: NDArray[np.int64]
 
 
-def differing(a: Basins, b: Basins) -> NDArray[np.bool_]:
+def differing_cells(a: Basins, b: Basins) -> NDArray[np.bool_]:
     """Return flags (n, n) of the cells of (τ, v) that two results on the same grid give to different attractors.
 
     Attractors of both results are paired if they have the same kind and label P(m, n₊, n₋). Where several attractors
@@ -90,7 +90,7 @@ def differing(a: Basins, b: Basins) -> NDArray[np.bool_]:
 
 def disagreement(a: Basins, b: Basins) -> float:
     """Return the fraction of the (τ, v) cells that two results on the same grid give to different attractors."""
-    return float(differing(a, b).mean())
+    return float(differing_cells(a, b).mean())
 
 
 def basin_entropy(basins: Basins, box: int = 5) -> BasinEntropy:
@@ -125,7 +125,7 @@ def basin_entropy(basins: Basins, box: int = 5) -> BasinEntropy:
     return BasinEntropy(float(entropy.mean()), at_boundary, side * side, int(mixed.sum()))
 
 
-def _random_pairs(
+def _draw_pairs_of_states(
     sizes: NDArray[np.float64], pairs: int, v_max: float, seed: int
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return phases and speeds (k, 2, pairs) of pairs of states at k distances `sizes`.
@@ -183,7 +183,7 @@ def uncertainty(plane: StatePlane, pairs: int, v_max: float, seed: int) -> Uncer
     v_max = require_number("v_max", v_max, positive=True)
     seed = require_integer("seed", seed, 0, (1 << 128) - 1)
     sizes = np.asarray(LARGEST_SIZE / 2.0 ** np.arange(SIZES), np.float64)
-    tau, v = _random_pairs(sizes, pairs, v_max, seed)
+    tau, v = _draw_pairs_of_states(sizes, pairs, v_max, seed)
     table, rows, _impacts = classify_plane_states(plane, tau.ravel(), v.ravel())
     one, other = np.moveaxis(rows.reshape(tau.shape), 1, 0)
     decided = (table.kind[one] != Outcome.UNDECIDED) & (table.kind[other] != Outcome.UNDECIDED)

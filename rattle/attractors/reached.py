@@ -15,13 +15,13 @@ from rattle.attractors.samples import Outcome
 from rattle.attractors.speeds import MOST_SAMPLES, SampleSpec, SpeedLimit
 from rattle.attractors.table import Attractor, attractors_of_cell, attractors_of_samples
 from rattle.errors import ParameterError, real_array, require, require_number
-from rattle.orbits.iterates import fold
-from rattle.orbits.orbits_a_to_d import HasOrbits, html_of_point
+from rattle.orbits.iterates import fold_phases
+from rattle.orbits.orbits_a_to_d import GearWithOrbits, notebook_html_of_gear
 from rattle.parameters import Parameters
 
 
 @dataclass(frozen=True)
-class Reached:
+class ReachedAttractors:
     """The attractors that given states go to.
 
     Attributes
@@ -39,7 +39,7 @@ class Reached:
     impacts: NDArray[np.int64]
 
 
-def checked_states(tau: ArrayLike, v: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64], tuple[int, ...]]:
+def check_states(tau: ArrayLike, v: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64], tuple[int, ...]]:
     """Check and broadcast phases and speeds; return them as flat arrays, phases in [0, 1), with their common shape."""
     try:
         phases, speeds = np.broadcast_arrays(real_array("tau", tau), real_array("v", v))
@@ -51,12 +51,12 @@ def checked_states(tau: ArrayLike, v: ArrayLike) -> tuple[NDArray[np.float64], N
     require(phases.size <= MOST_SAMPLES, f"{phases.size} states are too many at once: give at most {MOST_SAMPLES}")
     require(bool(np.isfinite(phases).all()), "tau must be finite")
     require(bool((np.isfinite(speeds) & (speeds > 0.0)).all()), "v must be finite and greater than 0")
-    return fold(phases.ravel()), speeds.astype(np.float64).ravel(), phases.shape
+    return fold_phases(phases.ravel()), speeds.astype(np.float64).ravel(), phases.shape
 
 
-def reached(plane: StatePlane, tau: ArrayLike, v: ArrayLike) -> Reached:
+def reached(plane: StatePlane, tau: ArrayLike, v: ArrayLike) -> ReachedAttractors:
     """Return the attractors that given states of this plane go to; see `rattle.Gear.reached`."""
-    phases, speeds, shape = checked_states(tau, v)
+    phases, speeds, shape = check_states(tau, v)
     table, rows, impacts = classify_plane_states(plane, phases, speeds)
     count = np.bincount(rows, minlength=table.kind.size)
     order = np.lexsort((np.arange(count.size), -count))
@@ -64,7 +64,7 @@ def reached(plane: StatePlane, tau: ArrayLike, v: ArrayLike) -> Reached:
     found = attractors_of_cell(table.take(order), count[order])
     kind = table.kind[rows]
     impacts = np.where((kind == Outcome.CHAOTIC) | (kind == Outcome.UNDECIDED), -1, impacts)
-    return Reached(found, number[rows].reshape(shape), impacts.reshape(shape))
+    return ReachedAttractors(found, number[rows].reshape(shape), impacts.reshape(shape))
 
 
 class SampledGear:
@@ -79,11 +79,11 @@ class SampledGear:
 
     def __post_init__(self) -> None:
         """Check and convert the fields."""
-        for name, value in self._numbers.items():
+        for name, value in self._parameter_values.items():
             object.__setattr__(self, name, require_number(name, value, positive=name != "epsilon"))
 
-    def _repr_html_(self: HasOrbits) -> str:
-        return html_of_point(self)
+    def _repr_html_(self: GearWithOrbits) -> str:
+        return notebook_html_of_gear(self)
 
     def attractors(
         self, count: int = 256, v_max: SpeedLimit = None, seed: int = 0, budget: int = BUDGET
@@ -174,7 +174,7 @@ class SampledGear:
         resolution = self._resolution if resolution is None else resolution
         return basins(self.states, resolution, self._highest_speed(v_max), method, impacts, tau, v)
 
-    def reached(self, tau: ArrayLike, v: ArrayLike) -> Reached:
+    def reached(self, tau: ArrayLike, v: ArrayLike) -> ReachedAttractors:
         """Return the attractors that given states go to. Attractors are distinguished as in `attractors`.
 
         Parameters
@@ -185,7 +185,7 @@ class SampledGear:
 
         Returns
         -------
-        Reached
+        ReachedAttractors
             The attractors, ordered by falling share of these states; and for each state its attractor, and the impacts
             until this attractor was certain.
 
@@ -236,11 +236,11 @@ class SampledGear:
     def parameters(self) -> Parameters:
         """The parameters of this gear, as arrays (1,)."""
         return Parameters.from_values(
-            self._classifier.model, **{name: [value] for name, value in self._numbers.items()}
+            self._classifier.model, **{name: [value] for name, value in self._parameter_values.items()}
         )
 
     @property
-    def _numbers(self) -> dict[str, Any]:
+    def _parameter_values(self) -> dict[str, Any]:
         return asdict(self)  # type: ignore[call-overload]
 
     def _highest_speed(self, v_max: SpeedLimit) -> float:

@@ -8,11 +8,11 @@ from numpy.typing import NDArray
 
 from rattle.attractors.samples import (
     CaptureRegions,
-    Orbits,
+    KnownOrbits,
     Outcome,
     Trajectories,
     bitmap_top_speed,
-    capturing_orbit,
+    find_capturing_orbit,
     mark_visited_cell,
 )
 from rattle.flight.first_impact import OK
@@ -20,12 +20,12 @@ from rattle.flight.impact_law import log_determinant
 from rattle.flight.law import speed_unit, wrap_phase_difference
 from rattle.numerics.compile import inline, kernel
 from rattle.orbits.return_map import (
+    apply_return_map_power,
     fastest_point,
     find_fixed_point,
+    least_return_period,
     log_multipliers,
-    point_of,
-    power_map,
-    shortest_return,
+    point_of_cell,
     step,
 )
 
@@ -44,7 +44,7 @@ def speed_unit_at(point):
 
 
 @kernel
-def is_approaching(tau, v, star_tau, star_v, k, most, point):
+def is_approaching_orbit(tau, v, star_tau, star_v, k, most, point):
     """Return whether the trajectory from (tau, v) is observed to approach an orbit.
 
     The orbit goes through (star_tau, star_v) and has k impacts on Σ⁺ in a period. The trajectory is followed for at
@@ -74,7 +74,7 @@ def is_approaching(tau, v, star_tau, star_v, k, most, point):
 
 
 @kernel
-def impacts_until_return(tau, v, gap, point):
+def count_impacts_until_return(tau, v, gap, point):
     """Return the number of impacts on Σ⁺ until the trajectory from (τ, v) first returns close to (τ, v).
 
     gap: a number of impacts after which the trajectory is known to return close to (τ, v).
@@ -95,7 +95,7 @@ def impacts_until_return(tau, v, gap, point):
 
 
 @kernel
-def stable_orbit(tau, v, gap, most, point):
+def find_stable_orbit(tau, v, gap, most, point):
     """Return the stable orbit that attracts a trajectory which returns close to (τ, v) after `gap` impacts on Σ⁺.
 
     most: the number of impacts within which the trajectory must be observed to approach the orbit.
@@ -109,14 +109,14 @@ def stable_orbit(tau, v, gap, most, point):
     nothing = (False, 0, 0, 0, tau, v, math.nan, math.nan)
     if gap > LONGEST_PERIOD:
         return nothing
-    k = impacts_until_return(tau, v, gap, point)
+    k = count_impacts_until_return(tau, v, gap, point)
     found, star_tau, star_v = find_fixed_point(tau, v, k, point)
     if not found or math.hypot(wrap_phase_difference(tau - star_tau), (v - star_v) / speed_unit_at(point)) > 0.05:
         return nothing
-    k = shortest_return(star_tau, star_v, k, point)
-    _status, _t, _v, time, n_minus, a00, _b, _c, a11, log_det = power_map(star_tau, star_v, k, point)
+    k = least_return_period(star_tau, star_v, k, point)
+    _status, _t, _v, time, n_minus, a00, _b, _c, a11, log_det = apply_return_map_power(star_tau, star_v, k, point)
     first, second = log_multipliers(a00 + a11, log_det)
-    if not first < 0.0 or not is_approaching(tau, v, star_tau, star_v, k, most, point):
+    if not first < 0.0 or not is_approaching_orbit(tau, v, star_tau, star_v, k, most, point):
         return nothing
     star_tau, star_v = fastest_point(star_tau, star_v, k, point)
     m = int(np.rint(time))
@@ -170,11 +170,11 @@ def append_orbit(m, n_plus, n_minus, tau, v, first, second, cell, orbits):
 
 
 @kernel
-def fill_footprints(which, impacts, cells, samples, footprints):
+def fill_visited_cell_bitmaps(which, impacts, cells, samples, footprints):
     """Mark the states of samples after each of their next `impacts` impacts in their bitmaps, in a compiled loop."""
     for j in range(which.size):
         k = which[j]
-        point = point_of(samples.cell[k], cells)
+        point = point_of_cell(samples.cell[k], cells)
         tau, v = samples.tau[k], samples.v[k]
         for _ in range(impacts):
             status, tau, v, _time, _below = step(tau, v, point)
@@ -192,11 +192,11 @@ def mark_states_in_bitmaps(
     several parts that a trajectory visits in turn, these states may miss some of the parts. Therefore this function
     marks every state.
     """
-    fill_footprints(which, impacts, cells, samples.to_kernel_tuple(), footprints)
+    fill_visited_cell_bitmaps(which, impacts, cells, samples.to_kernel_tuple(), footprints)
 
 
 @kernel
-def append_period_one(n, n_plus, n_minus, tau, v, trace, cells, orbits):
+def append_period_one_orbits(n, n_plus, n_minus, tau, v, trace, cells, orbits):
     """Append stable orbits of period one to the tables of their cells, which must have room.
 
     n (n_cells,): the number of new orbits of each cell. n_plus, n_minus, tau, v, trace (n_cells, most): in row i the
@@ -210,8 +210,8 @@ def append_period_one(n, n_plus, n_minus, tau, v, trace, cells, orbits):
 
 
 @kernel
-def resolve_all(which, cells, samples, orbits, balls, grown, waiting):
-    """Find the orbits of the samples `which`, as `resolve` describes, in a compiled loop.
+def find_orbits_of_recurrent_samples(which, cells, samples, orbits, balls, grown, waiting):
+    """Find the orbits of the samples `which`, as `assign_orbits_to_recurrent_samples` describes, in a compiled loop.
 
     waiting: an array that receives the numbers of the samples whose orbits could not be searched yet.
 
@@ -227,12 +227,12 @@ def resolve_all(which, cells, samples, orbits, balls, grown, waiting):
             waiting[n] = k
             n += 1
             continue
-        orbit = capturing_orbit(samples.tau[k], samples.v[k], cell, balls)
+        orbit = find_capturing_orbit(samples.tau[k], samples.v[k], cell, balls)
         if orbit < 0:
             gap = samples.gap[k]
-            point = point_of(cell, cells)
+            point = point_of_cell(cell, cells)
             most = max(samples.limit[k], 64 * gap)
-            found, m, n_plus, n_minus, tau, v, first, second = stable_orbit(
+            found, m, n_plus, n_minus, tau, v, first, second = find_stable_orbit(
                 samples.tau[k], samples.v[k], gap, most, point
             )
             if found:
@@ -246,11 +246,11 @@ def resolve_all(which, cells, samples, orbits, balls, grown, waiting):
     return n
 
 
-def resolve(
+def assign_orbits_to_recurrent_samples(
     which: NDArray[np.int64],
     cells: Any,
     samples: Trajectories,
-    orbits: Orbits,
+    orbits: KnownOrbits,
     balls: CaptureRegions,
     grown: NDArray[np.int64],
 ) -> NDArray[np.int64]:
@@ -271,4 +271,4 @@ def resolve(
     """
     waiting = np.zeros_like(which)
     tables = samples.to_kernel_tuple(), orbits.to_kernel_tuple(), balls.to_kernel_tuple()
-    return waiting[: resolve_all(which, cells, *tables, grown, waiting)]
+    return waiting[: find_orbits_of_recurrent_samples(which, cells, *tables, grown, waiting)]

@@ -12,7 +12,7 @@ Array = NDArray[np.float64]
 Counts = NDArray[np.int64]
 
 
-class Rows(NamedTuple):
+class AttractorRows(NamedTuple):
     """The rows (n,) of a table of attractors, ordered by cell, and within a cell by kind and number.
 
     Attributes
@@ -41,7 +41,7 @@ class Rows(NamedTuple):
 
 
 @inline
-def index_in_cell(kind, which, orbits):
+def attractor_index_in_cell(kind, which, orbits):
     """Return an attractor's index in its cell: quiet, then `orbits` orbits, then chaos. which: number in its kind."""
     if kind == Outcome.QUIET:
         return 0
@@ -50,7 +50,7 @@ def index_in_cell(kind, which, orbits):
 
 @kernel
 def fill_rows(kind, which, impacts, time, known, orbits, scratch, integers, watched, row):
-    """Fill the columns of `Rows`, and write the row of each sample to `row`.
+    """Fill the columns of `AttractorRows`, and write the row of each sample to `row`.
 
     kind, which, impacts, time, known: as in `attractor_rows`. orbits: the largest number of orbits of a cell. scratch
     (2, most attractors of a cell): memory for the attractors of one cell. integers (6, n): receives the columns `cell`
@@ -67,7 +67,7 @@ def fill_rows(kind, which, impacts, time, known, orbits, scratch, integers, watc
     for c in range(cells):
         seen[:] = -1
         for i in range(c * count, (c + 1) * count):
-            p = index_in_cell(kind[i], which[i], orbits) if kind[i] != Outcome.UNDECIDED else places - 1
+            p = attractor_index_in_cell(kind[i], which[i], orbits) if kind[i] != Outcome.UNDECIDED else places - 1
             if seen[p] < 0:
                 seen[p] = i
             row[i] = p
@@ -100,7 +100,9 @@ def fill_rows(kind, which, impacts, time, known, orbits, scratch, integers, watc
     return n
 
 
-def attractor_rows(kind: Counts, which: Counts, impacts: Counts, time: Array, known: Counts, row: Counts) -> Rows:
+def attractor_rows(
+    kind: Counts, which: Counts, impacts: Counts, time: Array, known: Counts, row: Counts
+) -> AttractorRows:
     """Return the rows of all attractors that samples reach.
 
     The samples (n,) are ordered by cell, and every cell has the same number of them.
@@ -112,7 +114,7 @@ def attractor_rows(kind: Counts, which: Counts, impacts: Counts, time: Array, kn
 
     Returns
     -------
-    Rows
+    AttractorRows
         Columns of the table.
     """
     orbits = int(max(which[kind == Outcome.PERIODIC].max(initial=-1) + 1, known.max(initial=0)))
@@ -124,4 +126,4 @@ def attractor_rows(kind: Counts, which: Counts, impacts: Counts, time: Array, kn
         np.zeros((2, 2 + orbits + sets), np.int64),
     )
     n = fill_rows(kind, which, impacts, time, known, orbits, scratch, integers, watched, row)
-    return Rows._make([*integers[:, :n], watched[:n]])
+    return AttractorRows._make([*integers[:, :n], watched[:n]])

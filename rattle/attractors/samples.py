@@ -81,13 +81,13 @@ class SampleSets(NamedTuple):
     size: NDArray[np.int64]
 
     @property
-    def first_index(self) -> NDArray[np.int64]:
+    def first_sample_index(self) -> NDArray[np.int64]:
         """Index (n,) of the first sample of each cell."""
         return np.asarray(np.cumsum(self.size) - self.size)
 
     def split_by_cell(self) -> list[NDArray[np.int64]]:
         """Return one array of samples for each cell."""
-        return np.split(self.which, self.first_index[1:]) if self.size.size else []
+        return np.split(self.which, self.first_sample_index[1:]) if self.size.size else []
 
     def select_cells(self, chosen: NDArray[np.bool_]) -> SampleSets:
         """Return the samples of the cells chosen by the flags `chosen` (n,)."""
@@ -97,7 +97,7 @@ class SampleSets(NamedTuple):
         """Return at most `most` samples of each cell, at even distances in the order of its samples."""
         size = np.minimum(most, self.size)
         number = np.arange(size.sum()) - np.repeat(np.cumsum(size) - size, size)
-        first, among, of = (np.repeat(x, size) for x in (self.first_index, self.size, size))
+        first, among, of = (np.repeat(x, size) for x in (self.first_sample_index, self.size, size))
         return SampleSets(self.which[first + number * among // of], size)
 
     def cells_where_all(self, holds: NDArray[np.bool_]) -> NDArray[np.bool_]:
@@ -107,15 +107,19 @@ class SampleSets(NamedTuple):
 
     def largest_by_cell(self, values: NDArray[np.int64]) -> NDArray[np.int64]:
         """Return the largest value (n,) in each cell; `values` has one for every sample. No cell may be empty."""
-        return np.asarray(np.maximum.reduceat(values[self.which], self.first_index))
+        return np.asarray(np.maximum.reduceat(values[self.which], self.first_sample_index))
 
     def smallest_by_cell(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the smallest value (n,) in each cell. values: a number for each sample. No cell may be empty."""
-        return np.asarray(np.minimum.reduceat(values[self.which], self.first_index)) if self.size.size else np.zeros(0)
+        return (
+            np.asarray(np.minimum.reduceat(values[self.which], self.first_sample_index))
+            if self.size.size
+            else np.zeros(0)
+        )
 
 
 @dataclass(frozen=True, eq=False)
-class Orbits(StructOfArrays):
+class KnownOrbits(StructOfArrays):
     """Stable orbits known in each cell: arrays (n_cells, room), of which the first n entries of a row are used.
 
     An orbit has its label (m, n₊, n₋), its fastest point (τ, v) and ln|multiplier|/m of both multipliers. `contacts` is
@@ -152,14 +156,14 @@ class CaptureRegions(StructOfArrays):
 
 
 TrajectoryColumns = define_kernel_columns("TrajectoryColumns", Trajectories, __name__)
-OrbitColumns = define_kernel_columns("OrbitColumns", Orbits, __name__)
+OrbitColumns = define_kernel_columns("OrbitColumns", KnownOrbits, __name__)
 BallColumns = define_kernel_columns("BallColumns", CaptureRegions, __name__)
 
 
-def empty_tables(n_cells: int, room: int, balls_per_orbit: int) -> tuple[Orbits, CaptureRegions]:
+def empty_orbit_tables(n_cells: int, room: int, balls_per_orbit: int) -> tuple[KnownOrbits, CaptureRegions]:
     """Return empty tables of orbits and of capture regions, with room for `room` orbits in each cell."""
     shape, balls = (n_cells, room), (n_cells, room * balls_per_orbit)
-    orbits = Orbits(
+    orbits = KnownOrbits(
         n=np.zeros(n_cells, np.int64),
         **{name: np.zeros(shape, np.int64) for name in ("m", "n_plus", "n_minus", "contacts", "merged")},
         **{name: np.zeros(shape) for name in ("tau", "v", "first", "second")},
@@ -171,7 +175,7 @@ def empty_tables(n_cells: int, room: int, balls_per_orbit: int) -> tuple[Orbits,
     )
 
 
-def double_room(table: Known) -> Known:
+def copy_with_double_capacity(table: Known) -> Known:
     """Return a copy of a table (n_cells, room) with twice the room."""
     columns = table.columns()
     wider = {name: np.concatenate([x, np.zeros_like(x)], axis=1) for name, x in columns.items() if name != "n"}
@@ -179,7 +183,7 @@ def double_room(table: Known) -> Known:
 
 
 @inline
-def capturing_orbit(tau, v, cell, balls):
+def find_capturing_orbit(tau, v, cell, balls):
     """Return the number of the orbit of this cell whose capture region holds the state (τ, v), −1 if none does."""
     for p in range(balls.n[cell]):
         x, y = wrap_phase_difference(tau - balls.tau[cell, p]), v - balls.v[cell, p]
@@ -219,13 +223,13 @@ class ReferenceState(NamedTuple):
 
 
 @inline
-def first_reference(tau, v):
+def first_reference_state(tau, v):
     """Return the first reference state of Brent's cycle search: (τ, v), the state after 0 returns."""
     return ReferenceState(tau, v, 0, 1)
 
 
 @inline
-def check_sample(tau, v, n, k, reference, samples, balls, unit):
+def check_sample_outcome(tau, v, n, k, reference, samples, balls, unit):
     """Check after n returns whether sample k is captured, or has returned close to the reference state.
 
     If it has returned, the number of returns since the reference state is written to `samples.gap`.
@@ -236,7 +240,7 @@ def check_sample(tau, v, n, k, reference, samples, balls, unit):
         (status, orbit, reference): the outcome, the number of the capturing orbit (−1 if none), and the reference state
         for the next check.
     """
-    orbit = capturing_orbit(tau, v, samples.cell[k], balls)
+    orbit = find_capturing_orbit(tau, v, samples.cell[k], balls)
     if orbit >= 0:
         return Outcome.PERIODIC, orbit, reference
     near = abs(v - reference.v) < RECURRENCE * unit and abs(wrap_phase_difference(tau - reference.tau)) < RECURRENCE

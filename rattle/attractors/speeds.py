@@ -10,7 +10,7 @@ from rattle.attractors.classify import BUDGET
 from rattle.errors import ParameterError, require_integer, require_number
 from rattle.flight.law import natural_speed
 from rattle.numerics.sampling import initial_conditions
-from rattle.numerics.states import box_of
+from rattle.numerics.states import state_box_ranges
 from rattle.parameters import Parameters
 
 NATURAL: Literal["natural"] = "natural"
@@ -37,7 +37,7 @@ class SampleSpec:
     count : int
         Initial conditions of a cell.
     v_max : float or "natural", optional
-        The largest speed: see `sampled_speeds`.
+        The largest speed: see `highest_sampled_speeds`.
     seed : int
         Seed of the sample.
     budget : int
@@ -66,14 +66,14 @@ class SampleSpec:
             object.__setattr__(self, name, require_integer(name, getattr(self, name), low, high))
 
     def highest_speeds(self, parameters: Parameters) -> Array:
-        """Return the largest sampled speed of each cell (n,): see `sampled_speeds`. Raises ParameterError."""
-        return sampled_speeds(self.v_max, parameters.delta, parameters.epsilon, parameters.beta)
+        """Return the largest sampled speed of each cell (n,): see `highest_sampled_speeds`. Raises ParameterError."""
+        return highest_sampled_speeds(self.v_max, parameters.delta, parameters.epsilon, parameters.beta)
 
     def states(self, parameters: Parameters) -> tuple[Array, Array]:
         """Return phases and speeds (n, count) of the initial conditions of cells (n,). Raises ParameterError."""
         highest = self.highest_speeds(parameters)
         if (*self.tau, self.v_min) != WHOLE_BOX and parameters.size:
-            box_of(self.tau, (self.v_min, float(highest.min())))
+            state_box_ranges(self.tau, (self.v_min, float(highest.min())))
         cells = parameters.delta, parameters.epsilon, parameters.beta
         return initial_conditions(*cells, self.count, highest, self.seed, self.tau, self.v_min)
 
@@ -84,7 +84,7 @@ def are_in_paper_plane(delta: Array, epsilon: Array, beta: Array) -> NDArray[np.
     return np.asarray(inside[0] & inside[1] & inside[2], np.bool_)
 
 
-def sampled_speeds(v_max: SpeedLimit, delta: Array, epsilon: Array, beta: Array) -> Array:
+def highest_sampled_speeds(v_max: SpeedLimit, delta: Array, epsilon: Array, beta: Array) -> Array:
     """Return the largest sampled speed of each of these cells (n,).
 
     `v_max` is a number for all cells; or "natural", which means 1.5 √(16πδβ) + 2πε of each cell; or None, which means 7
@@ -110,10 +110,10 @@ def sampled_speeds(v_max: SpeedLimit, delta: Array, epsilon: Array, beta: Array)
     return np.full(np.shape(delta), require_number("v_max", v_max, positive=True))
 
 
-def read_speed(text: str | None) -> SpeedLimit:
+def parse_speed_limit(text: str | None) -> SpeedLimit:
     """Return a speed limit given as text: a number, or None if the text is empty.
 
-    Other text is returned as it is; `sampled_speeds` checks it.
+    Other text is returned as it is; `highest_sampled_speeds` checks it.
 
     Returns
     -------
@@ -127,6 +127,6 @@ def read_speed(text: str | None) -> SpeedLimit:
         return text
 
 
-def sampled_speed(v_max: SpeedLimit, delta: float, epsilon: float, beta: float) -> float:
-    """Return the largest speed that is sampled for one gear; see `sampled_speeds`."""
-    return float(sampled_speeds(v_max, *(np.array([x]) for x in (delta, epsilon, beta)))[0])
+def highest_sampled_speed(v_max: SpeedLimit, delta: float, epsilon: float, beta: float) -> float:
+    """Return the largest speed that is sampled for one gear; see `highest_sampled_speeds`."""
+    return float(highest_sampled_speeds(v_max, *(np.array([x]) for x in (delta, epsilon, beta)))[0])

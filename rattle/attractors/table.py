@@ -15,7 +15,7 @@ from rattle.attractors.rows import attractor_rows
 from rattle.attractors.samples import Outcome
 from rattle.attractors.speeds import MOST_SAMPLES, SampleSpec
 from rattle.errors import require
-from rattle.notebook import Columns, DataFrame, dataframe_of, html_of, html_table, repr_text, table_of
+from rattle.notebook import Columns, DataFrame, dataframe_of, html_of, html_table, plain_text_table, repr_text
 from rattle.numerics.sampling import wilson_interval
 from rattle.numerics.struct_of_arrays import StructOfArrays
 from rattle.parameters import Parameters
@@ -105,7 +105,7 @@ class AttractorTuple(tuple[Attractor, ...]):
 
     def __repr__(self) -> str:
         """Return a one-line description."""
-        return table_of(self._columns())
+        return plain_text_table(self._columns())
 
     def _repr_html_(self) -> str:
         return html_table(f"{len(self)} attractors", self._columns())
@@ -190,7 +190,7 @@ class AttractorTable(StructOfArrays):
 Attractors = AttractorTable
 
 
-def _kinds_and_numbers(classifier: Classifier) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def _kinds_and_orbit_numbers(classifier: Classifier) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Return the kind of every sample, and the number of its orbit or chaotic attractor in its cell."""
     status = classifier.samples.status
     kind = np.full(status.size, Outcome.UNDECIDED)
@@ -215,7 +215,7 @@ def tabulate_attractors(classifier: Classifier, missed: bool = False) -> tuple[A
     tuple[AttractorTable, NDArray[np.int64]]
         The table, and the row of each sample, cell by cell.
     """
-    kind, which = _kinds_and_numbers(classifier)
+    kind, which = _kinds_and_orbit_numbers(classifier)
     samples, orbits = classifier.samples, classifier.orbits
     row, known = np.empty(kind.size, np.int64), orbits.n if missed else np.zeros_like(orbits.n)
     rows = attractor_rows(kind, which, samples.impacts, samples.time, known, row)

@@ -10,8 +10,15 @@ from numpy.typing import ArrayLike, NDArray
 
 from rattle.attractors.speeds import NATURAL
 from rattle.attractors.table import Attractor
-from rattle.comparison.measured import MeasuredImpacts, repeating_label
-from rattle.comparison.walls import FIT_MARGIN, Fit, FitProblem, find_fits, fit_at_offset, interval_of_offset
+from rattle.comparison.measured import MeasuredImpacts, label_of_repeating_impacts
+from rattle.comparison.walls import (
+    FIT_MARGIN,
+    FitProblem,
+    WallFit,
+    confidence_interval_of_offset,
+    find_fits,
+    fit_at_offset,
+)
 from rattle.errors import require_finite, require_integer, require_number
 from rattle.flight.law import speed_unit
 from rattle.intensity.intensity import Intensity
@@ -141,7 +148,7 @@ def compare(
     tolerance = require_number("tolerance", tolerance, positive=True)
     offset = None if offset is None else require_finite("offset", offset)
     point = gear.delta, gear.epsilon, gear.beta
-    fitting = FitProblem(measured, gear, float(speed_unit(*point)), model_at(gear).dwell)
+    fitting = FitProblem(measured, gear, float(speed_unit(*point)), model_at(gear).contact_duration)
     attractors = gear.attractors(count, NATURAL, seed)
     followed = [_follow_attractor(each, gear, bins) for each in attractors if each.kind != "undecided"]
     if offset is not None:
@@ -151,7 +158,7 @@ def compare(
     best, chosen = min(found, key=lambda each: _misfit_plus_distance(each[0]))
     most = _misfit_plus_distance(best) + FIT_MARGIN[1]
     near = [each for one, each in found if one is not best and _misfit_plus_distance(one) <= most]
-    return _with_offset_intervals(fitting, best, [chosen, *near])
+    return _add_offset_intervals(fitting, best, [chosen, *near])
 
 
 def _misfit_plus_distance(comparison: Comparison) -> float:
@@ -159,7 +166,7 @@ def _misfit_plus_distance(comparison: Comparison) -> float:
     return comparison.misfit + (comparison.near[0].distance if comparison.near else 0.0)
 
 
-def _with_offset_intervals(fitting: FitProblem, comparison: Comparison, fits: list[Fit]) -> Comparison:
+def _add_offset_intervals(fitting: FitProblem, comparison: Comparison, fits: list[WallFit]) -> Comparison:
     """Return a comparison with the interval of its offset, other possible offsets, and flags of the sure impacts.
 
     fits: the fit from which the comparison was made, followed by the other fits that are about as good.
@@ -169,7 +176,7 @@ def _with_offset_intervals(fitting: FitProblem, comparison: Comparison, fits: li
     Comparison
         A copy in which `offset_interval`, `other_offsets` and `is_sure` are set.
     """
-    own, *others = (interval_of_offset(fitting, each) for each in fits)
+    own, *others = (confidence_interval_of_offset(fitting, each) for each in fits)
     sharp = fitting._replace(unit=fits[0].unit)
     walls = [fit_at_offset(sharp, end).wall for end in own] + [each.wall for each in fits]
     return replace(
@@ -199,16 +206,16 @@ def _follow_attractor(attractor: Attractor, gear: AnyGear, bins: int) -> _Attrac
     periods = None if attractor.kind == "periodic" else CHAOS_PERIODS
     impacts, rate = gear.impacts(attractor, periods), 1.0 / (attractor.m if periods is None else periods)
     phases = _phases_by_wall(impacts.time, impacts.wall)
-    return _AttractorImpacts(attractor, gear.intensity(attractor), phases, rate, _histogram(phases, rate, bins))
+    return _AttractorImpacts(attractor, gear.intensity(attractor), phases, rate, _phase_histograms(phases, rate, bins))
 
 
 def _compare_fit(
-    measured: MeasuredImpacts, fit: Fit, attractors: list[_AttractorImpacts], bins: int, tolerance: float
+    measured: MeasuredImpacts, fit: WallFit, attractors: list[_AttractorImpacts], bins: int, tolerance: float
 ) -> Comparison:
     """Compare measured impacts, which have the walls and the offset of a fit, with the attractors of the gear."""
     true = fit.wall != 0
     time, wall, number = measured.time[true], fit.wall[true], int(np.count_nonzero(true))
-    label = repeating_label(time, wall, tolerance)
+    label = label_of_repeating_impacts(time, wall, tolerance)
     impacts = (number - 1) / float(time[-1] - time[0]) if label is None else (label[1] + label[2]) / label[0]
     here, rate = _phases_by_wall(time - fit.offset, wall), impacts / number
     near = [
@@ -230,7 +237,7 @@ def _compare_fit(
         other_offsets=(),
         is_sure=true,
         misfit=fit.misfit,
-        histogram=_histogram(here, rate, bins),
+        histogram=_phase_histograms(here, rate, bins),
         near=tuple(sorted(near, key=lambda each: each.distance)),
     )
 
@@ -241,7 +248,7 @@ def _phases_by_wall(time: ArrayLike, wall: NDArray[np.int64]) -> list[Array]:
     return [np.sort(phase[wall == side]) for side in (1, -1)]
 
 
-def _histogram(phases: list[Array], rate: float, bins: int) -> Array:
+def _phase_histograms(phases: list[Array], rate: float, bins: int) -> Array:
     """Return the number of impacts per forcing period on each wall, in equal intervals of the phase.
 
     phases: the phases of the impacts on Σ⁺, and on Σ⁻. rate: the weight of each phase, in impacts per forcing period.

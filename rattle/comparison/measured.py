@@ -132,7 +132,7 @@ def read_csv(path: str | Path, time_unit: float = 1.0, speed_unit: float = 1.0) 
     return measured(found["time"] / time_unit, speed, found.get("wall"))
 
 
-def repeating_label(time: Array, wall: NDArray[np.int64], tolerance: float) -> tuple[int, int, int] | None:
+def label_of_repeating_impacts(time: Array, wall: NDArray[np.int64], tolerance: float) -> tuple[int, int, int] | None:
     """Return the label (m, n₊, n₋) of impacts that repeat, or None if they do not.
 
     Several periods may fit: after a period doubling, for example, half the period fits roughly. The label is that of

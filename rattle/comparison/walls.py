@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from rattle.comparison.measured import MeasuredImpacts
 from rattle.flight.between import flight_between
-from rattle.flight.forcing import analytic_phase
+from rattle.flight.forcing import sine_cosine_of_complex_time
 from rattle.flight.law import speed_unit, wrap_phase_difference
 from rattle.models import AnyGear
 from rattle.numerics.compile import inline, kernel
@@ -68,7 +68,7 @@ Array = NDArray[np.float64]
 Walls = NDArray[np.int64]
 
 
-class Fit(NamedTuple):
+class WallFit(NamedTuple):
     """The walls and the offset with which impacts fit a gear.
 
     Attributes
@@ -95,16 +95,16 @@ class FitProblem(NamedTuple):
     """Measured impacts, and the gear to which they are fitted.
 
     unit: the speed tolerance, by which errors of speeds are divided.
-    dwell: the duration of a contact in forcing periods; 0 for a gear with rigid teeth.
+    contact_duration: the duration of a contact in forcing periods; 0 for a gear with rigid teeth.
     """
 
     measured: MeasuredImpacts
     gear: AnyGear
     unit: float
-    dwell: float
+    contact_duration: float
 
     @property
-    def with_first_impacts(self) -> FitProblem:
+    def limited_to_first_impacts(self) -> FitProblem:
         """The same problem with the first FIRST_IMPACTS impacts only; searches for offsets use only these."""
         time, speed, wall = self.measured
         some = None if speed is None else speed[:FIRST_IMPACTS]
@@ -113,23 +113,25 @@ class FitProblem(NamedTuple):
         )
 
 
-def find_fits(fitting: FitProblem) -> list[Fit]:
+def find_fits(fitting: FitProblem) -> list[WallFit]:
     """Return the fits of impacts to a gear. There may be several: impacts of A and C, for example, are equally spaced.
 
     Returns
     -------
-    list[Fit]
+    list[WallFit]
         The fits by rising misfit of the first FIRST_IMPACTS impacts; each fit is to all impacts.
     """
-    few = fitting.with_first_impacts
+    few = fitting.limited_to_first_impacts
     rough = []
     for unit, phases in ((few.unit, PHASES), (few.unit / FINER, FINER_PHASES)):
         sharper = few._replace(unit=unit)
         lowest = _lowest_minima(_find_best_walls(sharper, np.arange(phases) / phases)[0])
-        rough += _best_fits(
+        rough += _fits_within_margin(
             [fit_at_offset(sharper, _refine_offset(sharper, i / phases, 1.0 / phases)) for i in lowest], ROUGH_MARGIN
         )
-    sharp = _best_fits([_fit_with_smaller_tolerance(few._replace(unit=each.unit), each) for each in rough], FIT_MARGIN)
+    sharp = _fits_within_margin(
+        [_fit_with_smaller_tolerance(few._replace(unit=each.unit), each) for each in rough], FIT_MARGIN
+    )
     offsets = [each.offset for each in sharp]
     for each in [found for found in sharp if found.misfit < POOR][:MOST_SCANNED]:
         costs = _impact_costs(few, each.wall, np.arange(SCAN_OFFSETS) / SCAN_OFFSETS).sum(axis=1)
@@ -139,8 +141,8 @@ def find_fits(fitting: FitProblem) -> list[Fit]:
                 sharp.append(
                     _fit_with_smaller_tolerance(few._replace(unit=each.unit), each._replace(offset=float(offset)))
                 )
-    found: list[Fit] = []
-    for each in _best_fits(sharp, FIT_MARGIN):
+    found: list[WallFit] = []
+    for each in _fits_within_margin(sharp, FIT_MARGIN):
         if all(abs(wrap_phase_difference(each.offset - other.offset)) > SAME_OFFSET for other in found):
             found.append(fit_at_offset(fitting._replace(unit=each.unit), each.offset))
     return found
@@ -152,14 +154,14 @@ def _lowest_minima(costs: Array) -> NDArray[np.int64]:
     return found[np.argsort(costs[found], kind="stable")][:MOST_REFINED]
 
 
-def _best_fits(fits: list[Fit], margin: tuple[float, float]) -> list[Fit]:
+def _fits_within_margin(fits: list[WallFit], margin: tuple[float, float]) -> list[WallFit]:
     """Return the fits whose misfit is at most factor · (least misfit of all fits) + summand.
 
     margin: (factor, summand).
 
     Returns
     -------
-    list[Fit]
+    list[WallFit]
         The fits by rising misfit.
     """
     fits = sorted(fits, key=lambda each: each.misfit)
@@ -167,7 +169,7 @@ def _best_fits(fits: list[Fit], margin: tuple[float, float]) -> list[Fit]:
     return [each for each in fits if each.misfit <= times * fits[0].misfit + more]
 
 
-def _fit_with_smaller_tolerance(fitting: FitProblem, fit: Fit) -> Fit:
+def _fit_with_smaller_tolerance(fitting: FitProblem, fit: WallFit) -> WallFit:
     """Repeat a fit with smaller and smaller speed tolerances, down to the scatter of the speeds.
 
     With a small tolerance it costs much to take a false impact for a true one.
@@ -177,12 +179,12 @@ def _fit_with_smaller_tolerance(fitting: FitProblem, fit: Fit) -> Fit:
 
     Returns
     -------
-    Fit
+    WallFit
         The fit with the smallest tolerance.
     """
     finest = min(fitting.unit, FINEST * float(speed_unit(fitting.gear.delta, fitting.gear.epsilon, fitting.gear.beta)))
     for _ in range(SHARPENINGS):
-        leaves, arrives = _velocities(fitting, fit.wall, np.array([fit.offset]))
+        leaves, arrives = _velocities_at_impacts(fitting, fit.wall, np.array([fit.offset]))
         scatter = SCATTER * float(np.median(np.abs(leaves + arrives))) if leaves.size else fitting.unit
         fitting = fitting._replace(unit=min(max(fitting.unit / SHARPER, scatter, finest), fitting.unit))
         fit = fit_at_offset(fitting, _refine_offset(fitting, fit.offset))
@@ -206,17 +208,17 @@ def _refine_offset(fitting: FitProblem, offset: float, width: float = 1.0 / PHAS
     return offset
 
 
-def fit_at_offset(fitting: FitProblem, offset: float) -> Fit:
+def fit_at_offset(fitting: FitProblem, offset: float) -> WallFit:
     """Return the fit of impacts to a gear with phase 0 at the time `offset` and the walls of least cost."""
     wall = _find_best_walls(fitting, np.array([offset]))[1]
-    leaves, arrives = _velocities(fitting, wall, np.array([offset]))
+    leaves, arrives = _velocities_at_impacts(fitting, wall, np.array([offset]))
     off = np.abs(leaves + arrives) / (np.abs(leaves) + np.abs(arrives))
     false = wall.size - np.count_nonzero(wall)
     misfit = (float(off.sum()) + FALSE_MISFIT * false) / (off.size + false)
-    return Fit(wall, offset % 1.0, misfit, fitting.unit)
+    return WallFit(wall, offset % 1.0, misfit, fitting.unit)
 
 
-def interval_of_offset(fitting: FitProblem, fit: Fit) -> tuple[float, float]:
+def confidence_interval_of_offset(fitting: FitProblem, fit: WallFit) -> tuple[float, float]:
     """Return the 95 % interval of the offset of a fit.
 
     The interval ends where the cost exceeds the cost of the fit by more than the standard error of this excess, but at
@@ -228,7 +230,7 @@ def interval_of_offset(fitting: FitProblem, fit: Fit) -> tuple[float, float]:
     tuple[float, float]
         Both ends of the interval.
     """
-    few, offset = fitting.with_first_impacts._replace(unit=fit.unit), fit.offset
+    few, offset = fitting.limited_to_first_impacts._replace(unit=fit.unit), fit.offset
     steps = np.geomspace(RESOLUTION, FARTHEST, STEPS)
     ends = []
     for side in (-1.0, 1.0):
@@ -250,7 +252,7 @@ def _impact_costs(fitting: FitProblem, wall: Walls, offsets: Array) -> Array:
     Array
         Costs (k, n − 2), where n is the number of impacts that are not false.
     """
-    leaves, arrives = _velocities(fitting, wall, offsets)
+    leaves, arrives = _velocities_at_impacts(fitting, wall, offsets)
     costs = np.minimum(((leaves + arrives) / fitting.unit) ** 2, LARGEST_COST)
     if fitting.measured.speed is not None:
         speed = fitting.measured.speed[wall != 0][1:-1]
@@ -258,7 +260,7 @@ def _impact_costs(fitting: FitProblem, wall: Walls, offsets: Array) -> Array:
     return costs
 
 
-def _velocities(fitting: FitProblem, wall: Walls, offsets: Array) -> tuple[Array, Array]:
+def _velocities_at_impacts(fitting: FitProblem, wall: Walls, offsets: Array) -> tuple[Array, Array]:
     """Return the velocities after and before each impact except the first and the last.
 
     offsets (k,): times of phase 0. wall: the wall of each impact, 0 for a false impact.
@@ -271,7 +273,7 @@ def _velocities(fitting: FitProblem, wall: Walls, offsets: Array) -> tuple[Array
     gear, time = fitting.gear, fitting.measured.time[wall != 0]
     gaps = gear.beta * np.diff(wall[wall != 0]).astype(np.float64)
     w0, w1 = (np.empty((offsets.size, gaps.size)) for _ in range(2))
-    _write_flight_velocities(time, gaps, offsets, fitting.dwell, gear.delta, gear.epsilon, w0, w1)
+    _write_flight_velocities(time, gaps, offsets, fitting.contact_duration, gear.delta, gear.epsilon, w0, w1)
     return w0[:, 1:], w1[:, :-1]
 
 
@@ -282,7 +284,7 @@ def _find_best_walls(fitting: FitProblem, offsets: Array) -> tuple[Array, Walls]
     before, last = np.empty((n, MOST_FALSE + 1, len(ENDS)), np.int64), np.empty(2, np.int64)
     known = np.zeros(n, np.int64) if wall is None else wall
     speeds = np.full(n, np.nan) if speed is None else speed
-    _write_least_costs(time, speeds, known, offsets, fitting.dwell, *point, fitting.unit, cost, before, last)
+    _write_least_costs(time, speeds, known, offsets, fitting.contact_duration, *point, fitting.unit, cost, before, last)
     found, (arrival, choice) = np.zeros(n, np.int64), last.tolist()
     while choice >= 0:
         skipped, ends = divmod(choice, len(ENDS))
@@ -293,33 +295,33 @@ def _find_best_walls(fitting: FitProblem, offsets: Array) -> tuple[Array, Walls]
 
 
 @inline
-def _flight_ends(t0, t1, dwell):
+def _times_and_phases_of_flight(t0, t1, contact_duration):
     """Return the times at which the flight between impacts at t0 and t1 begins and ends, with the phases there.
 
-    The flight begins where the contact after the first impact ends: at t0 + `dwell`, but at most half way to t1.
-    It ends at t1.
+    The flight begins where the contact after the first impact ends: at t0 + `contact_duration`, but at most half way to
+    t1. It ends at t1.
 
     Returns
     -------
     tuple
         Both times as complex numbers; then (sine, cosine) of the phase at the first time, and at the second time.
     """
-    a = complex(min(t0 + dwell, 0.5 * (t0 + t1)))  # the contact must end before t1
+    a = complex(min(t0 + contact_duration, 0.5 * (t0 + t1)))  # the contact must end before t1
     b = complex(t1)
-    return a, b, analytic_phase(a), analytic_phase(b)
+    return a, b, sine_cosine_of_complex_time(a), sine_cosine_of_complex_time(b)
 
 
 @kernel
-def _write_flight_velocities(time, gaps, offsets, dwell, delta, epsilon, w0, w1):
+def _write_flight_velocities(time, gaps, offsets, contact_duration, delta, epsilon, w0, w1):
     """Write to w0 and w1 (k, n) the velocities at the beginning and at the end of each of n flights.
 
     time (n + 1,): the times of the impacts. gaps (n,): the distances that the flights cover. offsets (k,): the times of
-    phase 0. dwell: the duration of a contact.
+    phase 0. contact_duration: the duration of a contact.
     """
     for j in range(offsets.size):
         for i in range(gaps.size):
             t0, t1 = time[i] - offsets[j], time[i + 1] - offsets[j]
-            a, b, turn0, turn1 = _flight_ends(t0, t1, dwell)
+            a, b, turn0, turn1 = _times_and_phases_of_flight(t0, t1, contact_duration)
             found = flight_between(a, b, turn0, turn1, gaps[i], complex(delta), complex(epsilon))
             w0[j, i], w1[j, i] = found[0].real, found[1].real
 
@@ -332,7 +334,7 @@ def _capped_square(error):
 
 
 @kernel
-def _write_least_costs(time, speed, known, offsets, dwell, delta, epsilon, beta, unit, cost, before, last):
+def _write_least_costs(time, speed, known, offsets, contact_duration, delta, epsilon, beta, unit, cost, before, last):
     """Write the least cost of walls at each offset (k,), by dynamic programming.
 
     For the flight that arrives at impact i there are (MOST_FALSE + 1) × 4 choices: the number of false impacts that the
@@ -350,7 +352,9 @@ def _write_least_costs(time, speed, known, offsets, dwell, delta, epsilon, beta,
         for i in range(1, n):
             for skipped in range(before.shape[1]):
                 k = max(i - 1 - skipped, 0)
-                a, b, turn0, turn1 = _flight_ends(time[k] - offsets[j], time[i] - offsets[j], dwell)
+                a, b, turn0, turn1 = _times_and_phases_of_flight(
+                    time[k] - offsets[j], time[i] - offsets[j], contact_duration
+                )
                 for ends in range(before.shape[2]):
                     total[i, skipped, ends] = np.inf
                     begin, end = ENDS[ends]

@@ -134,7 +134,7 @@ class FollowedCurve(NamedTuple):
     paths: tuple[OneWayPath, OneWayPath] | None
 
 
-def newton_on_curve(problem: ContinuationProblem, x: Array, constraint: Array) -> tuple[Array, int] | None:
+def solve_on_curve(problem: ContinuationProblem, x: Array, constraint: Array) -> tuple[Array, int] | None:
     """Solve for a point of the curve near x, in the hyperplane through x that is normal to `constraint`.
 
     Returns
@@ -184,7 +184,7 @@ def _has_converged(size: Any, last: Any) -> Any:
     return (size < SMALLEST_CORRECTION) | quadratic | ((size < ACCEPTED_CORRECTION) & (size > 0.1 * last))
 
 
-def solutions_with_values(problem: ContinuationProblem, guesses: Array, index: int) -> Array:
+def solve_all_with_fixed_unknown(problem: ContinuationProblem, guesses: Array, index: int) -> Array:
     """Return the solutions near guesses (k, N + 1), in which unknown number `index` keeps its guessed value.
 
     Returns
@@ -204,7 +204,7 @@ def solutions_with_values(problem: ContinuationProblem, guesses: Array, index: i
         value, jacobian = derivatives(problem.equations, at)
         matrix, right = np.empty((*at.shape, at.shape[-1])), np.zeros(at.shape)
         matrix[:, :-1], matrix[:, -1], right[:, :-1] = jacobian, fixed, -value
-        step = _solve_each(matrix, right)
+        step = _solve_linear_systems(matrix, right)
         scale = np.stack([np.broadcast_to(problem.scale(each), each.shape) for each in at])
         size = (np.abs(step) / (scale + np.abs(at))).max(axis=-1)
         x[active] += step
@@ -215,21 +215,23 @@ def solutions_with_values(problem: ContinuationProblem, guesses: Array, index: i
     return found
 
 
-def _solve_each(matrix: Array, right: Array) -> Array:
+def _solve_linear_systems(matrix: Array, right: Array) -> Array:
     """Return the solutions (k, n) of k linear systems with matrices (k, n, n); NaN for a singular matrix."""
     try:
         return np.asarray(np.linalg.solve(matrix, right[..., None])[..., 0], np.float64)
     except np.linalg.LinAlgError:
         if len(matrix) == 1:
             return np.full(right.shape, np.nan)
-        return np.concatenate([_solve_each(*each) for each in zip(matrix[:, None], right[:, None], strict=True)])
+        return np.concatenate(
+            [_solve_linear_systems(*each) for each in zip(matrix[:, None], right[:, None], strict=True)]
+        )
 
 
-def solution_with_value(problem: ContinuationProblem, x: Array, index: int, value: float) -> Array | None:
+def solve_with_fixed_unknown(problem: ContinuationProblem, x: Array, index: int, value: float) -> Array | None:
     """Return the solution near x in which unknown number `index` has this value; None if Newton's method fails."""
     guess, fixed = x.copy(), np.zeros(x.size)
     guess[index], fixed[index] = value, 1.0
-    found = newton_on_curve(problem, guess, fixed)
+    found = solve_on_curve(problem, guess, fixed)
     return None if found is None else found[0]
 
 
@@ -260,7 +262,7 @@ def oriented_tangent(problem: ContinuationProblem, x: Array, direction: Array) -
     return unit, float(np.linalg.slogdet(append_row(jacobian, unit))[0])
 
 
-def solution_above_chord(problem: ContinuationProblem, a: Array, b: Array, share: float) -> Array | None:
+def solve_beside_chord(problem: ContinuationProblem, a: Array, b: Array, share: float) -> Array | None:
     """Return the solution in the hyperplane normal to the chord from a to b, at `share` of the way from a to b.
 
     Returns
@@ -268,7 +270,7 @@ def solution_above_chord(problem: ContinuationProblem, a: Array, b: Array, share
     Array | None
         The solution (N + 1,); None if Newton's method fails.
     """
-    found = newton_on_curve(problem, a + share * (b - a), b - a)
+    found = solve_on_curve(problem, a + share * (b - a), b - a)
     return None if found is None else found[0]
 
 
@@ -305,10 +307,10 @@ def bracket_admissible_edge(
         if share * np.max(np.abs(outside - inside)) < 1e-15:
             break
         ahead = outside - inside
-        found = newton_on_curve(problem, inside + share * ahead, b - a)
+        found = solve_on_curve(problem, inside + share * ahead, b - a)
         if found is None:
             tangent = tangent_at(problem, inside, ahead)
-            found = newton_on_curve(problem, inside + share * float(np.linalg.norm(ahead)) * tangent, tangent)
+            found = solve_on_curve(problem, inside + share * float(np.linalg.norm(ahead)) * tangent, tangent)
         if found is None:
             share *= 0.5
         elif is_admissible(found[0]):
@@ -318,7 +320,7 @@ def bracket_admissible_edge(
     return inside, outside
 
 
-def longest_step(span: tuple[float, float], resolution: int, longest: float) -> Callable[[Array], float]:
+def make_longest_step_function(span: tuple[float, float], resolution: int, longest: float) -> Callable[[Array], float]:
     """Return a function that maps a unit tangent of a curve to the longest allowed step along this tangent.
 
     The step is at most `longest`, and so short that a curve across the span (low, high) of the last unknown has at
@@ -334,7 +336,7 @@ def longest_step(span: tuple[float, float], resolution: int, longest: float) -> 
 
 
 @dataclass(frozen=True)
-class Follower:
+class CurveFollower:
     """A continuation problem with the rules by which its curve is followed.
 
     bounds, is_admissible: the curve is followed as long as its points are "inside": within the bounds and admissible.
@@ -355,8 +357,8 @@ class Follower:
     def follow(self, start: Array, tangent: Array, most: int = MOST_POINTS, first: float = np.inf) -> OneWayPath:
         """Follow the curve from a solution in the direction of `tangent`, until it goes outside or closes.
 
-        "Inside" and "outside" are those of `Follower`; the start is inside. If the curve goes outside, the last point
-        is the edge of the inside, to rounding.
+        "Inside" and "outside" are those of `CurveFollower`; the start is inside. If the curve goes outside, the last
+        point is the edge of the inside, to rounding.
 
         most: the largest number of points. first: the longest allowed first step. Give `first` if another curve crosses
         this one at the start, as at a flip: then the orientation of the curve is not checked in the first step.
@@ -373,7 +375,7 @@ class Follower:
         while len(points) < most and step >= shortest:
             x, direction = points[-1], tangents[-1]
             step = min(step, self.longest(direction))
-            found = newton_on_curve(self.problem, x + step * direction, direction)
+            found = solve_on_curve(self.problem, x + step * direction, direction)
             if found is None or np.linalg.norm(found[0] - x) > 2.0 * step:
                 step *= 0.4
                 continue
@@ -384,7 +386,7 @@ class Follower:
                 step *= 0.4
                 continue
             sign = new_sign
-            back = self._closing_twin(start, x, new) if len(points) > 1 else None
+            back = self._closing_solution(start, x, new) if len(points) > 1 else None
             if back is not None:
                 points.append(back)
                 tangents.append(tangent_at(self.problem, back, direction))
@@ -419,7 +421,7 @@ class Follower:
         tangents = np.concatenate([-back.tangents[:0:-1], on.tangents])
         return FollowedCurve(points, tangents, len(back.points) - 1, (back, on))
 
-    def _closing_twin(self, start: Array, a: Array, b: Array) -> Array | None:
+    def _closing_solution(self, start: Array, a: Array, b: Array) -> Array | None:
         """Return a solution that describes the same motion as `start` and lies between points a and b of the curve.
 
         Returns
@@ -431,7 +433,7 @@ class Follower:
         for twin in self.equivalent_unknowns(start, b):
             share = float((twin - a) @ chord / (chord @ chord))
             if 0.0 < share <= 1.0 and np.max(np.abs(twin - a - share * chord)) < LARGEST_TURN * np.max(np.abs(chord)):
-                found = solution_above_chord(self.problem, a, b, share)
+                found = solve_beside_chord(self.problem, a, b, share)
                 if found is not None and np.max(np.abs(found - twin)) < SAME_SOLUTION:
                     return found
         return None
@@ -442,7 +444,7 @@ class Follower:
             limit = bound.exceeded_limit(b)
             if limit is not None:
                 share = (limit - a[bound.index]) / (b[bound.index] - a[bound.index])
-                found = solution_with_value(self.problem, a + share * (b - a), bound.index, limit)
+                found = solve_with_fixed_unknown(self.problem, a + share * (b - a), bound.index, limit)
                 b = b if found is None else found
         return b if self.is_inside(b) else bracket_admissible_edge(self.problem, a, b, self.is_inside)[0]
 
@@ -461,8 +463,8 @@ def root_between(
     """
 
     def evaluate_test(share: float) -> float:
-        """Return `test` at the solution of `solution_above_chord`. Raises ArithmeticError if there is none."""
-        x = solution_above_chord(problem, a, b, share)
+        """Return `test` at the solution of `solve_beside_chord`. Raises ArithmeticError if there is none."""
+        x = solve_beside_chord(problem, a, b, share)
         if x is None:
             raise ArithmeticError(f"Newton's method found no solution in the hyperplane at {share} of a chord")
         return test(x)
@@ -476,4 +478,4 @@ def root_between(
         share = brentq(evaluate_test, 0.0, 1.0, xtol=tolerance, rtol=4 * np.finfo(float).eps)
     except ArithmeticError:  # Newton's method failed between a and b
         return None
-    return solution_above_chord(problem, a, b, float(share))
+    return solve_beside_chord(problem, a, b, float(share))

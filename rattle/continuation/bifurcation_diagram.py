@@ -23,7 +23,7 @@ from rattle.attractors.samples import Outcome
 from rattle.attractors.speeds import PAPER_SPEED, SampleSpec
 from rattle.attractors.table import KINDS, AttractorTable
 from rattle.continuation.arclength import plane_scale
-from rattle.continuation.motions import Motion, Motions, Segment, split_into_runs
+from rattle.continuation.motions import Motion, MotionsOnSegment, ParameterSegment, split_into_runs
 from rattle.continuation.search import BranchSearch
 from rattle.continuation.sweeps import KnownAttractor, SweepPoints, Sweeps
 from rattle.errors import require, require_integer, require_number, require_pair
@@ -59,7 +59,7 @@ ROUNDS = 3
 Array = NDArray[np.float64]
 
 
-class HasParameters(Protocol):
+class PointsWithParameters(Protocol):
     """An object that has one or more parameter points on a segment, such as a branch or an event."""
 
     @property
@@ -67,7 +67,7 @@ class HasParameters(Protocol):
         """The d parameters (…, d) of each point, in the same order as at the ends of the segment."""
 
 
-class BranchEvent(HasParameters, Protocol):
+class BranchEvent(PointsWithParameters, Protocol):
     """An event of a branch, such as a flip, at a parameter point on a segment."""
 
     @property
@@ -75,7 +75,7 @@ class BranchEvent(HasParameters, Protocol):
         """The kind of the event: saddle-node, flip or graze."""
 
 
-class HasEvents(HasParameters, Protocol):
+class BranchWithEvents(PointsWithParameters, Protocol):
     """A branch of periodic motions with its events."""
 
     @property
@@ -86,7 +86,7 @@ class HasEvents(HasParameters, Protocol):
         """Return the name of the bifurcation curve that an event is on, or None."""
 
 
-AnyBranch = TypeVar("AnyBranch", bound=HasEvents)
+AnyBranch = TypeVar("AnyBranch", bound=BranchWithEvents)
 AnyEvent = TypeVar("AnyEvent", bound=BranchEvent)
 
 
@@ -116,7 +116,7 @@ class Diagram(TabularResult, Generic[AnyBranch, AnyEvent]):
     left_out: the labels of motions that were met but exceed the limits on impacts or branches.
     """
 
-    segment: Segment
+    segment: ParameterSegment
     beta: float
     position: Array
     delta: Array
@@ -203,8 +203,8 @@ class Diagram(TabularResult, Generic[AnyBranch, AnyEvent]):
         return self.segment.position(of.parameters)
 
 
-def diagram_of(
-    model: Motions, beta: float, steps: int, impacts: int, most: int, sample: SampleSpec
+def compute_diagram(
+    model: MotionsOnSegment, beta: float, steps: int, impacts: int, most: int, sample: SampleSpec
 ) -> Diagram[Any, Any]:
     """Return the diagram of a model along its segment; the other arguments are those of `rattle.diagram`."""
     segment = model.segment
@@ -226,7 +226,7 @@ def diagram_of(
         sweeps.run()
         for motion in _motions_of_attractors(sweeps, parameters, search, unit):
             search.add(motion)
-        small, new = _unsampled_pieces(sweeps, search, position, unit)
+        small, new = _find_unsampled_pieces(sweeps, search, position, unit)
         if not new:
             break
     branches = [found for found in search.branches if found.admissible.any()]
@@ -253,7 +253,7 @@ def _motion_label(event: Any) -> str:
     return label_of(*event.itinerary.label)
 
 
-def require_end(name: str, value: ArrayLike) -> Array:
+def check_segment_end(name: str, value: ArrayLike) -> Array:
     """Return (δ, ε) of an end of a segment after checking them. Raises ParameterError if they are not allowed."""
     delta, epsilon = require_pair(name, value)
     return np.array([require_number(f"δ of {name}", delta, positive=True), require_number(f"ε of {name}", epsilon)])
@@ -282,7 +282,7 @@ def _motions_of_attractors(
             if n_plus + n_minus > search.impacts:
                 search.left_out.add((m, n_plus, n_minus))
                 continue
-            near = [age for age, before in last.get(known.label, []) if _is_close(known, before, unit)]
+            near = [age for age, before in last.get(known.label, []) if _are_close_attractors(known, before, unit)]
             age = near[0] + 1 if near else 0
             now.setdefault(known.label, []).append((age, known))
             if age % CHECKED == 0:
@@ -292,12 +292,12 @@ def _motions_of_attractors(
         last = now
 
 
-def _is_close(one: KnownAttractor, other: KnownAttractor, unit: float) -> bool:
+def _are_close_attractors(one: KnownAttractor, other: KnownAttractor, unit: float) -> bool:
     """Return whether the states of two attractors differ by less than JUMP, in τ and in v/unit."""
     return abs(wrap_phase_difference(one.tau - other.tau)) < JUMP and abs(one.v - other.v) < JUMP * unit
 
 
-def _unsampled_pieces(
+def _find_unsampled_pieces(
     sweeps: Sweeps, search: BranchSearch, position: Array, unit: float
 ) -> tuple[list[BranchPiece], bool]:
     """Return the stable parts of branches whose motions no sample reached at any step.
@@ -315,14 +315,14 @@ def _unsampled_pieces(
         sampled = False
         for step, phases, speeds in zip(inside, tau, v, strict=True):
             label = search.branches[piece.branch].label
-            match = _find_known(sweeps.known[step], label, phases, speeds, JUMP, unit)
+            match = _find_known_attractor(sweeps.known[step], label, phases, speeds, JUMP, unit)
             if match is None:
                 orbit = search.stable_orbit(piece.branch, float(position[step]))
                 if orbit is None:
                     continue
                 upper = np.array(orbit.walls) > 0
                 there = orbit.departures[upper], orbit.speeds[upper]
-                match = _find_known(sweeps.known[step], label, *there, SAME_ORBIT, unit)
+                match = _find_known_attractor(sweeps.known[step], label, *there, SAME_ORBIT, unit)
                 if match is None:
                     sweeps.known[step].append(
                         KnownAttractor(Outcome.PERIODIC, label, orbit.tau, orbit.v, sampled=False)
@@ -360,7 +360,7 @@ def _stable_pieces(
             yield BranchPiece(i, float(low), float(high)), inside, tau, v
 
 
-def _find_known(
+def _find_known_attractor(
     known: list[KnownAttractor], label: tuple[int, int, int], tau: Array, v: Array, within: float, unit: float
 ) -> KnownAttractor | None:
     """Return the known attractor with this label whose state is closer than `within` to a state of an orbit.

@@ -23,7 +23,7 @@ class EventKind(StrEnum):
 MULTIPLIER = {EventKind.SADDLE_NODE: 1.0, EventKind.FLIP: -1.0}
 
 
-def scale_at(x: Array) -> Array:
+def scale_of_unknowns(x: Array) -> Array:
     """Return the scale of each unknown in x (N,): 1 for times and durations, `plane_scale` for δ and ε at the end."""
     scale = np.ones(x.size)
     scale[-2:] = plane_scale(x[-2])
@@ -50,7 +50,7 @@ def condition(itinerary: Equations, kind: EventKind, impact: int | None = None) 
     if kind is EventKind.GRAZING:
         if impact is None:
             raise RattleError("the condition of a graze (GR) needs `impact`: give the number of the impact that grazes")
-        return ContinuationProblem(lambda x: itinerary.residual_with_graze(x, impact), scale=scale_at)
+        return ContinuationProblem(lambda x: itinerary.residual_with_graze(x, impact), scale=scale_of_unknowns)
     multiplier = MULTIPLIER[kind]
     borders: list[Array] = []
 
@@ -69,4 +69,4 @@ def condition(itinerary: Equations, kind: EventKind, impact: int | None = None) 
         residual, jacobian = itinerary.evaluate_with_jacobian(x, multiplier)
         return np.concatenate([residual, singularity_function(jacobian, *borders)[..., None]], axis=-1)
 
-    return ContinuationProblem(equations, prepare, scale_at)
+    return ContinuationProblem(equations, prepare, scale_of_unknowns)

@@ -17,12 +17,12 @@ from rattle.continuation.arclength import (
     MOST_POINTS,
     Bound,
     ContinuationProblem,
-    Follower,
+    CurveFollower,
     OneWayPath,
     plane_scale,
     root_between,
-    solution_with_value,
-    solutions_with_values,
+    solve_all_with_fixed_unknown,
+    solve_with_fixed_unknown,
     tangent_at,
 )
 from rattle.errors import require, require_number, require_pair
@@ -65,7 +65,7 @@ class CurvePiece(NamedTuple):
     reasons: tuple[str, str]
 
 
-class CurveDescription(NamedTuple):
+class MotionAtCurvePoint(NamedTuple):
     """The motion that bifurcates at a point of a curve.
 
     tau, v: the phase of the motion's impact on Σ⁺, and the speed after this impact. multipliers (2,): the
@@ -150,8 +150,8 @@ class Curve(TabularResult):
 def find_crossings(problem: ContinuationProblem, points: Array, index: int, value: float) -> list[Array]:
     """Return all solutions on a piece (k, N) at which δ (index −2) or ε (index −1) is equal to `value`, each once."""
     found: list[Array] = []
-    for guess in _chord_points(points, index, value):
-        x = solution_with_value(problem, guess, index, value)
+    for guess in _find_points_on_chords(points, index, value):
+        x = solve_with_fixed_unknown(problem, guess, index, value)
         if x is None:
             continue
         near = SAME_POINT * plane_scale(x[-2])
@@ -160,7 +160,7 @@ def find_crossings(problem: ContinuationProblem, points: Array, index: int, valu
     return found
 
 
-def _chord_points(points: Array, index: int, value: float) -> Array:
+def _find_points_on_chords(points: Array, index: int, value: float) -> Array:
     """Return the points at which δ or ε has a given value on the straight lines between neighbouring points.
 
     points (k, N): the points of one piece of a curve. index: −2 for δ, −1 for ε. value: the given value.
@@ -184,7 +184,7 @@ def build_curve(
     beta: float,
     problem: ContinuationProblem,
     pieces: Sequence[CurvePiece],
-    described: Sequence[Sequence[CurveDescription]],
+    described: Sequence[Sequence[MotionAtCurvePoint]],
 ) -> Curve:
     """Return the curve that consists of these pieces. described: for each piece, the motion at each of its points."""
     motions = [motion for piece in described for motion in piece]
@@ -249,7 +249,7 @@ class PlaneWindow:
         """The bounds of the last two unknowns, δ and ε."""
         return Bound(-2, *self.delta), Bound(-1, *self.epsilon)
 
-    def why_outside(self, x: Array) -> str | None:
+    def reason_outside_window(self, x: Array) -> str | None:
         """Return the side of the window beyond which a point x lies, in words; None if x is inside the window."""
         limits = zip(("delta", "epsilon"), (bound.exceeded_limit(x) for bound in self.bounds), strict=True)
         return next((f"window: {name} = {limit:g}" for name, limit in limits if limit is not None), None)
@@ -261,7 +261,7 @@ class PlaneWindow:
         return 1.0 / max(*rates, float(np.max(np.abs(tangent[:-2]))) / LONGEST_TIME_STEP)
 
 
-def pieces_in_window(
+def trace_pieces_in_window(
     problem: ContinuationProblem,
     starts: Iterable[Array],
     window: PlaneWindow,
@@ -291,25 +291,25 @@ def pieces_in_window(
     """
     found: list[CurvePiece] = []
     equivalent_unknowns = partial(_shift_times_near, times)
-    follower = Follower(
+    follower = CurveFollower(
         problem, window.bounds, lambda x: why_excluded(x) is None, window.longest_step, equivalent_unknowns
     )
     guesses = [*starts]
-    solved = solutions_with_values(problem, np.array(guesses), -2) if guesses else np.empty((0, 2))
+    solved = solve_all_with_fixed_unknown(problem, np.array(guesses), -2) if guesses else np.empty((0, 2))
     solved = solved[~np.isnan(solved[:, 0])]
     while len(solved):
         x, solved = solved[0], solved[1:]
         if not follower.is_inside(x):
             continue
-        new = _follow_piece(follower, x, lambda y: window.why_outside(y) or why_excluded(y))
+        new = _follow_curve_piece(follower, x, lambda y: window.reason_outside_window(y) or why_excluded(y))
         # rounding may have ended an earlier piece too early, so that it does not reach x: the new piece replaces it
         found = [
             piece
             for piece in found
-            if not _lie_on_piece(problem, new, piece.points[None, len(piece.points) // 2], times)
+            if not _are_solutions_on_piece(problem, new, piece.points[None, len(piece.points) // 2], times)
         ]
         found.append(new)
-        solved = solved[~_lie_on_piece(problem, new, solved, times)]
+        solved = solved[~_are_solutions_on_piece(problem, new, solved, times)]
     return sorted(found, key=lambda piece: (piece.points[0, -2], piece.points[0, -1]))
 
 
@@ -329,7 +329,7 @@ def _shift_times_near(times: int | None, start: Array, x: Array) -> Array:
     return twin[None]
 
 
-def _lie_on_piece(
+def _are_solutions_on_piece(
     problem: ContinuationProblem, piece: CurvePiece, solved: Array, times: int | None
 ) -> NDArray[np.bool_]:
     """Return for each of the solutions `solved` (k, N) whether it is on a piece of a curve.
@@ -343,19 +343,19 @@ def _lie_on_piece(
         Flags (k,), True for a solution on the piece.
     """
     on = np.zeros(len(solved), bool)
-    guesses = [_chord_points(piece.points, -2, x[-2]) for x in solved]
+    guesses = [_find_points_on_chords(piece.points, -2, x[-2]) for x in solved]
     whose = np.repeat(np.arange(len(solved)), [len(each) for each in guesses])
     if whose.size:
-        for i, y in zip(whose, solutions_with_values(problem, np.concatenate(guesses), -2), strict=True):
+        for i, y in zip(whose, solve_all_with_fixed_unknown(problem, np.concatenate(guesses), -2), strict=True):
             on[i] |= bool(np.max(np.abs(_shift_times_near(times, solved[i], y)[0] - y)) < SAME_SOLUTION)
     return on
 
 
-def _follow_piece(follower: Follower, x: Array, why_outside: Test) -> CurvePiece:
+def _follow_curve_piece(follower: CurveFollower, x: Array, reason_outside_window: Test) -> CurvePiece:
     """Return the piece of a curve that contains the solution x; its first point is the end with the smaller δ.
 
     The points of the piece include all folds.
-    why_outside: a function that returns, in words, why a point is outside the window or not on the curve;
+    reason_outside_window: a function that returns, in words, why a point is outside the window or not on the curve;
     None for other points.
 
     Returns
@@ -367,7 +367,10 @@ def _follow_piece(follower: Follower, x: Array, why_outside: Test) -> CurvePiece
     points = _insert_folds(follower.problem, followed.points, followed.tangents)
     if followed.paths is None:
         return CurvePiece(points, (CLOSED, CLOSED))
-    reasons = _why_path_ends(followed.paths[0], why_outside), _why_path_ends(followed.paths[1], why_outside)
+    reasons = (
+        _why_path_ends(followed.paths[0], reason_outside_window),
+        _why_path_ends(followed.paths[1], reason_outside_window),
+    )
     if tuple(points[0, -2:]) > tuple(points[-1, -2:]):
         return CurvePiece(points[::-1], (reasons[1], reasons[0]))
     return CurvePiece(points, reasons)
@@ -391,10 +394,10 @@ def _tangent_entry(problem: ContinuationProblem, direction: Array, index: int, x
     return float(tangent_at(problem, x, direction)[index])
 
 
-def _why_path_ends(path: OneWayPath, why_outside: Test) -> str:
+def _why_path_ends(path: OneWayPath, reason_outside_window: Test) -> str:
     """Return the reason in words why a path ends.
 
-    why_outside: a function that returns, in words, why a point is outside the window or not on the curve.
+    reason_outside_window: a function that returns, in words, why a point is outside the window or not on the curve.
 
     Returns
     -------
@@ -405,7 +408,7 @@ def _why_path_ends(path: OneWayPath, why_outside: Test) -> str:
         return f"a curve is followed for at most {MOST_POINTS} points"
     if path.outside is None:
         return "the equations become singular: the curve cannot be followed further"
-    return why_outside(path.outside) or "the edge of its existence"
+    return reason_outside_window(path.outside) or "the edge of its existence"
 
 
 def trace_problem(
@@ -415,11 +418,11 @@ def trace_problem(
     starts: Iterable[Array],
     window: PlaneWindow,
     why_excluded: Test,
-    describe: Callable[[Array], CurveDescription],
+    describe: Callable[[Array], MotionAtCurvePoint],
     better_reason: Callable[[Array, str], str],
     times: int | None = None,
 ) -> Curve:
-    """Return the curve of a problem in a window. Arguments without explanation are those of `pieces_in_window`.
+    """Return the curve of a problem in a window. Arguments without explanation are those of `trace_pieces_in_window`.
 
     describe: a function of a solution that returns its motion. better_reason: a function of the unknowns at an end and
     of the reason why the curve ends there. It returns the reason that the result gives: the same, or a more specific
@@ -435,7 +438,7 @@ def trace_problem(
             piece.points,
             (better_reason(piece.points[0], piece.reasons[0]), better_reason(piece.points[-1], piece.reasons[1])),
         )
-        for piece in pieces_in_window(problem, starts, window, why_excluded, times)
+        for piece in trace_pieces_in_window(problem, starts, window, why_excluded, times)
     ]
     return build_curve(name, beta, problem, found, [[describe(x) for x in piece.points] for piece in found])
 
@@ -453,7 +456,7 @@ def require_window_range(name: str, value: tuple[float, float], positive: bool =
     return low, high
 
 
-def quiet_limit_curve(
+def trace_quiet_limit(
     beta: float, problem: ContinuationProblem, guesses: Iterable[Array], window: PlaneWindow
 ) -> Curve:
     """Return the quiet limit as a `Curve`. The unknowns are the phase at which contact is lost, δ and ε."""
@@ -465,6 +468,6 @@ def quiet_limit_curve(
         guesses,
         window,
         lambda _: None,
-        lambda x: CurveDescription(float(x[0] - np.floor(x[0])), 0.0, nothing),
+        lambda x: MotionAtCurvePoint(float(x[0] - np.floor(x[0])), 0.0, nothing),
         lambda _, reason: reason,
     )

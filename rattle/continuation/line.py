@@ -47,7 +47,7 @@ class ParameterLine:
         return np.concatenate([np.zeros(n), [-self.direction[1], self.direction[0]]])
 
 
-def line_through(
+def parameter_line_through(
     delta: float, epsilon: float, parameter: Parameter, span: Span, resolution: int = POINTS_ACROSS
 ) -> ParameterLine:
     """Return the line through (δ, ε) along which `rattle.branch` follows an orbit.

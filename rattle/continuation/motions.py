@@ -13,7 +13,7 @@ from rattle.attractors.speeds import SampleSpec
 from rattle.attractors.table import AttractorTable, attractors_of_samples
 from rattle.continuation.arclength import ContinuationProblem
 from rattle.numerics.complex_step import Array
-from rattle.orbits.periodic_motions import Periodic
+from rattle.orbits.periodic_motions import PeriodicMotion
 from rattle.parameters import Parameters
 
 #: Least number of points of a branch across a segment.
@@ -24,7 +24,7 @@ Motion = tuple[Any, Array]
 
 
 @dataclass(frozen=True)
-class Segment:
+class ParameterSegment:
     """A segment from `start` to `end`, two points of d parameters, δ and ε first.
 
     A position is a fraction of the way from start to end.
@@ -51,14 +51,14 @@ class Segment:
 
 
 @dataclass(frozen=True)
-class Motions(ABC):
+class MotionsOnSegment(ABC):
     """The periodic motions of one model along a segment, as a bifurcation diagram needs them.
 
     A step is a point of the segment. One step is given as {name: value} of its parameters, n steps as `Parameters`
     (n,). Branches and events are classes of the model, with the fields of `rattle.Branch` and `rattle.Event`.
     """
 
-    segment: Segment
+    segment: ParameterSegment
     beta: float
 
     classifier: ClassVar[type[Classifier]]
@@ -90,7 +90,7 @@ class Motions(ABC):
 
     def states_after_return(self, steps: Parameters, tau: Array, v: Array) -> tuple[Array, Array]:
         """Return τ and v (n,) after one return to Σ⁺, of one state at each of the n parameter points `steps`."""
-        return self.classifier.states_after(steps, tau, v, 1)[:2]
+        return self.classifier.states_after_returns(steps, tau, v, 1)[:2]
 
     @abstractmethod
     def period_one(self, steps: Parameters) -> Iterator[Motion]:
@@ -111,7 +111,7 @@ class Motions(ABC):
         """Return the equations of motions with an itinerary, in y = (unknowns (n,), position along the segment)."""
 
     @abstractmethod
-    def solve_motion(self, itinerary: Any, y: Array) -> Periodic | None:
+    def solve_motion(self, itinerary: Any, y: Array) -> PeriodicMotion | None:
         """Return the motion near a guess y = (unknowns (n,), position along the segment), at the same position.
 
         None means that Newton's method found no motion.

@@ -13,11 +13,11 @@ from typing import Any
 
 import numpy as np
 
-from rattle.continuation.arclength import LARGEST_TURN, plane_scale, solution_above_chord
+from rattle.continuation.arclength import LARGEST_TURN, plane_scale, solve_beside_chord
 from rattle.continuation.conditions import EventKind
-from rattle.continuation.motions import Motion, Motions
+from rattle.continuation.motions import Motion, MotionsOnSegment
 from rattle.numerics.complex_step import Array
-from rattle.orbits.periodic_motions import Equations, Periodic, unknowns_from_impact
+from rattle.orbits.periodic_motions import Equations, PeriodicMotion, unknowns_counted_from_impact
 
 #: Largest difference in an unknown between solutions that count as the same motion.
 SAME_MOTION = 1e-7
@@ -28,7 +28,7 @@ SAME_PLACE = 1e-8
 def motion_from_impact(motion: Motion, first: int) -> Motion:
     """Return a motion with its impacts counted from impact number `first`, whose time is shifted into [0, 1)."""
     itinerary, x = motion
-    x = unknowns_from_impact(itinerary, x, first)
+    x = unknowns_counted_from_impact(itinerary, x, first)
     x[: len(itinerary.walls)] -= np.floor(x[0])
     return itinerary.with_first_impact(first), x
 
@@ -39,10 +39,12 @@ def is_same_motion(one: Motion, other: Motion) -> bool:
     apart = np.max(np.abs(x[a.n :] - y[b.n :]))
     if (a.m, sorted(a.walls)) != (b.m, sorted(b.walls)) or apart > SAME_PLACE * plane_scale(x[a.n]):
         return False
-    return any(np.max(np.abs(twin[: a.n] - x[: a.n])) < SAME_MOTION for twin in _equivalent_unknowns(other, a, x[0]))
+    return any(
+        np.max(np.abs(twin[: a.n] - x[: a.n])) < SAME_MOTION for twin in _unknowns_from_each_impact(other, a, x[0])
+    )
 
 
-def _equivalent_unknowns(motion: Motion, like: Equations, phase: float) -> Iterator[Array]:
+def _unknowns_from_each_impact(motion: Motion, like: Equations, phase: float) -> Iterator[Array]:
     """Yield the unknowns of a motion, counted from each impact from which it meets the walls in the order of `like`.
 
     Yields
@@ -66,7 +68,7 @@ class BranchSearch:
     left_out: the labels of motions that exceed the limits on impacts or branches.
     """
 
-    def __init__(self, model: Motions, impacts: int, most: int) -> None:
+    def __init__(self, model: MotionsOnSegment, impacts: int, most: int) -> None:
         """Limit the search to motions with at most `impacts` impacts per period, and to `most` branches."""
         self.model, self.impacts, self.most = model, impacts, most
         self.branches: list[Any] = []
@@ -78,11 +80,11 @@ class BranchSearch:
 
     def add(self, motion: Motion) -> None:
         """Add the branch that contains a motion, and all branches that flips and grazes connect with it."""
-        self._follow(motion)
+        self._add_branch_through(motion)
         while self._queue:
             _, _, event = heapq.heappop(self._queue)
             for neighbour in self.model.motions_at_event(event):
-                self._follow(neighbour)
+                self._add_branch_through(neighbour)
             if event.kind is EventKind.FLIP:
                 self._add_doubled_branch(event)
 
@@ -90,7 +92,7 @@ class BranchSearch:
         """Return the number of the known branch that a motion is on; None if it is on none."""
         return next((i for i in range(len(self.branches)) if self._is_on_branch(i, motion)), None)
 
-    def stable_orbit(self, i: int, position: float) -> Periodic | None:
+    def stable_orbit(self, i: int, position: float) -> PeriodicMotion | None:
         """Return the stable motion of branch number i at a position along the segment; None if there is none."""
         path, stable = self.paths[i], self.branches[i].stable
         d = path[:, -1] - position
@@ -112,14 +114,14 @@ class BranchSearch:
         length = np.sum(chord**2, axis=1)
         problem = self.model.problem(like)
         position = float(self.model.segment.position(x[itinerary.n :]))
-        for twin in _equivalent_unknowns(motion, like, 0.0):
+        for twin in _unknowns_from_each_impact(motion, like, 0.0):
             y = np.tile(np.append(twin[: itinerary.n], position), (len(a), 1))
             y[:, :impacts] += np.rint(a[:, :1] - y[:, :1])
             share = np.sum((y - a) * chord, axis=1) / length
             off = np.max(np.abs(y - a - share[:, None] * chord), axis=1)
             largest = np.maximum(LARGEST_TURN * np.max(np.abs(chord), axis=1), SAME_MOTION)
             for k in np.flatnonzero((share > -0.01) & (share < 1.01) & (off < largest)):
-                found = solution_above_chord(problem, a[k], a[k] + chord[k], float(share[k]))
+                found = solve_beside_chord(problem, a[k], a[k] + chord[k], float(share[k]))
                 if found is not None and np.max(np.abs(found - y[k])) < SAME_MOTION:
                     return True
         return False
@@ -129,24 +131,24 @@ class BranchSearch:
         position = float(np.clip(self.model.segment.position(parameters), 0.0, 1.0))
         return -position, 1.0 - position
 
-    def _is_allowed(self, itinerary: Equations) -> bool:
+    def _is_within_limits(self, itinerary: Equations) -> bool:
         """Return whether a new branch with this itinerary is within the limits; if not, add its label to `left_out`."""
         allowed = len(itinerary.walls) <= self.impacts and len(self.branches) < self.most
         if not allowed:
             self.left_out.add(itinerary.label)
         return allowed
 
-    def _follow(self, motion: Motion) -> None:
+    def _add_branch_through(self, motion: Motion) -> None:
         """Add the branch that contains a motion, unless the branch is known."""
         if 1 not in motion[0].walls:  # the motion never meets Σ⁺, so it is not an orbit of the impact map Π
             return
         itinerary, x = motion_from_impact(motion, motion[0].walls.index(1))
-        if self.branch_number((itinerary, x)) is None and self._is_allowed(itinerary):
+        if self.branch_number((itinerary, x)) is None and self._is_within_limits(itinerary):
             self._add_branch(self.model.follow_branch((itinerary, x), self._span_around(x[itinerary.n :])))
 
     def _add_doubled_branch(self, event: Any) -> None:
         """Add the doubled branch that starts at a flip, unless the branch is known."""
-        if not self._is_allowed(event.itinerary.with_doubled_period()):
+        if not self._is_within_limits(event.itinerary.with_doubled_period()):
             return
         found = self.model.follow_doubled_branch(event, self._span_around(event.unknowns[event.itinerary.n :]))
         if len(found) > 2 and self.branch_number(found.motion(len(found) // 2)) is None:
@@ -155,7 +157,7 @@ class BranchSearch:
     def _add_branch(self, found: Any) -> None:
         """Add a branch to the known branches, and put its new admissible events into the queue."""
         self.branches.append(found)
-        self.paths.append(np.column_stack([found.unfolded_times, self.model.segment.position(found.parameters)]))
+        self.paths.append(np.column_stack([found.unwrapped_times, self.model.segment.position(found.parameters)]))
         for event in self.model.events_of(found):
             motion = event.itinerary, event.unknowns
             if not event.admissible:

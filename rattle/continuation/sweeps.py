@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 
 from rattle.attractors.samples import Outcome
 from rattle.attractors.table import AttractorTable, tabulate_attractors
-from rattle.continuation.motions import Motions
+from rattle.continuation.motions import MotionsOnSegment
 from rattle.parameters import Parameters
 
 FORWARD, BACKWARD = 0, 1
@@ -89,7 +89,7 @@ class SweepPoints(NamedTuple):
 
 
 @dataclass
-class _Run:
+class _SweepRun:
     """A run: a motion that is followed from step to step in one direction.
 
     step: the number of the next step.
@@ -115,11 +115,11 @@ class Sweeps:
     At first the attractors of `table` are known; cell i of the table is step i.
     """
 
-    def __init__(self, model: Motions, steps: Parameters, table: AttractorTable) -> None:
+    def __init__(self, model: MotionsOnSegment, steps: Parameters, table: AttractorTable) -> None:
         self.model, self.steps = model, steps
         self.known: list[list[KnownAttractor]] = [[] for _ in range(steps.size)]
         self.visits: list[ReachedAttractor] = []
-        self._runs: list[_Run] = []
+        self._runs: list[_SweepRun] = []
         for i in np.flatnonzero((table.kind != Outcome.QUIET) & (table.kind != Outcome.UNDECIDED)):
             state, sampled = (float(table.tau[i]), float(table.v[i])), bool(table.samples[i])
             known = KnownAttractor(int(table.kind[i]), table.label(i), *state, sampled=sampled)
@@ -155,11 +155,11 @@ class Sweeps:
     ) -> None:
         """Start a run from a known attractor at a step, unless a run in this direction has already reached it.
 
-        If `known` is None, no run starts. back, stops_at_known: fields of the new `_Run`. `back` is the trail of the
-        earlier run whose end starts the new run, or None if the new run does not start at the end of another.
+        If `known` is None, no run starts. back, stops_at_known: fields of the new `_SweepRun`. `back` is the trail of
+        the earlier run whose end starts the new run, or None if the new run does not start at the end of another.
         """
         if known is not None and not known.reached[direction]:
-            self._runs.append(_Run(direction, step, known.tau, known.v, back or {}, stops_at_known))
+            self._runs.append(_SweepRun(direction, step, known.tau, known.v, back or {}, stops_at_known))
 
     def _finish_runs(self) -> None:
         """Advance all runs, and the runs that start where they end, until none is left.
@@ -167,12 +167,12 @@ class Sweeps:
         Runs with the same next step take this step one after another, in the order in which they started.
         """
         while self._runs:
-            now: dict[int, _Run] = {}
+            now: dict[int, _SweepRun] = {}
             for run in self._runs:
                 now.setdefault(run.step, run)
             self._advance_runs(list(now.values()))
 
-    def _advance_runs(self, runs: list[_Run]) -> None:
+    def _advance_runs(self, runs: list[_SweepRun]) -> None:
         """Advance each run by one step. No two of the runs may have the same next step.
 
         The state of a run is followed, at the parameters of its next step, until it reaches an attractor. The states of
@@ -190,13 +190,13 @@ class Sweeps:
             self._record_arrival(run, table, rows[first : first + len(states[i])], end)
 
     def _record_arrival(
-        self, run: _Run, table: AttractorTable, rows: NDArray[np.int64], end: tuple[float, float]
+        self, run: _SweepRun, table: AttractorTable, rows: NDArray[np.int64], end: tuple[float, float]
     ) -> None:
         """Record the attractor that a run reached and move the run to its next step; or end the run.
 
-        The run ends after the last step, in quiet motion, or at an attractor that had been reached before (`_Run`). If
-        it ends in quiet motion or at such an attractor, a run in the opposite direction starts from the attractor that
-        the ended run had reached at the step before.
+        The run ends after the last step, in quiet motion, or at an attractor that had been reached before
+        (`_SweepRun`). If it ends in quiet motion or at such an attractor, a run in the opposite direction starts from
+        the attractor that the ended run had reached at the step before.
 
         If the run ends in quiet motion and the end of an earlier run had started it (`back`), a second run starts. It
         has the direction of the ended run, and starts from the attractor that the earlier run had reached at this step.
@@ -249,12 +249,12 @@ class Sweeps:
         label = np.array([visit.label for visit in visits], np.int64).reshape(-1, 3)
         label[kind != Outcome.PERIODIC] = 0
         size = np.where(kind == Outcome.PERIODIC, label[:, 1], chaotic)
-        owner, tau, v = self._states_of_visits(visits, size, self.steps.take(step))
+        owner, tau, v = self._states_on_reached_attractors(visits, size, self.steps.take(step))
         m, n_plus, n_minus = label[owner].T
         at = step[owner]
         return SweepPoints(at, position[at], tau, v, kind[owner], m, n_plus, n_minus, direction[owner] == FORWARD)
 
-    def _states_of_visits(
+    def _states_on_reached_attractors(
         self, visits: Iterable[ReachedAttractor], size: NDArray[np.int64], steps: Parameters
     ) -> tuple[NDArray[np.int64], Array, Array]:
         """Return `size[i]` successive states on the attractor visits[i], for all i in order.

@@ -4,14 +4,21 @@ from rattle.families.family_table import tabulate_families
 from rattle.families.join import argsort_attractors, concat_tables, join_attractors
 from rattle.families.pieces import GridPiece, connect_attractors, continue_into_piece, no_attractors
 from rattle.families.spread import Rectangle
-from rattle.families.sums import NO_FAMILY, QUIET_FAMILY, Sums, add_sums, assign_family_numbers, sums_of
+from rattle.families.sums import (
+    NO_FAMILY,
+    QUIET_FAMILY,
+    ComponentSums,
+    add_sums,
+    assign_family_numbers,
+    sum_over_components,
+)
 
 __all__ = [
     "NO_FAMILY",
     "QUIET_FAMILY",
+    "ComponentSums",
     "GridPiece",
     "Rectangle",
-    "Sums",
     "add_sums",
     "argsort_attractors",
     "assign_family_numbers",
@@ -20,6 +27,6 @@ __all__ = [
     "continue_into_piece",
     "join_attractors",
     "no_attractors",
-    "sums_of",
+    "sum_over_components",
     "tabulate_families",
 ]

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from rattle.attractors.samples import Outcome
 from rattle.attractors.table import AttractorTable
-from rattle.families.sums import QUIET_FAMILY, Sums, assign_family_numbers
+from rattle.families.sums import QUIET_FAMILY, ComponentSums, assign_family_numbers
 
 
 class FamilyTable(NamedTuple):
@@ -70,7 +70,9 @@ class Families:
         return np.where(there, won / self.count, np.nan).reshape(shape)
 
 
-def tabulate_families(delta: NDArray[np.float64], epsilon: NDArray[np.float64], count: int, sums: Sums) -> FamilyTable:
+def tabulate_families(
+    delta: NDArray[np.float64], epsilon: NDArray[np.float64], count: int, sums: ComponentSums
+) -> FamilyTable:
     """Return the properties of families of cells `epsilon` (m,) × `delta` (n,) from the sums over all cells.
 
     count: the number of samples of a cell.

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rattle.attractors.chaos import SAME_FOOTPRINT, count_bits
-from rattle.attractors.classify import new_trajectories
+from rattle.attractors.classify import create_trajectories
 from rattle.attractors.recurrence import mark_states_in_bitmaps
 from rattle.attractors.samples import GRID
 from rattle.numerics.compile import kernel
@@ -36,7 +36,7 @@ def write_overlaps(one, other, prints, overlap):
         overlap[i] = shared > SAME_FOOTPRINT * min(in_one, in_other)
 
 
-def overlapping_pairs(
+def pairs_with_overlapping_footprints(
     cell: NDArray[np.int64], tau: NDArray[np.float64], v: NDArray[np.float64], shape: tuple[int, int], cells: Any
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Return the pairs of chaotic attractors in neighbouring cells whose visited-cell bitmaps overlap.
@@ -50,7 +50,7 @@ def overlapping_pairs(
         The numbers (pairs,) of the first and of the second attractor of each pair.
     """
     prints = np.zeros((cell.size, GRID), np.uint64)
-    states = new_trajectories(cell, tau, v, 0)
+    states = create_trajectories(cell, tau, v, 0)
     mark_states_in_bitmaps(np.arange(cell.size), STRETCH, cells, states, prints)
     ones, others = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)]
     for step, inside in ((1, cell % shape[1] < shape[1] - 1), (shape[1], cell < (shape[0] - 1) * shape[1])):

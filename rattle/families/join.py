@@ -14,9 +14,16 @@ from rattle.attractors.speeds import SampleSpec
 from rattle.attractors.table import AttractorTable, attractors_of_samples
 from rattle.errors import real_array, require, require_number
 from rattle.families.family_table import Families, tabulate_families
-from rattle.families.footprints import overlapping_pairs
-from rattle.families.spread import NOWHERE, ORBIT_COLUMNS, LinkedOrbits, Rectangle, spread_orbits, write_arrivals
-from rattle.families.sums import NO_FAMILY, QUIET_FAMILY, Sums, assign_family_numbers, sums_of
+from rattle.families.footprints import pairs_with_overlapping_footprints
+from rattle.families.spread import (
+    NOWHERE,
+    ORBIT_COLUMNS,
+    LinkedOrbits,
+    Rectangle,
+    continue_orbits_into_neighbours,
+    write_arrivals,
+)
+from rattle.families.sums import NO_FAMILY, QUIET_FAMILY, ComponentSums, assign_family_numbers, sum_over_components
 from rattle.parameters import Parameters
 
 #: The sides of a cell towards the next row and the next column, as columns of `LinkedOrbits.to`. They suffice to visit
@@ -27,7 +34,7 @@ AHEAD = (0, 1)
 STEPS = 64
 
 
-def checked_axis(name: str, values: ArrayLike) -> NDArray[np.float64]:
+def check_axis(name: str, values: ArrayLike) -> NDArray[np.float64]:
     """Return the values of an axis as an array. Raises ParameterError unless they are rising or falling numbers."""
     array = real_array(name, values)
     require(
@@ -72,7 +79,7 @@ def compute_families(
     ParameterError
         If an argument is outside its domain.
     """
-    delta, epsilon = checked_axis("delta", delta), checked_axis("epsilon", epsilon)
+    delta, epsilon = check_axis("delta", delta), check_axis("epsilon", epsilon)
     others = {name: require_number(name, x, positive=True) for name, x in others.items()}
     cells = Parameters.from_values(classifier.model, delta, epsilon[:, None], **others).flat()
     table = attractors_of_samples(classifier, cells, sample)
@@ -96,7 +103,7 @@ def join_attractors(
     return Families(delta, epsilon, count, attractors, entered, family, tabulate_families(delta, epsilon, count, sums))
 
 
-def join_rows(
+def join_into_families(
     table: AttractorTable, shape: tuple[int, int], cells: Any
 ) -> tuple[AttractorTable, NDArray[np.bool_], NDArray[np.int64]]:
     """Join the attractors of a grid to families; add the orbits that are found by continuation into its cells.
@@ -112,17 +119,17 @@ def join_rows(
 
 def _join_with_sums(
     table: AttractorTable, shape: tuple[int, int], cells: Any
-) -> tuple[AttractorTable, NDArray[np.bool_], NDArray[np.int64], Sums]:
-    """Return the results of `join_rows`, and the sums from which `tabulate_families` makes the table of families."""
+) -> tuple[AttractorTable, NDArray[np.bool_], NDArray[np.int64], ComponentSums]:
+    """Return the results of `join_into_families`, and the sums from which `tabulate_families` makes its table."""
     orbits, n = continue_orbits(table, shape[1], Rectangle(0, shape[0], 0, shape[1]), cells)
     periodic = np.flatnonzero(table.kind == Outcome.PERIODIC)
     attractors = concat_tables(table, table_of_continued_orbits(orbits, periodic.size, n))
     # row[i] is the row of orbit i in attractors
     row = np.append(periodic, np.arange(table.cell.size, attractors.cell.size))
-    component = number_components(attractors, row, orbits, shape, cells)
+    component = assign_component_numbers(attractors, row, orbits, shape, cells)
     order = argsort_attractors(attractors)
     attractors, component = attractors.take(order), component[order]
-    sums = sums_of(attractors, component, shape[1])
+    sums = sum_over_components(attractors, component, shape[1])
     return attractors, order >= table.cell.size, assign_family_numbers(sums)[component], sums
 
 
@@ -146,7 +153,7 @@ def argsort_attractors(table: AttractorTable) -> NDArray[np.int64]:
     return np.lexsort(keys)
 
 
-def number_components(
+def assign_component_numbers(
     table: AttractorTable, row: NDArray[np.int64], orbits: LinkedOrbits, shape: tuple[int, int], cells: Any
 ) -> NDArray[np.int64]:
     """Return a number for each row of a table; rows with the same number are one attractor in several cells.
@@ -173,8 +180,8 @@ def number_components(
     from scipy.sparse.csgraph import connected_components
 
     chaotic = np.flatnonzero(table.kind == Outcome.CHAOTIC)
-    overlap = overlapping_pairs(table.cell[chaotic], table.tau[chaotic], table.v[chaotic], shape, cells)
-    pairs = zip(linked_pairs(orbits, row.size, cells), overlap, strict=True)
+    overlap = pairs_with_overlapping_footprints(table.cell[chaotic], table.tau[chaotic], table.v[chaotic], shape, cells)
+    pairs = zip(pairs_of_linked_orbits(orbits, row.size, cells), overlap, strict=True)
     one, other = (np.append(row[orbit], chaotic[chaos]) for orbit, chaos in pairs)
     graph = coo_array((np.ones(one.size, np.int8), (one, other)), (table.cell.size,) * 2)
     component = 1 + connected_components(graph, directed=False)[1].astype(np.int64)
@@ -206,21 +213,22 @@ def continue_orbits(
     """
     periodic = np.flatnonzero(table.kind == Outcome.PERIODIC)
     n = periodic.size
-    orbits = empty_orbits(n + n // 4 + 64, cells[0].size)
+    orbits = allocate_orbits(n + n // 4 + 64, cells[0].size)
     for name in ORBIT_COLUMNS:
         getattr(orbits, name)[:n] = getattr(table, name)[periodic]
     cell = orbits.cell[:n]
     orbits.before[1:n] = np.where(cell[1:] == cell[:-1], np.arange(n - 1), NOWHERE)
     orbits.last[cell] = np.arange(n)  # numpy keeps the last value if an index is repeated: the last orbit of the cell
-    return continue_until_complete(first, n, columns, inside, cells, orbits)
+    return continue_orbits_until_complete(first, n, columns, inside, cells, orbits)
 
 
-def continue_until_complete(
+def continue_orbits_until_complete(
     next_orbit: int, n: int, columns: int, inside: Rectangle, cells: Any, orbits: LinkedOrbits
 ) -> tuple[LinkedOrbits, int]:
     """Continue the orbits number `next_orbit` to n − 1, and all new orbits that are found, from cell to cell.
 
-    This repeats `spread_orbits` until no new orbit is found; when the arrays are full, they are made larger.
+    This repeats `continue_orbits_into_neighbours` until no new orbit is found; when the arrays are full, they are made
+    larger.
 
     Returns
     -------
@@ -228,13 +236,13 @@ def continue_until_complete(
         The orbits and their number.
     """
     while next_orbit < n:
-        next_orbit, n = spread_orbits(next_orbit, n, columns, inside, cells, orbits)
+        next_orbit, n = continue_orbits_into_neighbours(next_orbit, n, columns, inside, cells, orbits)
         if next_orbit < n:
             orbits = enlarge_orbit_arrays(orbits)
     return orbits, n
 
 
-def linked_pairs(orbits: LinkedOrbits, n: int, cells: Any) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def pairs_of_linked_orbits(orbits: LinkedOrbits, n: int, cells: Any) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Return the pairs among the first n orbits that are one orbit in neighbouring cells.
 
     Two orbits are one orbit if each continues to the other. If only one of the two continues to the other, it must also
@@ -261,7 +269,7 @@ def linked_pairs(orbits: LinkedOrbits, n: int, cells: Any) -> tuple[NDArray[np.i
 
 
 @singledispatch
-def cells_between(cells: Any, here: NDArray[np.int64], there: NDArray[np.int64], share: NDArray[np.float64]) -> Any:
+def interpolate_cells(cells: Any, here: NDArray[np.int64], there: NDArray[np.int64], share: NDArray[np.float64]) -> Any:
     """Return cells on the straight lines between pairs of cells, by default by linear interpolation of every column.
 
     A gear whose cells hold derived numbers besides their parameters registers its own function.
@@ -289,13 +297,13 @@ def _is_continued_to(
     """Return for each i whether orbit one[i] becomes orbit other[i] in STEPS small steps of continuation."""
     share = np.arange(1, STEPS + 1) / STEPS
     here, there = orbits.cell[one], orbits.cell[other]
-    path = cells_between(cells, here, there, share)
+    path = interpolate_cells(cells, here, there, share)
     arrives = np.zeros(one.size, np.bool_)
     write_arrivals(one, other, STEPS, path, orbits, arrives)
     return arrives
 
 
-def empty_orbits(n: int, n_cells: int) -> LinkedOrbits:
+def allocate_orbits(n: int, n_cells: int) -> LinkedOrbits:
     """Return empty arrays with room for n orbits in n_cells cells."""
     labels = (np.zeros(n, np.int32) for _ in range(4))
     values = (np.zeros(n) for _ in range(4))

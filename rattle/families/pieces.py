@@ -10,15 +10,15 @@ from numpy.typing import NDArray
 from rattle.attractors.samples import Outcome
 from rattle.attractors.table import AttractorTable
 from rattle.families.join import (
+    allocate_orbits,
+    assign_component_numbers,
     concat_tables,
     continue_orbits,
-    continue_until_complete,
-    empty_orbits,
+    continue_orbits_until_complete,
     enlarge_orbit_arrays,
-    number_components,
     table_of_continued_orbits,
 )
-from rattle.families.spread import ORBIT_COLUMNS, Rectangle, add_orbits
+from rattle.families.spread import ORBIT_COLUMNS, Rectangle, add_new_orbits
 
 no_attractors = AttractorTable.empty
 
@@ -27,13 +27,13 @@ class GridPiece:
     """A rectangular piece of a larger grid, whose cells are computed in several steps.
 
     After each step `add_attractors` adds the attractors of the new cells, and continues them into the whole piece.
-    orbits: the orbits found so far, in the arrays that `spread_orbits` fills. n: their number.
+    orbits: the orbits found so far, in the arrays that `continue_orbits_into_neighbours` fills. n: their number.
     samples (n,): the number of samples that reach an orbit in its cell, −1 for an orbit that continuation found.
     """
 
     def __init__(self, shape: tuple[int, int], cells: Any) -> None:
         self.shape, self._cells = shape, cells
-        self.orbits, self.n = empty_orbits(64, shape[0] * shape[1]), 0
+        self.orbits, self.n = allocate_orbits(64, shape[0] * shape[1]), 0
         self.samples = np.zeros(0, np.int64)
 
     def add_attractors(self, table: AttractorTable) -> None:
@@ -47,9 +47,9 @@ class GridPiece:
         while self.orbits.cell.size < before + which.size:
             self.orbits = enlarge_orbit_arrays(self.orbits)
         columns = (getattr(table, name) for name in ORBIT_COLUMNS)
-        n = int(add_orbits(*columns, before, self._cells, self.orbits, which))
+        n = int(add_new_orbits(*columns, before, self._cells, self.orbits, which))
         inside = Rectangle(0, self.shape[0], 0, self.shape[1])
-        self.orbits, self.n = continue_until_complete(before, n, self.shape[1], inside, self._cells, self.orbits)
+        self.orbits, self.n = continue_orbits_until_complete(before, n, self.shape[1], inside, self._cells, self.orbits)
         self.samples = np.append(self.samples, np.full(self.n - before, -1))
         self.samples[which] = table.samples
 
@@ -103,4 +103,4 @@ def connect_attractors(table: AttractorTable, shape: tuple[int, int], cells: Any
         the number QUIET_FAMILY, the row for a cell's undecided samples has NO_FAMILY.
     """
     orbits, _n = continue_orbits(table, shape[1], Rectangle(0, shape[0], 0, shape[1]), cells)
-    return number_components(table, np.flatnonzero(table.kind == Outcome.PERIODIC), orbits, shape, cells)
+    return assign_component_numbers(table, np.flatnonzero(table.kind == Outcome.PERIODIC), orbits, shape, cells)

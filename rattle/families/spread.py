@@ -10,13 +10,13 @@ from rattle.flight.first_impact import OK
 from rattle.flight.law import wrap_phase_difference
 from rattle.numerics.compile import inline, kernel
 from rattle.orbits.return_map import (
+    apply_return_map_power,
     fastest_point,
     find_fixed_point,
+    least_return_period,
     log_multipliers,
     point_between,
-    point_of,
-    power_map,
-    shortest_return,
+    point_of_cell,
     step,
 )
 
@@ -25,7 +25,7 @@ from rattle.orbits.return_map import (
 FARTHEST = 0.2
 #: Smallest step of continuation, as a share of the way from a cell to the next.
 LEAST_STEP = 2.0**-6
-#: `solve_from_rounded` rounds τ, and v in units of `speed_unit_at`, to multiples of this number.
+#: `solve_from_rounded_state` rounds τ, and v in units of `speed_unit_at`, to multiples of this number.
 ROUNDING = 2.0**-26
 #: Takes the place of an orbit's number where there is no orbit.
 NOWHERE = -1
@@ -42,7 +42,7 @@ class Rectangle(NamedTuple):
     right: int
 
 
-#: The columns of a table of attractors that describe an orbit, in the order of the arguments of `add_orbits`.
+#: The columns of a table of attractors that describe an orbit, in the order of the arguments of `add_new_orbits`.
 ORBIT_COLUMNS = ("cell", "m", "n_plus", "n_minus", "tau", "v", "first", "second")
 
 
@@ -79,7 +79,7 @@ def have_same_label(i, k, orbits):
 
 
 @kernel
-def orbit_at_point(tau, v, cell, k, v_tolerance, orbits):
+def find_orbit_at_point(tau, v, cell, k, v_tolerance, orbits):
     """Return the number of the orbit in `cell` that has the label of orbit k and its fastest point at (tau, v).
 
     v_tolerance: the tolerance of v; the tolerance of τ is SAME_POINT.
@@ -110,8 +110,10 @@ def check_stability_and_label(tau, v, k, orbits, point):
         (whether the orbit is stable and has the label, ln|multiplier| of both its multipliers). The logarithms are NaN
         if the orbit has another label.
     """
-    n_plus = np.int64(orbits.n_plus[k])  # the same type as in other callers, so that `power_map` is compiled once
-    status, _t, _v, time, below, a00, _b, _c, a11, log_det = power_map(tau, v, n_plus, point)
+    n_plus = np.int64(
+        orbits.n_plus[k]
+    )  # the same type as in other callers, so that `apply_return_map_power` is compiled once
+    status, _t, _v, time, below, a00, _b, _c, a11, log_det = apply_return_map_power(tau, v, n_plus, point)
     if status != OK or below != orbits.n_minus[k] or int(np.rint(time)) != orbits.m[k]:
         return False, math.nan, math.nan
     first, second = log_multipliers(a00 + a11, log_det)
@@ -119,7 +121,7 @@ def check_stability_and_label(tau, v, k, orbits, point):
 
 
 @kernel
-def solve_from_rounded(tau, v, n_plus, point):
+def solve_from_rounded_state(tau, v, n_plus, point):
     """Solve for an orbit's state again from rounded τ and v, so that its last bits hardly depend on the first guess.
 
     tau, v: the state that was found from the first guess. point: the parameters of the gear.
@@ -177,27 +179,27 @@ def continue_orbit(k, cell, n, orbits, cells):
     result
         The orbit's number in that cell: n if it was not known there and was added, NOWHERE if it cannot be continued.
     """
-    point, n_plus = point_of(cell, cells), np.int64(orbits.n_plus[k])
-    found, tau, v = follow_orbit(k, point_of(orbits.cell[k], cells), point, orbits)
+    point, n_plus = point_of_cell(cell, cells), np.int64(orbits.n_plus[k])
+    found, tau, v = follow_orbit(k, point_of_cell(orbits.cell[k], cells), point, orbits)
     if not found:
         return NOWHERE
     unit = speed_unit_at(point)
     near = SAME_POINT * unit
-    known = orbit_at_point(tau, v, cell, k, near, orbits)
+    known = find_orbit_at_point(tau, v, cell, k, near, orbits)
     if known != NOWHERE:
         return known
     is_stable, _first, _second = check_stability_and_label(tau, v, k, orbits, point)
-    if not is_stable or shortest_return(tau, v, n_plus, point) != n_plus:
+    if not is_stable or least_return_period(tau, v, n_plus, point) != n_plus:
         return NOWHERE
     t, w = tau, v
     # an orbit is stored at its fastest departure; in the new cell, another of its departures may be the fastest
     for _ in range(n_plus):
-        known = orbit_at_point(t, w, cell, k, near, orbits)
+        known = find_orbit_at_point(t, w, cell, k, near, orbits)
         if known != NOWHERE:
             return known
         _status, t, w, _time, _below = step(t, w, point)
     tau, v = fastest_point(tau, v, n_plus, point)
-    tau, v = solve_from_rounded(tau, v, n_plus, point)
+    tau, v = solve_from_rounded_state(tau, v, n_plus, point)
     is_stable, first, second = check_stability_and_label(tau, v, k, orbits, point)
     if not is_stable:
         return NOWHERE
@@ -209,7 +211,7 @@ def continue_orbit(k, cell, n, orbits, cells):
 
 
 @kernel
-def add_orbits(cell, m, n_plus, n_minus, tau, v, first, second, n, cells, orbits, which):
+def add_new_orbits(cell, m, n_plus, n_minus, tau, v, first, second, n, cells, orbits, which):
     """Add k orbits under the numbers from n on, except orbits that are already known in their cells.
 
     The arrays of `orbits` must have room for all of them. The number of each orbit, new or known, is written to
@@ -223,8 +225,8 @@ def add_orbits(cell, m, n_plus, n_minus, tau, v, first, second, n, cells, orbits
     for i in range(cell.size):
         orbits.cell[n], orbits.m[n], orbits.n_plus[n], orbits.n_minus[n] = cell[i], m[i], n_plus[i], n_minus[i]
         orbits.tau[n], orbits.v[n], orbits.first[n], orbits.second[n] = tau[i], v[i], first[i], second[i]
-        near = SAME_POINT * speed_unit_at(point_of(cell[i], cells))
-        which[i] = orbit_at_point(tau[i], v[i], cell[i], n, near, orbits)
+        near = SAME_POINT * speed_unit_at(point_of_cell(cell[i], cells))
+        which[i] = find_orbit_at_point(tau[i], v[i], cell[i], n, near, orbits)
         if which[i] == NOWHERE:
             orbits.before[n], orbits.last[cell[i]] = orbits.last[cell[i]], n
             which[i] = n
@@ -233,7 +235,7 @@ def add_orbits(cell, m, n_plus, n_minus, tau, v, first, second, n, cells, orbits
 
 
 @kernel
-def spread_orbits(next_orbit, n, columns, inside, cells, orbits):
+def continue_orbits_into_neighbours(next_orbit, n, columns, inside, cells, orbits):
     """Continue the orbits number `next_orbit` to n − 1 into their neighbouring cells, then the new orbits found there.
 
     Orbits are continued only into cells in the rectangle `inside`. columns: the number of columns of the grid.
@@ -271,7 +273,7 @@ def write_arrivals(one, other, steps, path, orbits, arrives):
         n_plus, tau, v = np.int64(orbits.n_plus[one[i]]), orbits.tau[one[i]], orbits.v[one[i]]
         arrives[i] = False
         for j in range(steps):
-            point = point_of(i * steps + j, path)
+            point = point_of_cell(i * steps + j, path)
             unit, before, speed = speed_unit_at(point), tau, v
             found, tau, v = find_fixed_point(before, speed, n_plus, point)
             if not found or math.hypot(wrap_phase_difference(tau - before), (v - speed) / unit) > 0.5 * FARTHEST:

@@ -20,7 +20,7 @@ QUIET_FAMILY, NO_FAMILY = 0, -1
 Integers = NDArray[np.int64]
 
 
-class Sums(NamedTuple):
+class ComponentSums(NamedTuple):
     """The sums over some cells of a grid: one entry for each component (a set of connected attractors).
 
     component: the number of the component; the entries are in rising order of it.
@@ -55,7 +55,7 @@ class Sums(NamedTuple):
     place: Integers
 
 
-def sums_of(table: AttractorTable, component: Integers, columns: int) -> Sums:
+def sum_over_components(table: AttractorTable, component: Integers, columns: int) -> ComponentSums:
     """Return the sums of a table of attractors over each component (a set of connected attractors).
 
     table: the attractors, in the order of their cells. component (rows,): the component of each row, or NO_FAMILY.
@@ -63,7 +63,7 @@ def sums_of(table: AttractorTable, component: Integers, columns: int) -> Sums:
 
     Returns
     -------
-    Sums
+    ComponentSums
         An entry for each component.
     """
     place = np.arange(component.size) - np.searchsorted(table.cell, table.cell)
@@ -75,7 +75,7 @@ def sums_of(table: AttractorTable, component: Integers, columns: int) -> Sums:
     again[here[1:][same]] = True
     row, column = np.divmod(cell, columns)
     ones = np.ones(of.size, np.int64)
-    each = Sums(
+    each = ComponentSums(
         component=component,
         kind=table.kind[of],
         m=table.m[of],
@@ -98,13 +98,13 @@ def sums_of(table: AttractorTable, component: Integers, columns: int) -> Sums:
     return add_sums([each])
 
 
-def add_sums(parts: Iterable[Sums]) -> Sums:
+def add_sums(parts: Iterable[ComponentSums]) -> ComponentSums:
     """Return the sums over all cells from the sums over several sets of cells that have no cell in common."""
-    all_ = Sums._make(np.concatenate(columns) for columns in zip(*parts, strict=True))
+    all_ = ComponentSums._make(np.concatenate(columns) for columns in zip(*parts, strict=True))
     if not all_.component.size:
         return all_
     order = np.lexsort((all_.place, all_.first, all_.component))
-    all_ = Sums._make(x[order] for x in all_)
+    all_ = ComponentSums._make(x[order] for x in all_)
     begin = np.flatnonzero(np.diff(all_.component, prepend=all_.component[0] - 1))
     by_samples = np.lexsort((all_.at, -all_.most, all_.component))[begin]
     rules = {
@@ -114,10 +114,10 @@ def add_sums(parts: Iterable[Sums]) -> Sums:
     }
     found = {name: rule.reduceat(getattr(all_, name), begin) for rule, names in rules.items() for name in names}
     found |= {name: getattr(all_, name)[by_samples] for name in ("most", "at")}
-    return Sums._make(x[begin] for x in all_)._replace(**found)
+    return ComponentSums._make(x[begin] for x in all_)._replace(**found)
 
 
-def assign_family_numbers(sums: Sums) -> Integers:
+def assign_family_numbers(sums: ComponentSums) -> Integers:
     """Return an array whose entry i is the number of the family of component i.
 
     The last entry is NO_FAMILY, because undecided samples have the component −1. Families are numbered by falling

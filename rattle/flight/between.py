@@ -9,10 +9,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rattle.flight.forcing import DRIFT, add_analytic_acceleration, add_slope, analytic_change
+from rattle.flight.forcing import DRIFT, add_analytic_acceleration, add_slope, analytic_forcing_change
 from rattle.numerics.compile import inline
 
-# below this |δs| `drift_lag` sums a series, because the closed form would lose digits by cancellation
+# below this |δs| `departure_velocity_per_drift` sums a series, because the closed form would lose digits by
+# cancellation
 SERIES_BELOW = 0.1
 # the Taylor series of 1 − x/(1 − e^(−x)) has these coefficients of x, x², x⁴, x⁶, …
 LAG = (-1 / 2, -1 / 12, 1 / 720, -1 / 30240, 1 / 1209600, -1 / 47900160, 691 / 1307674368000)
@@ -44,7 +45,7 @@ def decay_loss(z):
 
 
 @inline
-def drift_lag(x, s, pull):
+def departure_velocity_per_drift(x, s, pull):
     """Return 1 − x/(1 − e^(−x)) without cancellation, for x = δs of a flight with duration s.
 
     The result times the mean drift q is the departure velocity w₀ of an unforced flight that returns to its wall.
@@ -78,8 +79,8 @@ def flight_between(t0, t1, turn0, turn1, gap, delta, epsilon):
     x = delta * s
     lost, decay = decay_loss(x)
     pull = np.divide(delta, lost)
-    apart = (analytic_change(t0, t1, s, epsilon) - gap) * pull
-    drift = DRIFT * drift_lag(x, s, pull)
+    apart = (analytic_forcing_change(t0, t1, s, epsilon) - gap) * pull
+    drift = DRIFT * departure_velocity_per_drift(x, s, pull)
     w0 = add_slope(drift, sin0, cos0, epsilon) - apart
     w1 = add_slope(drift + DRIFT * x, sin1, cos1, epsilon) - apart * decay
     slowing = delta * (DRIFT - drift + apart)

@@ -16,7 +16,7 @@ In a contact of the stiff gear the teeth are compressed. `rattle.stiff.map.flow.
 contact is over; a contact that is never over is quiet motion.
 """
 
-from rattle.flight.forcing import contact_force, phase_by_math_library
+from rattle.flight.forcing import contact_force, sine_cosine_by_math_library
 from rattle.numerics.compile import inline, kernel
 
 IN_CONTACT = 2  # status of a motion in contact: there is no next flight until a release
@@ -80,6 +80,6 @@ def stays_in_contact(wall, w, tau, delta, epsilon, drift):
     """
     if wall * w < -SLOWEST:
         return False
-    sine, cosine = phase_by_math_library(tau)
+    sine, cosine = sine_cosine_by_math_library(tau)
     force = contact_force(sine, cosine, delta, epsilon, drift)
     return not (w == 0.0 and wall * force < 0.0)

@@ -10,11 +10,11 @@ import numpy as np
 from numba.core.types import NamedUniTuple, Tuple, float64, int64
 from numpy import float32 as f32
 
-from rattle.flight.forcing import later_phase, negative_arc, short_versines
+from rattle.flight.forcing import advance_sine_and_cosine, negative_arc, short_versines
 from rattle.flight.guess import (
-    convert_flight_to_single,
-    estimated_minimum,
-    first_guess,
+    convert_flight_to_single_precision,
+    estimate_minimum,
+    guess_time_of_turn_or_arrival,
     refine_time,
     step_to_level,
     taylor_coefficients,
@@ -29,7 +29,12 @@ from rattle.flight.law import (
     second_derivative,
     third_derivative,
 )
-from rattle.flight.proof import clears_the_gap, convert_arc_to_single, has_single_turn, is_within_one_step
+from rattle.flight.proof import (
+    clears_the_gap,
+    convert_arc_to_single_precision,
+    has_at_most_one_turn,
+    is_within_one_step,
+)
 from rattle.numerics.compile import inline, kernel
 
 OK = 0
@@ -53,7 +58,7 @@ _FIRST = Tuple((int64, float64, int64, *2 * (float64,), FLIGHT, *2 * (float64,))
 
 
 @inline
-def last_step(s, f0, f1, lost, sin1, cos1, flight):
+def final_step_to_impact(s, f0, f1, lost, sin1, cos1, flight):
     """Return the step u from a close guess s to the impact, where F = 0, by reversion of the Taylor series of F.
 
     f0 is F at s, measured from the wall; f1, lost, sin1 and cos1 are the values of `evaluate_short` at s. The reversion
@@ -95,7 +100,7 @@ def state_after_step(u, f1, lost, sin1, cos1, flight):
     f4 = fourth_derivative(lost, sin1, cos1, flight)
     step, x = short_versines(u), flight.delta * u
     w1 = f1 + u * (f2 + u * (0.5 * f3 + u * f4 * (1.0 / 6.0)))
-    sin2, cos2 = later_phase(step, sin1, cos1)
+    sin2, cos2 = advance_sine_and_cosine(step, sin1, cos1)
     lost += (1.0 - lost) * x * (1.0 - x * (0.5 - x * (1.0 / 6.0)))
     return w1, second_derivative(lost, sin2, cos2, flight), lost, sin2, cos2
 
@@ -113,10 +118,10 @@ def guess_first_impact(wall, tau, flight, beta):
         (proved, next wall, flight time s, F', 1 − e^(−δs), sin, cos), with sine and cosine of 2π times the phase of
         arrival. Where `proved` is False, the impact may not be the first.
     """
-    wall_, gap, short = f32(wall), f32(2.0 * beta), convert_flight_to_single(flight)
-    s = first_guess(wall_, gap, f32(1.0 / flight.delta), short)
+    wall_, gap, short = f32(wall), f32(2.0 * beta), convert_flight_to_single_precision(flight)
+    s = guess_time_of_turn_or_arrival(wall_, gap, f32(1.0 / flight.delta), short)
     series = taylor_coefficients(s, short)
-    lowest, minimum = estimated_minimum(s, series, short)
+    lowest, minimum = estimate_minimum(s, series, short)
     falls = wall > 0 and lowest < -gap
     level_ = wall_level(wall_, falls, gap)
     s += step_to_level(not falls, level_, series)
@@ -124,12 +129,12 @@ def guess_first_impact(wall, tau, flight, beta):
     s, step, speed = refine_time(s, level_, short)
     proved = is_within_one_step(s, step, speed, short)
     proved &= clears_the_gap(wall_, not falls, s, minimum, gap, short)
-    arc = convert_arc_to_single(negative_arc(flight.delta, flight.epsilon))
-    proved &= has_single_turn(wall_, not falls, f32(tau), s, minimum.time, short, arc)
+    arc = convert_arc_to_single_precision(negative_arc(flight.delta, flight.epsilon))
+    proved &= has_at_most_one_turn(wall_, not falls, f32(tau), s, minimum.time, short, arc)
     level = -2.0 * beta if falls else (0.0 if wall > 0 else 2.0 * beta)
     close = np.float64(s)
     f0, f1, _f2, lost, sin1, cos1 = evaluate_short(close, flight)
-    u, exact = last_step(close, f0 - level, f1, lost, sin1, cos1, flight)
+    u, exact = final_step_to_impact(close, f0 - level, f1, lost, sin1, cos1, flight)
     end = close + u
     w1, _bend, lost, sin1, cos1 = state_after_step(u, f1, lost, sin1, cos1, flight)
     proved &= exact
@@ -176,7 +181,7 @@ def find_crossing_in_bracket(lo, hi, guess, level, rising, flight):
 
 
 @kernel
-def extremum_in(lo, hi, guess, convex, flight):
+def find_extremum_between(lo, hi, guess, convex, flight):
     """Return the zero of F' in (lo, hi), where e^(δs) F' is monotone, with an error below 1e-9.
 
     An error of this size changes F, which is flat there, by less than rounding.
@@ -213,7 +218,7 @@ def extremum_in(lo, hi, guess, convex, flight):
 
 
 @kernel
-def impact_on_piece(s0, s1, start, end, guess, lower, upper, flight):
+def find_impact_on_piece(s0, s1, start, end, guess, lower, upper, flight):
     """Return (wall, time) of the crossing of F = lower or F = upper on a piece on which F is monotone.
 
     F goes from `start` at time s0 to `end` at time s1. guess: an estimate of the time of the crossing, or nan.
@@ -276,14 +281,14 @@ def search_crossing(tau, flight, lower, upper):
         first, x0 = s, f0
         if f1 < 0.0 < e1 or e1 < 0.0 < f1:
             guess = s - f1 * (e - s) / (e1 - f1)
-            first = extremum_in(s, e, guess, e1 > 0.0, flight)
+            first = find_extremum_between(s, e, guess, e1 > 0.0, flight)
             x0 = evaluate(first, flight)[0]
-            hit, t = impact_on_piece(s, first, f0, x0, math.nan, lower, upper, flight)
+            hit, t = find_impact_on_piece(s, first, f0, x0, math.nan, lower, upper, flight)
             if hit != 0:
                 return OK, hit, t
         # the flight of a small bounce is a parabola, which lasts twice the time to its turning point
         guess = 2.0 * first if s == 0.0 else math.nan
-        hit, t = impact_on_piece(first, e, x0, e0, guess, lower, upper, flight)
+        hit, t = find_impact_on_piece(first, e, x0, e0, guess, lower, upper, flight)
         if hit != 0:
             return OK, hit, t
         s, f0, f1 = e, e0, e1
@@ -291,7 +296,7 @@ def search_crossing(tau, flight, lower, upper):
 
 
 @kernel
-def safe_impact(wall, tau, flight, beta):
+def first_impact_by_safe_search(wall, tau, flight, beta):
     """Return the first impact of a flight, found by the search that cannot skip a crossing.
 
     Returns
@@ -323,5 +328,5 @@ def first_impact(wall, tau, w, delta, epsilon, beta, drift):
         proved, target, s, w1, lost, sin1, cos1 = guess_first_impact(wall, tau, flight, beta)
         if proved:
             return OK, s, target, w1, lost, flight, sin1, cos1
-    status, s, target, w1, lost, sin1, cos1 = safe_impact(wall, tau, flight, beta)
+    status, s, target, w1, lost, sin1, cos1 = first_impact_by_safe_search(wall, tau, flight, beta)
     return status, s, target, w1, lost, flight, sin1, cos1

@@ -23,7 +23,7 @@ from numpy import float32 as f32
 from numpy.typing import ArrayLike, NDArray
 
 from rattle.flight import coefficients
-from rattle.numerics.compile import Inline, inline, kernel
+from rattle.numerics.compile import InlineFunction, inline, kernel
 from rattle.numerics.polynomial import evaluate_degree_4, evaluate_degree_5, evaluate_degree_10
 
 TWO_PI = 2.0 * math.pi
@@ -72,16 +72,16 @@ def sine_defect32(q):
 class FlightFunctions(NamedTuple):
     """The functions of the forcing that a flight needs, as inline kernels of one precision."""
 
-    versines: Inline
-    phase_changes: Inline
-    tangent_drop: Inline
-    slope_loss_of_change: Inline
-    add_slope: Inline
-    add_acceleration: Inline
-    add_acceleration_after: Inline
+    versines: InlineFunction
+    sine_change_and_new_cosine: InlineFunction
+    drop_below_tangent_line: InlineFunction
+    slope_loss_from_sine_change: InlineFunction
+    add_slope: InlineFunction
+    add_acceleration: InlineFunction
+    add_acceleration_at_changed_phase: InlineFunction
 
 
-def _build_functions(dtype, versine, sine_defect):
+def _build_flight_functions(dtype, versine, sine_defect):
     """Build the functions of a flight in one precision, without branches, so that loops over flights vectorise."""
     two_pi = dtype(TWO_PI)
     rounder = dtype(1.5 * 2.0 ** (52 if dtype is np.float64 else 23))  # x + rounder − rounder is the nearest integer
@@ -96,20 +96,20 @@ def _build_functions(dtype, versine, sine_defect):
         return q * versine(q), z - defect, two_pi * turns + defect
 
     @inline
-    def phase_changes(step, sin0, cos0):
+    def sine_change_and_new_cosine(step, sin0, cos0):
         """Return the change of the forcing's sine, and its new cosine, after a time s; `step` is versines(s)."""
         omc, siny, _defect = step
         return cos0 * siny - sin0 * omc, cos0 - (cos0 * omc + sin0 * siny)
 
     @inline
-    def tangent_drop(step, sin0, cos0, epsilon):
+    def drop_below_tangent_line(step, sin0, cos0, epsilon):
         """Return e(t₀) + s e'(t₀) − e(t₁), where e is the forcing and s = t₁ − t₀; `step` is versines(s)."""
         omc, _siny, defect = step
         return epsilon * (cos0 * omc - sin0 * defect)
 
     @inline
-    def slope_loss_of_change(dsin, epsilon):
-        """Return e'(t₀) − e'(t₁) of the forcing e, from the change of the sine that `phase_changes` returns."""
+    def slope_loss_from_sine_change(dsin, epsilon):
+        """Return e'(t₀) − e'(t₁) of the forcing e, from the change of the sine (`sine_change_and_new_cosine`)."""
         return (two_pi * epsilon) * dsin
 
     @inline
@@ -123,21 +123,30 @@ def _build_functions(dtype, versine, sine_defect):
         return x - two_pi * two_pi * epsilon * cosine
 
     @inline
-    def add_acceleration_after(x, sin0, dsin, cos1, epsilon):
+    def add_acceleration_at_changed_phase(x, sin0, dsin, cos1, epsilon):
         """Return x + e'', where e is the forcing, at the phase with the cosine cos1 and the sine sin0 + dsin."""
         return x - two_pi * two_pi * epsilon * cos1
 
     return FlightFunctions(
-        versines, phase_changes, tangent_drop, slope_loss_of_change, add_slope, add_acceleration, add_acceleration_after
+        versines,
+        sine_change_and_new_cosine,
+        drop_below_tangent_line,
+        slope_loss_from_sine_change,
+        add_slope,
+        add_acceleration,
+        add_acceleration_at_changed_phase,
     )
 
 
 IN_DOUBLE, IN_SINGLE = (
-    _build_functions(np.float64, versine64, sine_defect64),
-    _build_functions(np.float32, versine32, sine_defect32),
+    _build_flight_functions(np.float64, versine64, sine_defect64),
+    _build_flight_functions(np.float32, versine32, sine_defect32),
 )
-versines, phase_changes = IN_DOUBLE.versines, IN_DOUBLE.phase_changes
-tangent_drop, slope_loss_of_change = IN_DOUBLE.tangent_drop, IN_DOUBLE.slope_loss_of_change
+versines, sine_change_and_new_cosine = IN_DOUBLE.versines, IN_DOUBLE.sine_change_and_new_cosine
+drop_below_tangent_line, slope_loss_from_sine_change = (
+    IN_DOUBLE.drop_below_tangent_line,
+    IN_DOUBLE.slope_loss_from_sine_change,
+)
 add_slope, add_acceleration, add_slope32 = IN_DOUBLE.add_slope, IN_DOUBLE.add_acceleration, IN_SINGLE.add_slope
 
 
@@ -149,7 +158,7 @@ def sine_cosine_at(tau):
 
 
 @inline
-def phase_by_math_library(tau):
+def sine_cosine_by_math_library(tau):
     """Return the sine and cosine of 2πτ by the math library: exact to the last bit, slower than `sine_cosine_at`."""
     angle = TWO_PI * tau
     return math.sin(angle), math.cos(angle)
@@ -169,7 +178,7 @@ def short_versines(u):
 
 
 @inline
-def later_phase(step, sine, cosine):
+def advance_sine_and_cosine(step, sine, cosine):
     """Return the sine and cosine of a phase after a short time. step: the result of `short_versines` for this time."""
     omc, siny = step
     cosine1 = cosine - (siny * sine + omc * cosine)
@@ -231,7 +240,7 @@ def contact_force_rate(sine, cosine, delta, epsilon):
 
 
 @inline
-def contact_force_swing(delta, epsilon):
+def contact_force_amplitude(delta, epsilon):
     """Return the amplitude of the contact force: its largest deviation from its mean."""
     return TWO_PI * epsilon * math.hypot(TWO_PI, delta)
 
@@ -243,13 +252,13 @@ def relative_force_amplitude(delta, epsilon):
 
 
 @inline
-def has_swing_beyond(share, delta, epsilon):
+def has_force_amplitude_above(share, delta, epsilon):
     """Return whether the amplitude of the contact force exceeds this share of its mean."""
     return epsilon * math.hypot(TWO_PI, delta) > share * 2.0 * delta
 
 
 @inline
-def relative_force(swing, share):
+def relative_contact_force(swing, share):
     """Return the contact force divided by its mean, `share` half periods away from the phase of the least force.
 
     swing: the amplitude of the contact force divided by its mean, as `relative_force_amplitude` returns it.
@@ -302,7 +311,7 @@ def negative_arc(delta, epsilon):
     NegativeArc
         Its field `exists` is False, and the others are 0, if the force keeps its sign.
     """
-    largest = contact_force_swing(delta, epsilon)
+    largest = contact_force_amplitude(delta, epsilon)
     mean = abs(delta) * DRIFT
     if not largest > mean:
         return NegativeArc(False, 0.0, 0.0, 0.0, 0.0)
@@ -351,17 +360,17 @@ def minus_fifth_derivative32(sine, cosine, epsilon):
 
 
 @inline
-def change_scale32(s):
+def change_bound32(s):
     """Return an upper bound of |e(t + s) − e(t) − s e'(t)|/ε, e the forcing. Bounds of rounding errors of F use it."""
     y = W1 * s
     return min(y * y * (f32(0.5) + y * f32(1 / 6)), y + f32(3.0))
 
 
 @inline
-def coarse_change_scale32(s, epsilon):
+def coarse_change_bound32(s, epsilon):
     """Return an upper bound of |e(t + s) − e(t) − s e'(t)|, e the forcing.
 
-    ε times `change_scale32` is a closer bound, but takes longer to compute.
+    ε times `change_bound32` is a closer bound, but takes longer to compute.
 
     Returns
     -------
@@ -372,7 +381,7 @@ def coarse_change_scale32(s, epsilon):
 
 
 @inline
-def slope_range32(epsilon):
+def forcing_slope_range32(epsilon):
     """Return the largest difference e'(t₁) − e'(t₀) of the forcing's derivative between two times."""
     return f32(2.0) * W1 * epsilon
 
@@ -390,7 +399,7 @@ def largest_acceleration32(epsilon):
 
 
 @inline
-def largest_sixth32(epsilon):
+def largest_sixth_coefficient32(epsilon):
     """Return the largest |e⁽⁶⁾|/720, e⁽⁶⁾ the sixth derivative of the forcing."""
     return SIXTH * epsilon
 
@@ -427,13 +436,13 @@ def complex_sine_cosine(z):
 
 
 @inline
-def analytic_phase(t):
+def sine_cosine_of_complex_time(t):
     """Return the sine and cosine of 2πt for a complex time t."""
     return complex_sine_cosine(TWO_PI * t)
 
 
 @inline
-def analytic_change(t0, t1, s, epsilon):
+def analytic_forcing_change(t0, t1, s, epsilon):
     """Return the change e(t₁) − e(t₀) of the forcing at complex times, without cancellation; s = t₁ − t₀."""
     return epsilon * (-2.0 * complex_sine_cosine(math.pi * (t0 + t1))[0] * complex_sine_cosine(math.pi * s)[0])
 
@@ -445,7 +454,7 @@ def add_analytic_acceleration(x, sine, cosine, epsilon):
 
 
 @inline
-def analytic_force_ahead(sign, sin0, cos0, delta, epsilon):
+def analytic_force_coefficients(sign, sin0, cos0, delta, epsilon):
     """Return mean, a and b of the force on a wall, mean + a cos 2πs + b sin 2πs; the time s counts from a phase.
 
     `force_fourier_coefficients` returns the same numbers for a real phase. sign: the wall, ±1. sin0, cos0: complex sine
@@ -462,13 +471,13 @@ def analytic_force_ahead(sign, sin0, cos0, delta, epsilon):
 
 
 @inline
-def change_by_epsilon(t0, t1, s):
+def forcing_change_per_epsilon(t0, t1, s):
     """Return ∂(e(t₁) − e(t₀))/∂ε for the forcing e. t0, t1: real (not complex) times; s: t₁ − t₀."""
     return -2.0 * math.sin(math.pi * (t0 + t1)) * math.sin(math.pi * s)
 
 
 @inline
-def slope_by_epsilon(sine, cosine):
+def forcing_slope_per_epsilon(sine, cosine):
     """Return ∂e'/∂ε, e the forcing, at the time whose phase has this sine and cosine (real, not complex)."""
     return -TWO_PI * sine
 
@@ -497,7 +506,7 @@ class Forcing:
         size = self.epsilon * complex(-0.5 * TWO_PI**2, 0.5 * TWO_PI * delta)
         return [(0.0, complex(mean_force(delta))), (TWO_PI, size), (-TWO_PI, size.conjugate())]
 
-    def force_and_rate(self, time: NDArray, delta: NDArray) -> NDArray:
+    def quiet_limit_residuals(self, time: NDArray, delta: NDArray) -> NDArray:
         """Return g/2π and g'/4π²ε at times (…), g the contact force: the two residuals of the quiet limit.
 
         At the quiet limit the least contact force is 0, so both numbers are 0 at the time of this least force.
@@ -528,7 +537,7 @@ def least_damping(epsilon: float) -> float:
     return TWO_PI * epsilon / math.sqrt(4.0 - epsilon * epsilon) if epsilon < 2.0 else math.inf
 
 
-def phase_of_entry(delta: float, share: float) -> float:
+def phase_of_arc_entry(delta: float, share: float) -> float:
     """Return the phase at which the contact force becomes negative. share: the quiet limit divided by ε, at most 1.
 
     This is the entry into the arc of phases with a negative force.

@@ -22,7 +22,7 @@ GRID = 500
 TERMS = 60
 
 
-class Polynomial(NamedTuple):
+class PolynomialSpec(NamedTuple):
     """A function, and the interval, degree and precision of the polynomial that approximates it."""
 
     name: str
@@ -45,31 +45,33 @@ def factorial_series(start: int, step: int, x: Any) -> Any:
     return total
 
 
-def polynomials() -> list[Polynomial]:
+def polynomials() -> list[PolynomialSpec]:
     """Return all polynomials of the kernels.
 
     Kernels reduce a time s to z = 2π(s − n), where n is the integer nearest to s. So z is in [−π, π] and z² in [0, π²].
 
     Returns
     -------
-    list of Polynomial
+    list of PolynomialSpec
         The polynomials, in the order of coefficients.py.
     """
     decay, versine, defect, sine = (partial(factorial_series, *x) for x in ((2, 1), (2, 2), (3, 2), (1, 2)))
     square = mp.pi**2
     return [
-        Polynomial("DECAY", "(e^(−x) − 1 + x)/x² in x", decay, mp.mpf("-0.05"), 2, 12, np.float64),
-        Polynomial("VERSINE", "(1 − cos z)/z² in z²", versine, 0, square, 10, np.float64),
-        Polynomial("SINE_DEFECT", "(z − sin z)/z³ in z²", defect, 0, square, 10, np.float64),
-        Polynomial("DECAY_32", "(e^(−x) − 1 + x)/x² in x", decay, 0, 2, 6, np.float32),
-        Polynomial("VERSINE_32", "(1 − cos z)/z² in z²", versine, 0, square, 5, np.float32),
-        Polynomial("SINE_DEFECT_32", "(z − sin z)/z³ in z²", defect, 0, square, 4, np.float32),
-        Polynomial("MEAN_COSINE_32", "sin y/y in y², y in [0, 2π], for guesses", sine, 0, 4 * square, 4, np.float32),
-        Polynomial("MEAN_SINE_32", "(1 − cos y)/y² in y², for guesses", versine, 0, 4 * square, 4, np.float32),
+        PolynomialSpec("DECAY", "(e^(−x) − 1 + x)/x² in x", decay, mp.mpf("-0.05"), 2, 12, np.float64),
+        PolynomialSpec("VERSINE", "(1 − cos z)/z² in z²", versine, 0, square, 10, np.float64),
+        PolynomialSpec("SINE_DEFECT", "(z − sin z)/z³ in z²", defect, 0, square, 10, np.float64),
+        PolynomialSpec("DECAY_32", "(e^(−x) − 1 + x)/x² in x", decay, 0, 2, 6, np.float32),
+        PolynomialSpec("VERSINE_32", "(1 − cos z)/z² in z²", versine, 0, square, 5, np.float32),
+        PolynomialSpec("SINE_DEFECT_32", "(z − sin z)/z³ in z²", defect, 0, square, 4, np.float32),
+        PolynomialSpec(
+            "MEAN_COSINE_32", "sin y/y in y², y in [0, 2π], for guesses", sine, 0, 4 * square, 4, np.float32
+        ),
+        PolynomialSpec("MEAN_SINE_32", "(1 − cos y)/y² in y², for guesses", versine, 0, 4 * square, 4, np.float32),
     ]
 
 
-def coefficients(p: Polynomial) -> list[np.floating]:
+def coefficients(p: PolynomialSpec) -> list[np.floating]:
     """Return the rounded coefficients of the polynomial that equals `p.function` at the Chebyshev nodes."""
     n = p.degree + 1
     nodes = [(p.low + p.high + (p.high - p.low) * mp.cos(mp.pi * (2 * k + 1) / (2 * n))) / 2 for k in range(n)]
@@ -81,7 +83,7 @@ def coefficients(p: Polynomial) -> list[np.floating]:
     return [p.real(str(mp.nstr(c, 25))) for c in mp.lu_solve(matrix, values)]
 
 
-def largest_error(p: Polynomial, rounded: list[np.floating]) -> Any:
+def largest_error(p: PolynomialSpec, rounded: list[np.floating]) -> Any:
     """Return the largest error of the polynomial with these coefficients, on a grid over its interval.
 
     Returns
@@ -101,7 +103,7 @@ def largest_error(p: Polynomial, rounded: list[np.floating]) -> Any:
     return worst
 
 
-def module_text() -> str:
+def coefficients_module_text() -> str:
     """Return the text of rattle/flight/coefficients.py."""
     lines = [HEADER]
     with mp.workdps(60):
@@ -116,4 +118,4 @@ def module_text() -> str:
 
 
 if __name__ == "__main__":
-    print(module_text(), end="")
+    print(coefficients_module_text(), end="")

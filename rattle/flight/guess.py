@@ -4,10 +4,11 @@ Double precision improves the guess, and `proof` proves that it is the first imp
 straight-line code on float32 numbers, run for one flight or in a loop over a block of lanes. docs/kernel.md derives
 each inequality. Two margins bound float32 rounding:
 
-- A value of a flight's height F has an error below ERROR times `height_scale`, the sum of the sizes of its terms.
+- A value of a flight's height F has an error below ERROR times `sum_of_height_terms`, the sum of the sizes of its
+terms.
   (ERROR is 100 units of float32 rounding; the evaluation takes fewer than 30 operations on inputs rounded once, and its
   polynomials are good to 3e-7.)
-- A value of the flight's speed F' has an error below ERROR times `speed_scale`.
+- A value of the flight's speed F' has an error below ERROR times `sum_of_slope_terms`.
 """
 
 from typing import NamedTuple
@@ -21,13 +22,13 @@ from rattle.flight.forcing import (
     Q,
     add_mean_acceleration32,
     add_slope32,
-    change_scale32,
-    coarse_change_scale32,
+    change_bound32,
+    coarse_change_bound32,
+    forcing_slope_range32,
     fourth_derivative32,
-    largest_sixth32,
+    largest_sixth_coefficient32,
     mean_cosine32,
     minus_fifth_derivative32,
-    slope_range32,
     third_derivative32,
 )
 from rattle.flight.law import LONGEST_DECAY, Flight, evaluate32
@@ -46,7 +47,7 @@ SCAN_STEPS = 16
 PER_DRIFT = f32(1.0 / DRIFT)
 
 
-class Minimum(NamedTuple):
+class FlightMinimum(NamedTuple):
     """A point of a flight near a minimum of its height F, with bounds of F and |F'| there."""
 
     bound: f32  # lower bound of F at the point
@@ -67,14 +68,14 @@ class ScanState(NamedTuple):
 
 
 @inline
-def convert_flight_to_single(flight):
+def convert_flight_to_single_precision(flight):
     """Return a flight in single precision; its field `a` is computed from the rounded numbers."""
     w, sin0, cos0, epsilon = f32(flight.w), f32(flight.sin0), f32(flight.cos0), f32(flight.epsilon)
     return Flight(w, add_slope32(Q, sin0, cos0, epsilon) - w, sin0, cos0, f32(flight.delta), epsilon)
 
 
 @inline
-def first_guess(wall, gap, inverse_delta, flight):
+def guess_time_of_turn_or_arrival(wall, gap, inverse_delta, flight):
     """Return a guess, from the mean force, of the time until a flight from Σ⁺ turns or a flight from Σ⁻ meets Σ⁺."""
     w, _a, sin0, cos0, delta, epsilon = flight
     speed = abs(w)
@@ -94,7 +95,7 @@ def first_guess(wall, gap, inverse_delta, flight):
 
 
 @inline
-def better_guess(s, wall, gap, flight):
+def improve_guess_by_newton_step(s, wall, gap, flight):
     """Return the time s, improved by one Newton step to the turning point (from Σ⁺) or to the arrival (from Σ⁻).
 
     The step at most halves or doubles the time.
@@ -138,17 +139,17 @@ def taylor_coefficients(s, flight):
 
 
 @inline
-def height_scale(s, flight):
+def sum_of_height_terms(s, flight):
     """Return the sum of the sizes of the terms of F at s; the rounding error of F is below ERROR times this sum."""
     w, a, _sin0, _cos0, delta, epsilon = flight
-    forced = change_scale32(s)
+    forced = change_bound32(s)
     return s * (abs(w) + abs(a) * min(f32(0.5) * delta * s, f32(1.0))) + epsilon * forced
 
 
 @inline
-def speed_scale(flight):
+def sum_of_slope_terms(flight):
     """Return the sum of the sizes of the terms of F'; the rounding error of F' is below ERROR times this sum."""
-    return abs(flight.w) + abs(flight.a) + slope_range32(flight.epsilon)
+    return abs(flight.w) + abs(flight.a) + forcing_slope_range32(flight.epsilon)
 
 
 @inline
@@ -165,7 +166,7 @@ def taylor_value(u, c0, c1, c2, c3, c4, c5):
 
 
 @inline
-def estimated_minimum(s, series, flight):
+def estimate_minimum(s, series, flight):
     """Return the estimated minimum near s of a flight's height F, from its Taylor series at s, with bounds there.
 
     The bounds are a lower bound of F and an upper bound of |F'|. They allow for the remainder of the series and for
@@ -174,7 +175,7 @@ def estimated_minimum(s, series, flight):
 
     Returns
     -------
-    tuple[float, Minimum]
+    tuple[float, FlightMinimum]
         The estimated F at the minimum, and the point with its bounds.
     """
     w, a, _sin0, _cos0, delta, epsilon = flight
@@ -188,15 +189,15 @@ def estimated_minimum(s, series, flight):
     reach = max(abs(u), SHORTEST_TAYLOR_STEP)
     r2 = reach * reach
     # an upper bound of |F⁽⁶⁾|/720 from s to the minimum at s + u, where e^(−δs) differs by less than a factor of 2
-    m6 = largest_sixth32(epsilon) + f32(1 / 360) * (delta * delta) * (delta * delta) * (delta * abs(a))
+    m6 = largest_sixth_coefficient32(epsilon) + f32(1 / 360) * (delta * delta) * (delta * delta) * (delta * abs(a))
     # the remainder of the Taylor series is at most m6 reach⁶ = r2 * left_out in F, and 6 * reach * left_out in F'
     left_out = m6 * r2 * r2
-    tilt = abs(taylor_slope(u, c1, c2, c3, c4, c5)) + ERROR * speed_scale(flight) + f32(6.0) * reach * left_out
+    tilt = abs(taylor_slope(u, c1, c2, c3, c4, c5)) + ERROR * sum_of_slope_terms(flight) + f32(6.0) * reach * left_out
     end = s + reach
-    rounding = end * (abs(w) + abs(a) * (f32(0.5) * delta * end)) + coarse_change_scale32(end, epsilon)
+    rounding = end * (abs(w) + abs(a) * (f32(0.5) * delta * end)) + coarse_change_bound32(end, epsilon)
     good = (delta * reach < f32(0.3)) & (reach < s)
     bound = lowest - ERROR * rounding - left_out * r2 if good else UNBOUNDED
-    return lowest, Minimum(bound, tilt, s + u)
+    return lowest, FlightMinimum(bound, tilt, s + u)
 
 
 @inline

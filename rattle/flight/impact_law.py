@@ -30,10 +30,7 @@ def velocity_before_reflection(w):
 
 @inline
 def reflected_change(change):
-    """Return the change of the velocity after an elastic impact, −change, if the velocity before it has this change.
-
-    Callers multiply it by the coefficient of restitution r.
-    """
+    """Return the change after an elastic impact of a velocity that changes by `change` before it; r is not in it."""
     return -change
 
 

@@ -20,10 +20,10 @@ from rattle.flight.forcing import (
     Real,
     add_acceleration,
     add_slope,
+    drop_below_tangent_line,
     largest_slope,
     sine_cosine_at,
     slope_loss,
-    tangent_drop,
     versines,
 )
 from rattle.numerics.compile import inline, kernel
@@ -80,22 +80,25 @@ def speed_unit(delta, epsilon, beta):
 
 
 @inline
-def decay64(x):
+def decay_remainder64(x):
     """Return (e^(−x) − 1 + x)/x² for x in [−0.05, 2]."""
     return evaluate_degree_12(coefficients.DECAY, x)
 
 
 @inline
-def decay32(x):
+def decay_remainder32(x):
     """Return (e^(−x) − 1 + x)/x² for x in [0, 2], in single precision."""
     return evaluate_degree_6(coefficients.DECAY_32, x)
 
 
-def _build_evaluate(dtype, decay, functions):
+def _build_flight_evaluation(dtype, decay, functions):
     """Build the kernel `evaluate` of the flight law for one precision, as straight-line code for vectorised loops."""
-    one, versines, phase_changes = dtype(1.0), functions.versines, functions.phase_changes
-    tangent_drop, slope_loss_of_change = functions.tangent_drop, functions.slope_loss_of_change
-    add_acceleration_after = functions.add_acceleration_after
+    one, versines, sine_change_and_new_cosine = dtype(1.0), functions.versines, functions.sine_change_and_new_cosine
+    drop_below_tangent_line, slope_loss_from_sine_change = (
+        functions.drop_below_tangent_line,
+        functions.slope_loss_from_sine_change,
+    )
+    add_acceleration_at_changed_phase = functions.add_acceleration_at_changed_phase
 
     @inline
     def evaluate(s, flight):
@@ -111,17 +114,17 @@ def _build_evaluate(dtype, decay, functions):
         x = delta * s
         k = x * decay(x)  # k(δs)/(δs)
         lost = x * (one - k)  # 1 − e^(−δs)
-        dsin, cos1 = phase_changes(step, sin0, cos0)
-        f0 = s * (w + a * k) - tangent_drop(step, sin0, cos0, epsilon)
-        f1 = w + a * lost - slope_loss_of_change(dsin, epsilon)
-        f2 = add_acceleration_after(delta * a * (one - lost), sin0, dsin, cos1, epsilon)
+        dsin, cos1 = sine_change_and_new_cosine(step, sin0, cos0)
+        f0 = s * (w + a * k) - drop_below_tangent_line(step, sin0, cos0, epsilon)
+        f1 = w + a * lost - slope_loss_from_sine_change(dsin, epsilon)
+        f2 = add_acceleration_at_changed_phase(delta * a * (one - lost), sin0, dsin, cos1, epsilon)
         return f0, f1, f2, lost, sin0 + dsin, cos1
 
     return evaluate
 
 
-evaluate_short = _build_evaluate(np.float64, decay64, forcing.IN_DOUBLE)
-evaluate32 = _build_evaluate(np.float32, decay32, forcing.IN_SINGLE)
+evaluate_short = _build_flight_evaluation(np.float64, decay_remainder64, forcing.IN_DOUBLE)
+evaluate32 = _build_flight_evaluation(np.float32, decay_remainder32, forcing.IN_SINGLE)
 
 
 @inline
@@ -146,7 +149,7 @@ def evaluate(s, flight):
     if -0.05 <= x <= LONGEST_DECAY:
         return f0, f1, f2, lost, sin1, cos1
     lost = -math.expm1(-x)
-    f0 = w * s + a * ((x - lost) / delta) - tangent_drop(versines(s), sin0, cos0, epsilon)
+    f0 = w * s + a * ((x - lost) / delta) - drop_below_tangent_line(versines(s), sin0, cos0, epsilon)
     f1 = w + a * lost - slope_loss(sin0, cos0, sin1, cos1, epsilon)
     return f0, f1, second_derivative(lost, sin1, cos1, flight), lost, sin1, cos1
 

@@ -14,13 +14,13 @@ from rattle.flight.forcing import (
     largest_slope_loss32,
     sine_changes_to_arc32,
 )
-from rattle.flight.guess import EQUAL_WITHIN, ERROR, LONGEST_DECAY32, height_scale, speed_scale
-from rattle.flight.law import decay32, evaluate32
+from rattle.flight.guess import EQUAL_WITHIN, ERROR, LONGEST_DECAY32, sum_of_height_terms, sum_of_slope_terms
+from rattle.flight.law import decay_remainder32, evaluate32
 from rattle.numerics.compile import inline
 
 LATER_FACTOR = f32(1.0002)  # the flight may end later in double than in single precision, by up to 1e-4 of its duration
-# longest step of `refine_time` to the impact, as a share of the flight time: `last_step` can remove the error of such a
-# step. After a longer step it is cheaper to locate the impact again.
+# longest step of `refine_time` to the impact, as a share of the flight time: `final_step_to_impact` can remove the
+# error of such a step. After a longer step it is cheaper to locate the impact again.
 LARGEST_STEP = f32(0.05)
 # If the sum of the sizes of the terms of F is more than this number times s |F'|, as in a graze or a long flight, the
 # thirteenth digit of the time s of the impact would be lost.
@@ -43,11 +43,11 @@ def is_within_one_step(s, step, speed, flight):
         False means that the impact has to be located in another way.
     """
     near = (abs(step) < LARGEST_STEP * s) & (flight.delta * s < LONGEST_DECAY32)
-    return near & (height_scale(s, flight) < STEEPEST * s * abs(speed))
+    return near & (sum_of_height_terms(s, flight) < STEEPEST * s * abs(speed))
 
 
 @inline
-def convert_arc_to_single(arc):
+def convert_arc_to_single_precision(arc):
     """Return an arc of negative contact force, converted to single precision."""
     return NegativeArc(arc.exists, f32(arc.leave), f32(arc.length), f32(arc.sin_entry), f32(arc.sin_exit))
 
@@ -88,7 +88,7 @@ def is_departure_side_certain(to_exit, arc_length, delta):
 
 
 @inline
-def has_single_turn(wall, rising, tau, s, turn, flight, arc):
+def has_at_most_one_turn(wall, rising, tau, s, turn, flight, arc):
     """Return whether F' certainly changes sign at most once before s, given the sign of F' at s.
 
     rising: whether F' > 0 at s. turn: the estimated time of the change of sign. The result is True only if it is also
@@ -106,10 +106,10 @@ def has_single_turn(wall, rising, tau, s, turn, flight, arc):
     w, a, sin0, _cos0, delta, epsilon = flight
     to_entry, to_exit, inside = times_to_arc(tau, arc)
     x, y = delta * to_entry, delta * to_exit
-    slack = ERROR * speed_scale(flight)
+    slack = ERROR * sum_of_slope_terms(flight)
     dsin_entry, dsin_exit = sine_changes_to_arc32(inside, sin0, arc)
-    at_entry = add_slope_change32(w + a * x * (f32(1.0) - x * decay32(x)), dsin_entry, epsilon)
-    at_exit = add_slope_change32(w + a * y * (f32(1.0) - y * decay32(y)), dsin_exit, epsilon)
+    at_entry = add_slope_change32(w + a * x * (f32(1.0) - x * decay_remainder32(x)), dsin_entry, epsilon)
+    at_exit = add_slope_change32(w + a * y * (f32(1.0) - y * decay_remainder32(y)), dsin_exit, epsilon)
     falls_in = (at_entry < -slack) | (inside & (w < f32(0.0)))
     rises_out = at_exit > slack
     end = s * LATER_FACTOR + EQUAL_WITHIN
@@ -163,7 +163,7 @@ def clears_the_gap(wall, rising, s, minimum, gap, flight):
 
 
 @inline
-def clears_with_two_minima(wall, rising, tau, s, minimum, gap, flight, arc):
+def clears_wall_with_two_minima(wall, rising, tau, s, minimum, gap, flight, arc):
     """Return whether a flight from Σ⁺ to Σ⁺ certainly has two minima of its height F, and no impact before its end.
 
     The minima are before and after the arc of negative contact force, and between them F has a maximum on the arc.
@@ -182,7 +182,7 @@ def clears_with_two_minima(wall, rising, tau, s, minimum, gap, flight, arc):
     f_entry, g_entry, _f2, lost_entry, _s, _c = evaluate32(to_entry, flight)
     f_exit, g_exit, _f2, lost_exit, _s, _c = evaluate32(to_exit, flight)
     _f, g_end, _f2, lost_end, _s, _c = evaluate32(s, flight)
-    slack, low = ERROR * speed_scale(flight), f32(4.0) * ERROR * height_scale(s, flight)
+    slack, low = ERROR * sum_of_slope_terms(flight), f32(4.0) * ERROR * sum_of_height_terms(s, flight)
     turned = (g_entry > slack) & (g_exit < -slack) & (not inside)
     up, down = g_entry + slack, g_exit - slack
     decay_entry, decay_exit, decay_end = f32(1.0) - lost_entry, f32(1.0) - lost_exit, f32(1.0) - lost_end

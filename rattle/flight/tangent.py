@@ -43,7 +43,7 @@ def flight_tangent(w1, lost, sin1, cos1, flight):
 
 
 @inline
-def carried_tangent(t, w, w1, bend, lost, sin0, cos0, sin1, cos1, inverse_delta, epsilon):
+def carry_tangent_over_flight(t, w, w1, bend, lost, sin0, cos0, sin1, cos1, inverse_delta, epsilon):
     """Return a tangent vector (dt, dw) carried over one flight and its impact, and the flight's determinant.
 
     t, w: dt and dw at the departure. w1, bend, lost: the velocity w₁ = F', F'' and 1 − e^(−δs) at the arrival.

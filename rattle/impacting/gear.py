@@ -28,7 +28,7 @@ from rattle.impacting.orbits.periodic import PeriodicOrbit, period_one_orbit, pe
 from rattle.intensity.rattling import RattlingGear
 from rattle.orbits.iterates import Impact, Iterates, Trajectory
 from rattle.orbits.orbits_a_to_d import Orbit
-from rattle.orbits.periodic_motions import Periodic
+from rattle.orbits.periodic_motions import PeriodicMotion
 
 
 class FirstImpact(NamedTuple):
@@ -172,7 +172,7 @@ class Gear(SampledGear, RattlingGear):
             If there is no next impact.
         """
         require(require_finite("wall", wall) in (1, -1), f"wall must be +1 or -1, got {wall!r}")
-        tau = _folded_phase(phase)
+        tau = _fold_phase(phase)
         speed = -wall * require_finite("velocity", velocity)
         require(speed > 0, f"velocity must point into the gap (below 0 at wall +1, above 0 at wall -1), got {velocity}")
         status, time, next_wall, w1, *_ = first_impact.first_impact(
@@ -199,8 +199,8 @@ class Gear(SampledGear, RattlingGear):
             If there is no next impact.
         """
         v = require_number("v", v, positive=True)
-        found = impact_map.impact_tangent(
-            _folded_phase(tau), v, self.delta, self.epsilon, self.beta, forcing.DRIFT, False
+        found = impact_map.apply_impact_map_with_tangent(
+            _fold_phase(tau), v, self.delta, self.epsilon, self.beta, forcing.DRIFT, False
         )
         status, tau1, v1, time, n_minus, j00, j01, j10, j11, _ = found
         _raise_for_status(status)
@@ -216,7 +216,7 @@ class Gear(SampledGear, RattlingGear):
         """
         v = require_number("v", v, positive=True)
         status, tau0, v0, time, n_minus = impact_map.inverse_impact(
-            _folded_phase(tau), v, self.delta, self.epsilon, self.beta
+            _fold_phase(tau), v, self.delta, self.epsilon, self.beta
         )
         _raise_for_status(status)
         forward = self.impact(tau0, v0)
@@ -242,7 +242,7 @@ class Gear(SampledGear, RattlingGear):
             If a flight before the departure has no impact that can be computed.
         """
         position, velocity = require_finite("position", position), require_finite("velocity", velocity)
-        return departure(self.delta, self.epsilon, self.beta, _folded_phase(phase), position, velocity)
+        return departure(self.delta, self.epsilon, self.beta, _fold_phase(phase), position, velocity)
 
     def iterate(self, tau: ArrayLike, v: ArrayLike, n: ArrayLike) -> Iterates:
         """Return Π^n of arrays of states; tau, v > 0 and n ≥ 0 broadcast.
@@ -278,7 +278,7 @@ class Gear(SampledGear, RattlingGear):
         RattleError
             If the motion makes too many impacts, or cannot be followed.
         """
-        tau = _folded_phase(tau)
+        tau = _fold_phase(tau)
         return trajectory(self.delta, self.epsilon, self.beta, tau, v, periods, points, self.capture_speed)
 
     def orbits(self) -> tuple[Orbit, ...]:
@@ -298,12 +298,12 @@ class Gear(SampledGear, RattlingGear):
         """
         return periodic_orbit(self.delta, self.epsilon, tau, v, n_plus, self.beta)
 
-    def saddle(self, orbit: Orbit) -> Periodic:
+    def saddle(self, orbit: Orbit) -> PeriodicMotion:
         """Return an orbit A to D of `orbits` as the periodic motion that `rattle.orbits.manifolds.manifold` takes.
 
         Returns
         -------
-        Periodic
+        PeriodicMotion
             The motion with its impacts, multipliers and stability.
 
         Raises
@@ -371,7 +371,7 @@ class Gear(SampledGear, RattlingGear):
         return gamma(self.delta, self.epsilon, self.beta, spacing, self._highest_speed(None) / PAPER_SPEED)
 
 
-def _folded_phase(phase: float) -> float:
+def _fold_phase(phase: float) -> float:
     """Return a phase shifted by whole periods into [0, 1). Raises ParameterError if the phase is not finite."""
     return float(law.fold_phase(require_finite("phase", phase)))
 

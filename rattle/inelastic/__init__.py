@@ -4,7 +4,11 @@
 """
 
 from rattle.inelastic.attractors.classifier import attractors_of
-from rattle.inelastic.bifurcations.codimension_two import CodimensionTwoCurve, follow_codimension_two, points_at
+from rattle.inelastic.bifurcations.codimension_two import (
+    CodimensionTwoCurve,
+    codimension_two_points_at,
+    follow_codimension_two,
+)
 from rattle.inelastic.bifurcations.curves import trace
 from rattle.inelastic.bifurcations.registry import NAMES, describe
 from rattle.inelastic.functions import becomes_quiet_late, diagram, stretch
@@ -23,6 +27,7 @@ __all__ = [
     "InelasticOrbit",
     "attractors_of",
     "becomes_quiet_late",
+    "codimension_two_points_at",
     "describe",
     "diagram",
     "flip_of_c",
@@ -30,7 +35,6 @@ __all__ = [
     "iterate",
     "iterate_tangent",
     "period_one",
-    "points_at",
     "quiet_limit",
     "regions",
     "saddle_node",

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rattle.errors import RattleError
-from rattle.intensity.table import follow_one_by_one
+from rattle.intensity.table import follow_motions_one_by_one
 
-stretch = follow_one_by_one  # one motion after another; the impacting gear's `stretch` uses SIMD lanes
+stretch = follow_motions_one_by_one  # one motion after another; the impacting gear's `stretch` uses SIMD lanes
 
 
 def becomes_quiet_late(delta: NDArray[np.float64], *_: Any, **__: Any) -> NDArray[np.bool_]:

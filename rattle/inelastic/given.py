@@ -69,7 +69,7 @@ def checked_harmonics(harmonics: Iterable[Any]) -> tuple[Harmonic, ...]:
     return tuple(found[order] for order in sorted(found))
 
 
-def inelastic_points(
+def check_inelastic_parameters(
     delta: ArrayLike,
     epsilon: ArrayLike,
     beta: ArrayLike,

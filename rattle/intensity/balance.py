@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 from rattle.attractors.samples import Outcome
 from rattle.attractors.table import AttractorTable
 from rattle.flight.first_impact import OK
-from rattle.intensity.motions import ENDLESS, period_limits
+from rattle.intensity.motions import ENDLESS, one_period_limits
 from rattle.intensity.visit import COLUMNS, IMPULSE, TIME, mean_force_at, sum_impacts
 from rattle.numerics.compile import kernel
-from rattle.orbits.return_map import point_of
+from rattle.orbits.return_map import point_of_cell
 
 # a chaotic motion is followed for PERIODS forcing periods, or for RELAXATIONS/δ if this is more
 PERIODS, RELAXATIONS = 64.0, 8.0
@@ -34,7 +34,7 @@ def write_impulse_imbalances(cell, returns, periods, tau, v, cells, sums, errors
     (1, COLUMNS) is scratch memory.
     """
     for i in range(cell.size):
-        point = point_of(cell[i], cells)
+        point = point_of_cell(cell[i], cells)
         sums[:] = 0.0
         most = periods[i]
         if returns[i] == ENDLESS and most == math.inf:
@@ -64,7 +64,7 @@ def impulse_balance_errors(table: AttractorTable, cells: Any) -> NDArray[np.floa
     errors = np.full(table.cell.size, np.nan)
     rows = np.flatnonzero((table.kind == Outcome.PERIODIC) | (table.kind == Outcome.CHAOTIC))
     found = np.empty(rows.size)
-    returns, periods = period_limits(table.m, table.n_plus, table.contacts)
+    returns, periods = one_period_limits(table.m, table.n_plus, table.contacts)
     returns = np.where(table.kind == Outcome.PERIODIC, returns, ENDLESS)
     columns = (x[rows] for x in (table.cell, returns, periods, table.tau, table.v))
     write_impulse_imbalances(*columns, cells, np.zeros((1, COLUMNS)), found)

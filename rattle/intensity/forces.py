@@ -7,11 +7,11 @@ from rattle.flight.forcing import Forcing
 
 
 @singledispatch
-def force_lines(point: Any) -> list[tuple[float, complex]]:
+def spectral_lines_of_force(point: Any) -> list[tuple[float, complex]]:
     """Return (frequency, size) of the terms of the contact force Σ size e^(i frequency t), the mean first.
 
     This function serves points whose forcing is one cosine. For points of another forcing, a function for their type is
-    registered with `force_lines.register`.
+    registered with `spectral_lines_of_force.register`.
 
     Returns
     -------

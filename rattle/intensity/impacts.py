@@ -14,9 +14,9 @@ from rattle.intensity.motions import (
     ROUNDING,
     Motion,
     kind_of,
-    period_limits_of,
-    require_closed,
-    require_followed,
+    one_period_limits_of_motion,
+    require_closed_orbit,
+    require_full_observation,
 )
 from rattle.intensity.visit import Impacts, list_impacts
 from rattle.orbits.iterates import MOST_IMPACTS
@@ -24,7 +24,7 @@ from rattle.orbits.iterates import MOST_IMPACTS
 ROOM, GROWTH = 1024, 8  # first length of the arrays, and factor by which they grow when they are full
 
 
-def impact_arrays(count: int) -> Impacts:
+def allocate_impact_arrays(count: int) -> Impacts:
     """Return arrays of zeros with room for `count` impacts."""
     return Impacts(np.zeros(count), np.zeros(count, np.int64), *(np.zeros(count) for _ in range(4)))
 
@@ -38,22 +38,22 @@ def impacts_of(motion: Motion, point: Any, periods: float | None) -> Impacts:
     )
     periods = math.inf if periods is None else require_number("periods", periods, positive=True)
     if kind == "quiet":
-        return impact_arrays(0)
+        return allocate_impact_arrays(0)
     if kind == "periodic":
         return _repeat_period(_impacts_of_period(motion, point), motion, periods)
     status, _tau, _v, found = collect_impacts(
         motion.tau, motion.v, ENDLESS, periods, partial(_list_impacts_at_point, point)
     )
     time = float(found.time[-1]) - motion.tau if found.time.size else 0.0
-    require_followed(status, time if status != OK or found.time.size == MOST_IMPACTS else periods, periods)
+    require_full_observation(status, time if status != OK or found.time.size == MOST_IMPACTS else periods, periods)
     return Impacts(*(column[found.time <= motion.tau + periods] for column in found))
 
 
 def _impacts_of_period(motion: Motion, point: Any) -> Impacts:
     status, tau, v, found = collect_impacts(
-        motion.tau, motion.v, *period_limits_of(motion), partial(_list_impacts_at_point, point)
+        motion.tau, motion.v, *one_period_limits_of_motion(motion), partial(_list_impacts_at_point, point)
     )
-    require_closed(motion, status, tau, v, float(found.speed.max(initial=0.0)))
+    require_closed_orbit(motion, status, tau, v, float(found.speed.max(initial=0.0)))
     return found
 
 
@@ -80,7 +80,7 @@ def collect_impacts(
     """
     room = ROOM
     while True:
-        found = impact_arrays(room)
+        found = allocate_impact_arrays(room)
         status, tau1, v1, count = lister(tau, v, returns, periods, found)
         if count <= room or room == MOST_IMPACTS:
             return int(status), float(tau1), float(v1), Impacts(*(column[:count] for column in found))

@@ -10,18 +10,18 @@ from numpy.typing import NDArray
 from rattle.attractors.chaos import BATCHES, T_95
 from rattle.errors import require_number
 from rattle.flight.forcing import mean_force
-from rattle.intensity.forces import force_lines
+from rattle.intensity.forces import spectral_lines_of_force
 from rattle.intensity.impacts import impacts_of
 from rattle.intensity.motions import (
     ENDLESS,
     Motion,
-    contacts_of,
+    contact_phases_per_period,
     kind_of,
     observation_periods,
-    require_closed,
-    require_followed,
+    require_closed_orbit,
+    require_full_observation,
 )
-from rattle.intensity.runs import sums_with_contacts
+from rattle.intensity.runs import sum_impacts_with_contacts
 from rattle.intensity.visit import (
     COLUMNS,
     CONTACT,
@@ -126,31 +126,31 @@ def intensity(motion: Motion, point: Any, periods: float | None) -> Intensity:
     """Return how hard a motion rattles (`RattlingGear.intensity`). point: the gear's parameter point for kernels."""
     kind = kind_of(motion)
     if kind == "quiet":
-        mean = force_lines(point)[0][1].real
+        mean = spectral_lines_of_force(point)[0][1].real
         return Intensity(0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.5 * mean)
     if kind == "undecided":
         return UNDECIDED
-    if kind == "periodic" and contacts_of(motion):
-        return _intensity_from_sums(sums_with_contacts(impacts_of(motion, point, None), motion.m)[None], EXACT)
+    if kind == "periodic" and contact_phases_per_period(motion):
+        return _intensity_from_sums(sum_impacts_with_contacts(impacts_of(motion, point, None), motion.m)[None], EXACT)
     if kind == "periodic":
         sums = np.zeros((1, COLUMNS))
         status, tau, v, _ = sum_impacts(motion.tau, motion.v, motion.n_plus, math.inf, MOST_IMPACTS, point, sums)
-        require_closed(motion, status, tau, v, sums[0, FASTEST])
+        require_closed_orbit(motion, status, tau, v, sums[0, FASTEST])
         sums[0, TIME] = np.rint(sums[0, TIME])
         return _intensity_from_sums(sums, EXACT)
     periods = observation_periods(point.delta, periods)
     sums = np.zeros((BATCHES, COLUMNS))
     status, _tau, _v, time = sum_impacts(motion.tau, motion.v, ENDLESS, periods, MOST_IMPACTS, point, sums)
-    require_followed(status, time, periods)
-    return _intensity_from_sums(sums, IntensityErrors(*map(float, half_widths(sums))))
+    require_full_observation(status, time, periods)
+    return _intensity_from_sums(sums, IntensityErrors(*map(float, intensity_half_widths(sums))))
 
 
 def _intensity_from_sums(sums: Array, errors: IntensityErrors) -> Intensity:
-    plus, minus, mean, largest, energy, contact, impulse = map(float, intensity_rates(sums))
+    plus, minus, mean, largest, energy, contact, impulse = map(float, intensity_fields_from_sums(sums))
     return Intensity(plus, minus, mean, largest, energy, contact, impulse, errors)
 
 
-def intensity_rates(sums: Array) -> tuple[Array, ...]:
+def intensity_fields_from_sums(sums: Array) -> tuple[Array, ...]:
     """Return the values of the fields of `Intensity`, each (…,), from sums (…, batches, COLUMNS) of `sum_impacts`."""
     total = sums.sum(axis=-2)
     per_period = total / total[..., TIME, None]
@@ -165,7 +165,7 @@ def intensity_rates(sums: Array) -> tuple[Array, ...]:
     )
 
 
-def half_widths(sums: Array) -> tuple[Array, ...]:
+def intensity_half_widths(sums: Array) -> tuple[Array, ...]:
     """Return the fields of `IntensityErrors` in order, from sums (…, BATCHES, COLUMNS) of `sum_impacts`.
 
     Each field of `Intensity` is the ratio of two sums. The scatter of the batches about this ratio gives its error.

@@ -69,7 +69,7 @@ def kind_of(motion: Motion) -> str:
     return str(kind)
 
 
-def period_limits(m: Any, n_plus: Any, contacts: Any) -> tuple[Any, Any]:
+def one_period_limits(m: Any, n_plus: Any, contacts: Any) -> tuple[Any, Any]:
     """Return two limits, a number of returns and a time in forcing periods, which end motions after one period.
 
     A motion without contact phases has completed its period after n_plus returns. A motion with contact phases
@@ -92,13 +92,13 @@ def period_limits(m: Any, n_plus: Any, contacts: Any) -> tuple[Any, Any]:
     return np.where(held, ENDLESS, n_plus)[()], np.where(held, np.asarray(m) - ROUNDING, math.inf)[()]
 
 
-def period_limits_of(motion: Motion) -> tuple[int, float]:
+def one_period_limits_of_motion(motion: Motion) -> tuple[int, float]:
     """Return the limits of returns and of forcing periods that end one period of a motion; one of them is infinite."""
-    returns, periods = period_limits(motion.m, motion.n_plus, contacts_of(motion))
+    returns, periods = one_period_limits(motion.m, motion.n_plus, contact_phases_per_period(motion))
     return int(returns), float(periods)
 
 
-def contacts_of(motion: Motion) -> int:
+def contact_phases_per_period(motion: Motion) -> int:
     """Return the number of contact phases of a motion in a period."""
     return int(getattr(motion, "contacts", 0))
 
@@ -117,7 +117,7 @@ def observation_periods(delta: float, periods: float | None) -> float:
     return require_number("periods", periods, positive=True)
 
 
-def require_closed(motion: Motion, status: int, tau: float, v: float, fastest: float) -> None:
+def require_closed_orbit(motion: Motion, status: int, tau: float, v: float, fastest: float) -> None:
     """Check that a motion is back at its first state after one period.
 
     status, tau, v: the status and the state at the end of the period. fastest: the largest speed in the period; the
@@ -137,7 +137,7 @@ def require_closed(motion: Motion, status: int, tau: float, v: float, fastest: f
         )
 
 
-def require_followed(status: int, time: float, periods: float) -> None:
+def require_full_observation(status: int, time: float, periods: float) -> None:
     """Check that a motion was followed for `periods` forcing periods.
 
     status: the status with which `sum_impacts` or `list_impacts` ended. time: the forcing periods until then.

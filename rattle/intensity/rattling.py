@@ -11,7 +11,7 @@ from rattle.intensity.impacts import impacts_of
 from rattle.intensity.intensity import Intensity, intensity
 from rattle.intensity.motions import Motion
 from rattle.intensity.sound import sound
-from rattle.intensity.spectrum import Density, Lines, spectrum
+from rattle.intensity.spectrum import SpectralDensity, SpectralLines, spectrum
 from rattle.intensity.visit import Impacts
 
 
@@ -70,7 +70,7 @@ class RattlingGear(ABC):
         """
         return impacts_of(motion, self._point, periods)
 
-    def spectrum(self, motion: Motion, highest: float = 32.0, resolution: int = 64) -> Lines | Density:
+    def spectrum(self, motion: Motion, highest: float = 32.0, resolution: int = 64) -> SpectralLines | SpectralDensity:
         """Return the order spectrum of the contact force, from order 0 to the highest.
 
         A periodic or quiet motion has exact lines. For elastic impacts at ±β a line has the amplitude (1/m) Σ ∓2v
@@ -80,8 +80,8 @@ class RattlingGear(ABC):
 
         Returns
         -------
-        Lines | Density
-            `Lines` for a periodic or quiet motion, a `Density` for a chaotic motion.
+        SpectralLines | SpectralDensity
+            `SpectralLines` for a periodic or quiet motion, a `SpectralDensity` for a chaotic motion.
         """
         return spectrum(motion, self._point, self._stiffness, highest, resolution)
 

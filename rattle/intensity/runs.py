@@ -27,7 +27,7 @@ from rattle.intensity.visit import (
     list_impacts,
 )
 from rattle.numerics.compile import kernel
-from rattle.orbits.return_map import point_of
+from rattle.orbits.return_map import point_of_cell
 
 
 @kernel
@@ -35,7 +35,7 @@ def list_impacts_in_cell(
     cell: int, tau: float, v: float, returns: int, periods: float, cells: Any, impacts: Impacts
 ) -> tuple[int, float, float, int]:
     """Follow a motion in the cell with the number `cell`, and write its impacts to `impacts`."""
-    return list_impacts(tau, v, returns, periods, point_of(cell, cells), impacts)
+    return list_impacts(tau, v, returns, periods, point_of_cell(cell, cells), impacts)
 
 
 def _list_impacts_of_cell(
@@ -51,7 +51,7 @@ def collect_impacts_in_cell(
     return collect_impacts(tau, v, returns, periods, partial(_list_impacts_of_cell, cell, cells))
 
 
-def sums_with_contacts(impacts: Impacts, m: int) -> NDArray[np.float64]:
+def sum_impacts_with_contacts(impacts: Impacts, m: int) -> NDArray[np.float64]:
     """Return the sums (COLUMNS,) over the impacts of one period of a motion with contact phases.
 
     Parameters

@@ -36,12 +36,12 @@ def sound(
     # on rigid walls the force of a contact phase is static and makes no sound
     strikes = impacts.speed + impacts.departure if math.isinf(stiffness) else impacts.impulse
     return np.asarray(
-        ringing_samples((impacts.time - motion.tau) * turn, strikes, round(seconds * rate), rate, ring, decay)
+        synthesize_ringing((impacts.time - motion.tau) * turn, strikes, round(seconds * rate), rate, ring, decay)
     )
 
 
 @kernel
-def ringing_samples(time: Array, size: Array, count: int, rate: float, ring: float, decay: float) -> Array:
+def synthesize_ringing(time: Array, size: Array, count: int, rate: float, ring: float, decay: float) -> Array:
     """Return `count` samples of Σ size e^(−s/decay) sin(2π ring s), the sum over all impacts so far.
 
     s is the time since an impact, in seconds. The times of the impacts must be in rising order. size: the impulses.

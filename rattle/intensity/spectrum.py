@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 from rattle.attractors.chaos import BATCHES
 from rattle.errors import RattleError, require, require_integer, require_number
 from rattle.flight.forcing import TWO_PI
-from rattle.intensity.forces import force_lines
+from rattle.intensity.forces import spectral_lines_of_force
 from rattle.intensity.impacts import impacts_of
 from rattle.intensity.motions import Motion, kind_of
 from rattle.intensity.visit import Impacts
@@ -35,7 +35,7 @@ NODES, WEIGHTS = np.polynomial.legendre.leggauss(6)
 SEGMENTS = 8 * BATCHES  # segments of a density; neighbouring segments overlap by half
 
 
-class Lines(NamedTuple):
+class SpectralLines(NamedTuple):
     """The force of a periodic or quiet motion, Σ_k amplitude e^(2πi order t) over orders k/m of both signs.
 
     order (n,) holds the orders from 0 on; amplitude (n,) is complex and dimensionless. The amplitude of a negative
@@ -46,7 +46,7 @@ class Lines(NamedTuple):
     amplitude: NDArray[np.complex128]
 
 
-class Density(NamedTuple):
+class SpectralDensity(NamedTuple):
     """The spectral density of the force of a chaotic motion, over orders of both signs; its integral is the power.
 
     order, density, low and high are (n,). low and high are the ends of the 95 % interval of the density, which is valid
@@ -60,7 +60,9 @@ class Density(NamedTuple):
     high: Array
 
 
-def spectrum(motion: Motion, point: Any, stiffness: float, highest: float, resolution: int) -> Lines | Density:
+def spectrum(
+    motion: Motion, point: Any, stiffness: float, highest: float, resolution: int
+) -> SpectralLines | SpectralDensity:
     """Return the order spectrum of the contact force (`RattlingGear.spectrum`). point: the kernels' parameter point."""
     highest = require_number("highest", highest, positive=True)
     resolution = require_integer("resolution", resolution, 4, MOST_ORDERS)
@@ -83,9 +85,9 @@ def spectrum(motion: Motion, point: Any, stiffness: float, highest: float, resol
         return _welch_density(impacts, order, motion.tau, length, point, stiffness)
     if kind == "quiet":
         pressing = _force_line_amplitudes(order, point)
-        return Lines(order, np.asarray(-wall_response(order, point.delta, stiffness) * pressing))
+        return SpectralLines(order, np.asarray(-wall_response(order, point.delta, stiffness) * pressing))
     impacts = impacts_of(motion, point, None)
-    return Lines(order, np.asarray(force_transform(impacts, order, point, stiffness) / -motion.m))
+    return SpectralLines(order, np.asarray(fourier_transform_of_force(impacts, order, point, stiffness) / -motion.m))
 
 
 def wall_response(order: ArrayLike, delta: float, stiffness: float) -> NDArray[np.complex128]:
@@ -102,17 +104,17 @@ def wall_response(order: ArrayLike, delta: float, stiffness: float) -> NDArray[n
     return np.asarray(1.0 / (1.0 + (1j * delta * omega - omega * omega) / (2.0 * stiffness)))
 
 
-def force_transform(impacts: Impacts, order: Array, point: Any, stiffness: float) -> NDArray[np.complex128]:
+def fourier_transform_of_force(impacts: Impacts, order: Array, point: Any, stiffness: float) -> NDArray[np.complex128]:
     """Return ∫ e^(−2πi order t) force dt at orders (n,), for the force of these impacts, positive away from Σ⁺."""
     found = np.empty(order.size, np.complex128)
     rows = max(1, LARGEST_MATRIX // max(1, impacts.time.size))
     for first in range(0, order.size, rows):
         part = slice(first, first + rows)
-        found[part] = _impact_transforms(impacts, TWO_PI * order[part, None], point).sum(axis=1)
+        found[part] = _impact_force_transforms(impacts, TWO_PI * order[part, None], point).sum(axis=1)
     return wall_response(order, point.delta, stiffness) * found
 
 
-def _impact_transforms(impacts: Impacts, omega: Array, point: Any) -> NDArray[np.complex128]:
+def _impact_force_transforms(impacts: Impacts, omega: Array, point: Any) -> NDArray[np.complex128]:
     """Return the Fourier transform at each ω (k, 1) of the force of each impact (n,) on a rigid wall.
 
     An impact at time t with the speeds u before and w after it, and the duration d, contributes
@@ -128,13 +130,13 @@ def _impact_transforms(impacts: Impacts, omega: Array, point: Any) -> NDArray[np
     found = impacts.wall * speeds
     if impacts.duration.any():
         found += sum(
-            size * _contact_integrals(frequency - omega, begin, impacts.duration)
-            for frequency, size in force_lines(point)
+            size * _fourier_integrals_over_contacts(frequency - omega, begin, impacts.duration)
+            for frequency, size in spectral_lines_of_force(point)
         )
     return found
 
 
-def _contact_integrals(frequency: Array, begin: Array, duration: Array) -> NDArray[np.complex128]:
+def _fourier_integrals_over_contacts(frequency: Array, begin: Array, duration: Array) -> NDArray[np.complex128]:
     """Return ∫ e^(i frequency t) dt over each contact, from `begin` to `begin` + `duration`."""
     middle = begin + 0.5 * duration
     return np.asarray(duration * np.sinc(frequency * duration / TWO_PI) * np.exp(1j * frequency * middle))
@@ -143,7 +145,7 @@ def _contact_integrals(frequency: Array, begin: Array, duration: Array) -> NDArr
 def _force_line_amplitudes(order: Array, point: Any) -> NDArray[np.complex128]:
     """Return the amplitudes (n,) of the contact force at the orders 0, 1, …, n − 1; 0 where the force has no term."""
     lines = np.zeros(order.size, np.complex128)
-    for frequency, size in force_lines(point):
+    for frequency, size in spectral_lines_of_force(point):
         if 0 <= round(frequency / TWO_PI) < order.size:
             lines[round(frequency / TWO_PI)] = size
     return lines
@@ -151,7 +153,7 @@ def _force_line_amplitudes(order: Array, point: Any) -> NDArray[np.complex128]:
 
 def _welch_density(
     impacts: Impacts, order: Array, start: float, length: float, point: Any, stiffness: float
-) -> Density:
+) -> SpectralDensity:
     """Return Welch's estimate of the force's spectral density, from half-overlapping segments with Hann's window.
 
     The exact train of impulses is transformed, so nothing is sampled and no order is aliased. The formula for the
@@ -160,7 +162,7 @@ def _welch_density(
 
     Returns
     -------
-    Density
+    SpectralDensity
         The estimate with its 95 % interval.
     """
     from scipy.special import chdtri  # imported here because it is slow to load
@@ -172,7 +174,7 @@ def _welch_density(
     density = power / SEGMENTS * np.abs(wall_response(order, point.delta, stiffness)) ** 2
     freedom = 36.0 * SEGMENTS**2 / (19.0 * SEGMENTS - 1.0)
     low, high = (freedom / chdtri(freedom, share) for share in (0.025, 0.975))
-    return Density(order, density, low * density, high * density)
+    return SpectralDensity(order, density, low * density, high * density)
 
 
 def _impulse_train(impacts: Impacts, point: Any) -> tuple[Array, Array]:
@@ -187,7 +189,7 @@ def _impulse_train(impacts: Impacts, point: Any) -> tuple[Array, Array]:
         return impacts.time, impacts.wall * impacts.impulse
     begin, wall, half = impacts.time, impacts.wall, 0.5 * impacts.duration[:, None]
     at = begin[:, None] + half * (1.0 + NODES)
-    force = sum((size * np.exp(1j * frequency * at)).real for frequency, size in force_lines(point))
+    force = sum((size * np.exp(1j * frequency * at)).real for frequency, size in spectral_lines_of_force(point))
     time = np.concatenate([begin, begin + impacts.duration, at.ravel()])
     weight = np.concatenate([wall * impacts.speed, wall * impacts.departure, (half * WEIGHTS * force).ravel()])
     rising = np.argsort(time, kind="stable")

@@ -12,13 +12,13 @@ from rattle.attractors.samples import Outcome
 from rattle.attractors.table import AttractorTable
 from rattle.flight.first_impact import OK
 from rattle.flight.law import wrap_phase_difference
-from rattle.intensity.intensity import half_widths, intensity_rates
-from rattle.intensity.motions import CLOSED, ENDLESS, period_limits
-from rattle.intensity.runs import collect_impacts_in_cell, sums_with_contacts
+from rattle.intensity.intensity import intensity_fields_from_sums, intensity_half_widths
+from rattle.intensity.motions import CLOSED, ENDLESS, one_period_limits
+from rattle.intensity.runs import collect_impacts_in_cell, sum_impacts_with_contacts
 from rattle.intensity.visit import COLUMNS, FASTEST, TIME, mean_force_at, sum_impacts
 from rattle.numerics.compile import kernel
 from rattle.orbits.iterates import MOST_IMPACTS
-from rattle.orbits.return_map import point_of
+from rattle.orbits.return_map import point_of_cell
 
 STRETCH = 512.0  # forcing periods for which a chaotic motion is followed at strong damping
 
@@ -61,7 +61,7 @@ def write_period_sums(cell, n_plus, tau, v, cells, sums):
     `sums` must be zero at the start. Sums become NaN if the motion is not back at its first state after the period.
     """
     for i in range(cell.size):
-        point = point_of(cell[i], cells)
+        point = point_of_cell(cell[i], cells)
         status, tau1, v1, _time = sum_impacts(tau[i], v[i], n_plus[i], np.inf, MOST_IMPACTS, point, sums[i : i + 1])
         closed = abs(wrap_phase_difference(tau1 - tau[i])) <= CLOSED and abs(v1 - v[i]) <= CLOSED * sums[i, FASTEST]
         if status != OK or not closed:
@@ -72,7 +72,7 @@ def write_period_sums(cell, n_plus, tau, v, cells, sums):
 def write_mean_forces(cell, cells, forces):
     """Write the mean contact force of the cells with the numbers `cell` (n,) to `forces` (n,)."""
     for i in range(cell.size):
-        forces[i] = mean_force_at(point_of(cell[i], cells))
+        forces[i] = mean_force_at(point_of_cell(cell[i], cells))
 
 
 def _sums_of_contact_motion(table: AttractorTable, row: int, cells: Any) -> Array:
@@ -83,13 +83,13 @@ def _sums_of_contact_motion(table: AttractorTable, row: int, cells: Any) -> Arra
     Returns
     -------
     Array
-        The sums of `sums_with_contacts`.
+        The sums of `sum_impacts_with_contacts`.
     """
     tau, v, m = float(table.tau[row]), float(table.v[row]), int(table.m[row])
-    returns, periods = period_limits(m, table.n_plus[row], table.contacts[row])
+    returns, periods = one_period_limits(m, table.n_plus[row], table.contacts[row])
     status, tau1, v1, found = collect_impacts_in_cell(int(table.cell[row]), cells, tau, v, int(returns), float(periods))
     closed = abs(wrap_phase_difference(tau1 - tau)) <= CLOSED and abs(v1 - v) <= CLOSED * found.speed.max(initial=0.0)
-    return sums_with_contacts(found, m) if status == OK and closed else np.full(COLUMNS, np.nan)
+    return sum_impacts_with_contacts(found, m) if status == OK and closed else np.full(COLUMNS, np.nan)
 
 
 @kernel
@@ -100,13 +100,15 @@ def write_batch_sums(cell, tau, v, periods, cells, sums):
     the start. The sums of a motion that becomes quiet, or cannot be followed for so long, become NaN.
     """
     for i in range(cell.size):
-        point = point_of(cell[i], cells)
+        point = point_of_cell(cell[i], cells)
         status, _tau, _v, time = sum_impacts(tau[i], v[i], ENDLESS, periods[i], MOST_IMPACTS, point, sums[i])
         if status != OK or time < periods[i]:
             sums[i] = np.nan
 
 
-def follow_one_by_one(cell: NDArray[np.int64], tau: Array, v: Array, length_factors: Array, cells: Any) -> Array:
+def follow_motions_one_by_one(
+    cell: NDArray[np.int64], tau: Array, v: Array, length_factors: Array, cells: Any
+) -> Array:
     """Follow chaotic motions (n,) one after another, and sum over their impacts (a function of the type `Stretch`).
 
     length_factors (n,): the duration for which each motion is followed, divided by STRETCH forcing periods.
@@ -156,7 +158,7 @@ def intensities_of(table: AttractorTable, cells: Any, stretch: Stretch) -> Inten
     if held.size:
         periodic = np.append(periodic, held)
         around = np.concatenate([around, [_sums_of_contact_motion(table, int(row), cells) for row in held]])
-    found[:VALUE_COUNT, periodic] = intensity_rates(around[:, None])
+    found[:VALUE_COUNT, periodic] = intensity_fields_from_sums(around[:, None])
     found[VALUE_COUNT:, periodic] = np.where(np.isnan(around[:, TIME]), np.nan, 0.0)
 
     chaotic = np.flatnonzero(table.kind == Outcome.CHAOTIC)
@@ -164,5 +166,8 @@ def intensities_of(table: AttractorTable, cells: Any, stretch: Stretch) -> Inten
     sums = stretch(
         cell, table.tau[chaotic], table.v[chaotic], np.maximum(1.0, WATCH / (PERIODS * cells.delta[cell])), cells
     )
-    found[:VALUE_COUNT, chaotic], found[VALUE_COUNT:, chaotic] = intensity_rates(sums), half_widths(sums)
+    found[:VALUE_COUNT, chaotic], found[VALUE_COUNT:, chaotic] = (
+        intensity_fields_from_sums(sums),
+        intensity_half_widths(sums),
+    )
     return Intensities(*found)

@@ -68,7 +68,7 @@ class PairForcing(NamedTuple):
         return tuple(found)
 
 
-def checked_components(name: str, given: Iterable[Any]) -> tuple[tuple[int, float, float], ...]:
+def check_components(name: str, given: Iterable[Any]) -> tuple[tuple[int, float, float], ...]:
     """Check components; return them as a tuple of (order, amplitude in m, phase in turns). Raises ParameterError."""
     shape = f"{name} must be a list of (order, amplitude in metres, phase in turns), such as [(20, 1e-7, 0.0)]"
     try:
@@ -89,7 +89,7 @@ def checked_components(name: str, given: Iterable[Any]) -> tuple[tuple[int, floa
     return tuple(found)
 
 
-def components_of(
+def components_of_transmission_error(
     teeth: int | None,
     driven_teeth: int | None,
     numbers: dict[str, Any],

@@ -48,7 +48,7 @@ FASTEST_PLAUSIBLE = 100.0
 IMPOSSIBLE = 1000.0
 
 
-def si_number(name: str, value: Any) -> float:
+def convert_to_si_number(name: str, value: Any) -> float:
     """Return a number of a machine in SI, from a number in SI or from a quantity of `pint`.
 
     Returns
@@ -77,7 +77,9 @@ def is_quantity(value: Any) -> bool:
     return hasattr(value, "magnitude") and hasattr(value, "to")
 
 
-def require_plausible(inertia: float, backlash: float, eccentricity: float, radius: float, prefix: str = "") -> None:
+def require_plausible_machine(
+    inertia: float, backlash: float, eccentricity: float, radius: float, prefix: str = ""
+) -> None:
     """Raise ParameterError if a number is so large that its unit must be wrong, or if the radius is 0.
 
     prefix: "driven_" if the names in messages are those of the second gear.

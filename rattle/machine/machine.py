@@ -28,16 +28,16 @@ from rattle.errors import require, require_number, require_one_of
 from rattle.intensity.intensity import Intensity
 from rattle.intensity.motions import Motion
 from rattle.machine.conversion import DRIVES, Units
-from rattle.machine.forcing import AMPLITUDES, checked_components
+from rattle.machine.forcing import AMPLITUDES, check_components
 from rattle.machine.given import (
     DRIVEN,
     RPM,
     WIDEST,
     checked_teeth,
+    convert_to_si_number,
     is_quantity,
-    require_plausible,
+    require_plausible_machine,
     require_plausible_speed,
-    si_number,
 )
 from rattle.machine.point import MachinePoint, machine_point
 from rattle.machine.verdict import MachineVerdict, machine_verdict
@@ -173,23 +173,23 @@ class Machine:
             require_one_of("a number of a machine", name, known)
         lengths = {"backlash": backlash, "eccentricity": eccentricity, "radius": radius}
         given = {"inertia": inertia, "drag": drag, **lengths}
-        numbers = {name: si_number(name, value) for name, value in given.items()}
+        numbers = {name: convert_to_si_number(name, value) for name, value in given.items()}
         turning = speed if rpm is None else require_number("rpm", rpm, positive=True) * RPM
-        numbers["speed"] = si_number("speed", turning)
+        numbers["speed"] = convert_to_si_number("speed", turning)
         optional = {"stiffness": stiffness, **{name: second.get(name) for name in known}}
         found: dict[str, Any] = {
             **numbers,
-            **{name: None if value is None else si_number(name, value) for name, value in optional.items()},
+            **{name: None if value is None else convert_to_si_number(name, value) for name, value in optional.items()},
             "drive": drive,
             "restitution": _checked_restitution(restitution),
             "teeth": checked_teeth("teeth", teeth),
             "driven_teeth": checked_teeth("driven_teeth", driven_teeth),
-            "errors": checked_components("errors", errors),
-            "driven_errors": checked_components("driven_errors", driven_errors),
+            "errors": check_components("errors", errors),
+            "driven_errors": check_components("driven_errors", driven_errors),
         }
         for name, value in found.items():
             object.__setattr__(self, name, value)
-        require_plausible(self.inertia, self.backlash, self.eccentricity, self.radius)
+        require_plausible_machine(self.inertia, self.backlash, self.eccentricity, self.radius)
         require_plausible_speed(self.speed, self.radius, sure=rpm is not None or is_quantity(speed))
         self._require_consistent_pair()
 
@@ -208,7 +208,7 @@ class Machine:
         )
         pair = self._point.pair
         own = float(pair.radius / pair.ratio)
-        require_plausible(self.driven_inertia or self.inertia, 0.0, 0.0, own, "driven_")
+        require_plausible_machine(self.driven_inertia or self.inertia, 0.0, 0.0, own, "driven_")
         require(
             self.stiffness is None or set(self.added) == {"kappa"},
             "a machine with a stiffness must have elastic impacts, no load torque and one harmonic: leave out "
@@ -335,9 +335,9 @@ class Machine:
 
     def intensity(self, motion: Motion, periods: float | None = None) -> MachineIntensity:
         """Return the intensity of a motion in SI units; `Gear.intensity` returns it in the model's units."""
-        return self.in_si(self.gear.intensity(motion, periods))
+        return self.intensity_in_si(self.gear.intensity(motion, periods))
 
-    def in_si(self, found: Intensity) -> MachineIntensity:
+    def intensity_in_si(self, found: Intensity) -> MachineIntensity:
         """Convert an intensity in the model's units, as `Gear.intensity` returns it, to SI units."""
         units = self.units
         power = found.energy * units.power

@@ -10,7 +10,7 @@ import numpy as np
 from rattle.errors import require
 from rattle.machine import conversion
 from rattle.machine.conversion import ReducedPair, Units
-from rattle.machine.forcing import AMPLITUDES, PairForcing, assemble_forcing, components_of
+from rattle.machine.forcing import AMPLITUDES, PairForcing, assemble_forcing, components_of_transmission_error
 from rattle.machine.given import DRIVEN, require_matching_gears
 
 
@@ -66,7 +66,7 @@ def machine_point(
     speed : float or ndarray
         Mean speed of the first gear, rad/s.
     errors, driven_errors : sequence of (int, float, float)
-        Components of the transmission error, as in `components_of`.
+        Components of the transmission error, as in `components_of_transmission_error`.
 
     Returns
     -------
@@ -87,7 +87,7 @@ def machine_point(
     driven = {f"driven_{name}": given.get(f"driven_{name}", given[name]) for name in DRIVEN}
     driven["driven_radius"] = require_matching_gears(given, given["radius"], teeth, driven_teeth)
     amplitudes = {name: given[name] for name in ("eccentricity", *AMPLITUDES) if name in given}
-    forcing = assemble_forcing(components_of(teeth, driven_teeth, amplitudes, errors, driven_errors))
+    forcing = assemble_forcing(components_of_transmission_error(teeth, driven_teeth, amplitudes, errors, driven_errors))
     drive = given.get("drive", "torque")
     inertia, drag, radius = (given[name] for name in DRIVEN)
     pair = conversion.reduce_pair(inertia, drag, radius, speed, drive, **driven, base=forcing.base)

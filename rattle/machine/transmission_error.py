@@ -114,7 +114,7 @@ def transmission_error(angle: ArrayLike, error: ArrayLike, orders: int = 40) -> 
     turn, e, revolutions = _cut_to_whole_revolutions(turn, e)
     needed = 2 * orders + 1
     require(turn.size >= needed, f"{turn.size} points are too few for {orders} orders: give {needed}, or fewer orders")
-    gap = _largest_gap(turn, revolutions)
+    gap = _widest_angle_step(turn, revolutions)
     require(
         gap <= 0.5 / orders * (1.0 + REVOLUTION_TOLERANCE),
         f"there is a gap of {gap:.3g} revolutions between two angles, and order {orders} needs a point every "
@@ -208,7 +208,7 @@ def _cut_to_whole_revolutions(turn: Array, e: Array) -> tuple[Array, Array, int]
     return (turn[:-1], e[:-1], with_end) if repeats else (turn, e, without)
 
 
-def _largest_gap(turn: Array, revolutions: int) -> float:
+def _widest_angle_step(turn: Array, revolutions: int) -> float:
     """Return the largest distance, in revolutions, between neighbouring angles on the circle; angles count modulo 1."""
     angle = np.unique(turn % 1.0) if revolutions > 1 else np.sort(turn - turn[0])
     return float(max(np.max(np.diff(angle), initial=0.0), 1.0 - angle[-1] + angle[0]))

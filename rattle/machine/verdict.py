@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 import numpy as np
 
-from rattle.attractors.speeds import NATURAL, sampled_speed
+from rattle.attractors.speeds import NATURAL, highest_sampled_speed
 from rattle.attractors.table import Attractor
 from rattle.errors import require_integer
 from rattle.machine.conversion import Units
@@ -85,7 +85,7 @@ def machine_verdict(machine: MachineLike, count: int, seed: int) -> MachineVerdi
     """Return the verdict on a machine; `Machine.verdict` explains the arguments."""
     count = require_integer("count", count, 1, MOST_COUNT)
     gear, unit = machine.gear, float(machine.units.velocity)
-    hardest = HARDEST * sampled_speed(NATURAL, gear.delta, gear.epsilon, gear.beta)
+    hardest = HARDEST * highest_sampled_speed(NATURAL, gear.delta, gear.epsilon, gear.beta)
     if gear.epsilon >= gear.quiet_limit:
         return MachineVerdict(ALWAYS, 1.0, 1.0, 1.0, 0.0, unit * hardest)
     found = machine.attractors(count, seed)
@@ -93,13 +93,13 @@ def machine_verdict(machine: MachineLike, count: int, seed: int) -> MachineVerdi
         round(count * sum(each.fraction for each in found if of(each))) for of in (_is_rattling, _is_undecided)
     )
     low, high = wilson_interval(rattling, count)[0], wilson_interval(rattling + open_, count)[1]
-    knock = least_knock(machine, hardest)
+    knock = least_knock_speed(machine, hardest)
     kind = SOMETIMES if rattling else QUIET if np.isinf(knock) else KNOCKED
     share, undecided = rattling / count, open_ / count
     return MachineVerdict(kind, share, float(low), float(high), unit * knock, unit * hardest, undecided)
 
 
-def least_knock(machine: MachineLike, hardest: float) -> float:
+def least_knock_speed(machine: MachineLike, hardest: float) -> float:
     """Return the speed of the weakest knock that makes resting teeth rattle for ever, in the model's unit of speed.
 
     hardest: the speed of the hardest knock that is tried, in the same unit.

@@ -13,7 +13,7 @@ from typing import Any
 from rattle.errors import ParameterError, require_one_of
 from rattle.models.impacting import Impacting
 from rattle.models.inelastic import Inelastic
-from rattle.models.model import AnyGear, Capability, GearFunctions, Limits, Model
+from rattle.models.model import AnalyticLimits, AnyGear, Capability, GearFunctions, Model
 from rattle.models.stiff import Stiff
 from rattle.parameters import BETA, Harmonic, Parameter, Parameters
 
@@ -121,10 +121,10 @@ def with_harmonics(model: Model, harmonics: Sequence[Harmonic]) -> Model:
 
 def model_at(gear: AnyGear) -> Model:
     """Return the model of a gear."""
-    return model_with(gear.parameters)
+    return model_at_point(gear.parameters)
 
 
-def model_with(parameters: Parameters, number: int = 0) -> Model:
+def model_at_point(parameters: Parameters, number: int = 0) -> Model:
     """Return the model at one of the points that `parameters` holds; number: the index of the point."""
     point = parameters.point(number)
     model = MODELS[parameters.model](**{name: point[name] for name in parameters.others})
@@ -133,7 +133,7 @@ def model_with(parameters: Parameters, number: int = 0) -> Model:
 
 def gear_at(parameters: Parameters, number: int = 0) -> AnyGear:
     """Return the gear at one of the points that `parameters` holds; number: the index of the point."""
-    return model_with(parameters, number).gear(float(parameters.delta[number]), float(parameters.epsilon[number]))
+    return model_at_point(parameters, number).gear(float(parameters.delta[number]), float(parameters.epsilon[number]))
 
 
 def missing_capability_error(capability: Capability, model: Model | type[Model]) -> CapabilityError:
@@ -156,13 +156,13 @@ __all__ = [
     "DEFAULT_MODEL",
     "MODELS",
     "OTHERS",
+    "AnalyticLimits",
     "AnyGear",
     "Capability",
     "CapabilityError",
     "GearFunctions",
     "Impacting",
     "Inelastic",
-    "Limits",
     "Model",
     "Parameter",
     "Parameters",
@@ -170,9 +170,9 @@ __all__ = [
     "gear_at",
     "missing_capability_error",
     "model_at",
+    "model_at_point",
     "model_of",
     "model_of_parameter",
-    "model_with",
     "model_with_parameters",
     "require_capability",
     "with_harmonics",

@@ -14,23 +14,23 @@ from numpy.typing import ArrayLike, NDArray
 from rattle.attractors.basins import Basins, StatePlane
 from rattle.attractors.classify import BUDGET, Classifier
 from rattle.attractors.measures import Uncertainty
-from rattle.attractors.reached import Reached
+from rattle.attractors.reached import ReachedAttractors
 from rattle.attractors.speeds import SampleSpec, SpeedLimit
 from rattle.attractors.table import Attractor, Attractors, attractors_of_samples
 from rattle.continuation.bifurcation_diagram import Diagram
 from rattle.continuation.curve_continuation import Curve
 from rattle.errors import RattleError, require_number
-from rattle.families.join import join_rows
+from rattle.families.join import join_into_families
 from rattle.impacting.bifurcations.codimension_two import CodimensionTwo
 from rattle.intensity.balance import impulse_balance_errors
 from rattle.intensity.intensity import Intensity
 from rattle.intensity.motions import Motion
-from rattle.intensity.spectrum import Density, Lines
+from rattle.intensity.spectrum import SpectralDensity, SpectralLines
 from rattle.intensity.table import Intensities, intensities_of
 from rattle.intensity.visit import Impacts
-from rattle.orbits.iterates import Impact, Iterates, StatesAfterReturn, Stretched, Trajectory
+from rattle.orbits.iterates import Impact, Iterates, IteratesWithExponents, StatesAfterReturn, Trajectory
 from rattle.orbits.orbits_a_to_d import MissingLimit, Orbit, PeriodOne
-from rattle.orbits.periodic_motions import Periodic
+from rattle.orbits.periodic_motions import PeriodicMotion
 from rattle.parameters import BETA, Parameter, Parameters
 
 Range = tuple[float, float]
@@ -61,7 +61,7 @@ class Capability(StrEnum):
     DEPARTURES = "motions that begin inside the gap, as after a shock, are"
 
 
-class Limits(NamedTuple):
+class AnalyticLimits(NamedTuple):
     """The eccentricities at which the motions of a gear change, at one damping.
 
     sn1: at this eccentricity A and C are born in a saddle-node. flip: C loses stability in a flip (period doubling).
@@ -114,10 +114,10 @@ class AnyGear(Protocol):
     def orbits(self) -> tuple[Orbit, ...]:
         """Return the existing motions A to D; some gears also, or only, return P(1,1,0) without a letter, named "P"."""
 
-    def orbit(self, tau: float, v: float, n_plus: int = 1) -> Periodic:
+    def orbit(self, tau: float, v: float, n_plus: int = 1) -> PeriodicMotion:
         """Return the periodic motion near the departure (τ, v) that repeats after n_plus impacts on Σ⁺."""
 
-    def saddle(self, orbit: Orbit) -> Periodic:
+    def saddle(self, orbit: Orbit) -> PeriodicMotion:
         """Return an orbit of period one with the data for its manifolds; RattleError if the gear has no manifolds."""
 
     def impact(self, tau: float, v: float) -> Impact:
@@ -148,7 +148,7 @@ class AnyGear(Protocol):
     ) -> Basins:
         """Return the basins of attraction on a grid of states (τ, v)."""
 
-    def reached(self, tau: ArrayLike, v: ArrayLike) -> Reached:
+    def reached(self, tau: ArrayLike, v: ArrayLike) -> ReachedAttractors:
         """Return the attractor that each state (τ, v) reaches."""
 
     def uncertainty(self, pairs: int | None = None, v_max: SpeedLimit = None, seed: int = 0) -> Uncertainty:
@@ -160,7 +160,7 @@ class AnyGear(Protocol):
     def impacts(self, motion: Motion, periods: float | None = None) -> Impacts:
         """Return the impacts of a motion."""
 
-    def spectrum(self, motion: Motion, highest: float = 32.0, resolution: int = 64) -> Lines | Density:
+    def spectrum(self, motion: Motion, highest: float = 32.0, resolution: int = 64) -> SpectralLines | SpectralDensity:
         """Return the order spectrum of the contact force of a motion."""
 
     def sound(
@@ -185,7 +185,7 @@ class GearFunctions(Protocol):
     def period_one(self, *given: Any, **more: Any) -> PeriodOne:
         """Return the motions A to D."""
 
-    def iterate_tangent(self, *given: Any, **more: Any) -> Stretched:
+    def iterate_tangent(self, *given: Any, **more: Any) -> IteratesWithExponents:
         """Return the states after n returns to Σ⁺, with both Lyapunov exponents."""
 
     def becomes_quiet_late(self, *given: Any, **more: Any) -> NDArray[np.bool_]:
@@ -273,7 +273,7 @@ class Model(ABC):
         return ", ".join(f"{each.long_name} = {self.numbers[each.name]:g}" for each in self.parameters())
 
     @property
-    def dwell(self) -> float:
+    def contact_duration(self) -> float:
         """The duration of the contact of a fast impact, in forcing periods; 0 for rigid walls."""
         return 0.0
 
@@ -286,14 +286,14 @@ class Model(ABC):
     def gear(self, delta: float, epsilon: float) -> AnyGear:
         """Return the gear at one point. Raises ParameterError."""
 
-    def limits(self, delta: float) -> Limits:
+    def limits(self, delta: float) -> AnalyticLimits:
         """Return the eccentricities of SN1 and of the quiet limit at one damping.
 
         The flip of C is reported as missing; a subclass may compute it.
 
         Returns
         -------
-        Limits
+        AnalyticLimits
             The limits. `missing` says why a limit is None.
         """
         gear = self.gear(delta, 0.0)
@@ -302,10 +302,10 @@ class Model(ABC):
         try:
             born = gear.sn1
         except RattleError as error:
-            return Limits(None, None, gear.quiet_limit, (MissingLimit("sn1", f"none: {error}", None), flip))
+            return AnalyticLimits(None, None, gear.quiet_limit, (MissingLimit("sn1", f"none: {error}", None), flip))
         if born is None:
-            return Limits(None, None, gear.quiet_limit, (MissingLimit("sn1", unknown, None), flip))
-        return Limits(born, None, gear.quiet_limit, (flip,))
+            return AnalyticLimits(None, None, gear.quiet_limit, (MissingLimit("sn1", unknown, None), flip))
+        return AnalyticLimits(born, None, gear.quiet_limit, (flip,))
 
     def codimension_two(self) -> Sequence[CodimensionTwo]:
         """Return the codimension-two points, where curves meet; none unless a subclass computes them."""
@@ -331,7 +331,7 @@ class Model(ABC):
         """Return the cells epsilon (m,) × delta (n,), row by row, as the constants that the kernels take."""
         return self.classifier.cells_of(self.grid(delta, epsilon))
 
-    def cells_of_orbits(self, delta: Array, epsilon: Array) -> Any:
+    def cells_for_orbit_kernels(self, delta: Array, epsilon: Array) -> Any:
         """Return the constants of `cells` for kernels that follow only periodic orbits.
 
         A model may leave out constants that only the test for quiet motion needs, which saves time.
@@ -341,7 +341,7 @@ class Model(ABC):
         Any
             The cells epsilon (m,) × delta (n,), row by row.
         """
-        return self.classifier.cells_of_orbits(self.grid(delta, epsilon))
+        return self.classifier.cells_for_orbit_kernels(self.grid(delta, epsilon))
 
     def impulse_balance_errors(self, delta: ArrayLike, epsilon: ArrayLike, table: Attractors) -> Array:
         """Return the error |(P₊ − P₋)/(4πδT) − 1| of the balance of impulses, for the attractors of cells (n,).
@@ -395,14 +395,14 @@ class Model(ABC):
         )
 
     @classmethod
-    def joined_rows(cls, parameters: Parameters, table: Attractors) -> Rows:
-        """Join the attractors of n cells, and return what `join_rows` returns for a grid of one row of cells.
+    def join_rows_of_cells(cls, parameters: Parameters, table: Attractors) -> Rows:
+        """Join the attractors of n cells, and return what `join_into_families` returns for a grid of one row of cells.
 
         parameters (n,): the parameters of the cells, in the order of the row. table: the attractors of the cells.
 
         Returns
         -------
         Rows
-            The result of `join_rows`.
+            The result of `join_into_families`.
         """
-        return join_rows(table, (1, parameters.size), cls.classifier.cells_of(parameters))
+        return join_into_families(table, (1, parameters.size), cls.classifier.cells_of(parameters))

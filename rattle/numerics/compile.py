@@ -150,7 +150,7 @@ _CALLED: Any = _OPTIONS | {"no_cpython_wrapper": True, "_nrt": True, "forceinlin
 _INLINE: dict[str, Any] = _OPTIONS | {"no_cpython_wrapper": True, "_nrt": False, "forceinline": True}
 
 
-class Inline:
+class InlineFunction:
     """A function that is compiled into the kernels that call it; a call from Python runs the plain Python function.
 
     The function borrows its array arguments: it neither creates nor returns arrays, and counts no references to them.
@@ -159,7 +159,7 @@ class Inline:
     """
 
     options = _INLINE
-    compiled: ClassVar[list["Inline"]] = []
+    compiled: ClassVar[list["InlineFunction"]] = []
 
     def __init__(self, function: Callable[..., Any]) -> None:
         update_wrapper(self, function)
@@ -168,7 +168,7 @@ class Inline:
     @cached_property
     def kernel_dispatcher(self) -> Any:
         """Numba's dispatcher for calls from kernels. It compiles the function for each set of argument types."""
-        Inline.compiled.append(self)
+        InlineFunction.compiled.append(self)
         return numba.njit(**self.options)(self._run)
 
     def __call__(self, *arguments: Any) -> Any:
@@ -176,12 +176,12 @@ class Inline:
         return self._run(*arguments)
 
 
-@typeof_impl.register(Inline)
-def _type_in_kernels(function: Inline, _context: Any) -> Any:
+@typeof_impl.register(InlineFunction)
+def _numba_type_of_inline(function: InlineFunction, _context: Any) -> Any:
     return numba.typeof(function.kernel_dispatcher)
 
 
-class Kernel(Inline):
+class Kernel(InlineFunction):
     """A compiled function that Python can call. Its machine code is kept on disk.
 
     If a kernel calls another kernel, it contains a copy of the other's machine code. All copies are identical, so the
@@ -234,7 +234,8 @@ def kernel_compilation_steps(about: str) -> dict[str, Callable[[], Any]]:
 
 
 kernel = Kernel  #: decorator: compiles at the first call, caches on disk, runs without the GIL
-inline = Inline  #: decorator: compiles a small function into its callers, so that LLVM can vectorise loops that call it
+#: decorator: compiles a small function into its callers, so that LLVM can vectorise loops that call it
+inline = InlineFunction
 
 #: For each generic function its implementations, one for each type of its last argument. Kernels choose by that type.
 FOR_TYPES: dict[Callable[..., Any], dict[type, Callable[..., Any]]] = {}
@@ -369,7 +370,7 @@ def refuse_array_returns() -> None:
     RattleError
         If an inline function that this process has compiled returns an array.
     """
-    for each in Inline.compiled:
+    for each in InlineFunction.compiled:
         returned = [str(signature.return_type) for signature in each.kernel_dispatcher.nopython_signatures]
         if each.options is _INLINE and any(re.search(r"\barray\(", kind) for kind in returned):
             raise RattleError(f"{each.name} is inline and returns an array: make it a kernel")

@@ -31,13 +31,13 @@ def derivatives(function: Function, x: Array) -> tuple[Array, Array]:
     return values[..., 0, :].real, values.imag.swapaxes(-1, -2) / COMPLEX_STEP
 
 
-def batch_of(x: NDArray) -> NDArray[np.complex128]:
+def to_complex_batch(x: NDArray) -> NDArray[np.complex128]:
     """Return arguments x (…, N), real or complex, as a contiguous complex array (k, N) for kernels."""
     return np.ascontiguousarray(x, np.complex128).reshape(-1, x.shape[-1])
 
 
 def reshape_like(x: NDArray, results: NDArray, axis: int = 0) -> NDArray:
-    """Return the results of a kernel for the k arguments `batch_of(x)`, with the leading axes of x (…, N).
+    """Return the results of a kernel for the k arguments `to_complex_batch(x)`, with the leading axes of x (…, N).
 
     results: an array whose axis number `axis` has the length k. The leading axes of x take the place of this axis.
 

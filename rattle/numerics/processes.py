@@ -14,7 +14,7 @@ from pathlib import Path
 SAFE_PATH = "PYTHONSAFEPATH"
 
 
-def module_path() -> list[str]:
+def trusted_import_directories() -> list[str]:
     """Return the directories from which processes of this project import modules.
 
     Returns
@@ -36,16 +36,16 @@ def module_path() -> list[str]:
 
 
 def environment() -> dict[str, str]:
-    """Return the environment variables of a process that imports from `module_path` only."""
-    return {**os.environ, SAFE_PATH: "1", "PYTHONPATH": os.pathsep.join(module_path())}
+    """Return the environment variables of a process that imports from `trusted_import_directories` only."""
+    return {**os.environ, SAFE_PATH: "1", "PYTHONPATH": os.pathsep.join(trusted_import_directories())}
 
 
 def remove_working_directory_from_path() -> None:
-    """Let this process, and processes that libraries start, import modules only from `module_path`.
+    """Let this process, and processes that libraries start, import modules only from `trusted_import_directories`.
 
     The current directory stays the same; Python no longer searches it, or the script's directory, for modules.
     """
-    sys.path[:] = module_path()
+    sys.path[:] = trusted_import_directories()
     os.environ[SAFE_PATH] = "1"
 
 

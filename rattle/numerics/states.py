@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 Density = Callable[[Array, Array], ArrayLike]
 
 
-def box_of(tau: ArrayLike, v: ArrayLike) -> tuple[tuple[float, float], tuple[float, float]]:
+def state_box_ranges(tau: ArrayLike, v: ArrayLike) -> tuple[tuple[float, float], tuple[float, float]]:
     """Return the ranges (low, high) of τ and v. Raises ParameterError unless 0 ≤ low < high, and high ≤ 1 for τ."""
     phases, speeds = require_pair("tau", tau), require_pair("v", v)
     require(0.0 <= phases[0] < phases[1] <= 1.0, f"tau must be (low, high) within [0, 1], got {phases}")
@@ -55,14 +55,14 @@ def sampled_states(
     """
     count = require_integer("count", count, 1, MOST_STATES)
     seed = require_integer("seed", seed, 0, (1 << 128) - 1)
-    (t0, t1), (v0, v1) = box_of(tau, v)
+    (t0, t1), (v0, v1) = state_box_ranges(tau, v)
     points = (sobol_points(count) + np.random.default_rng(seed).random(2)) % 1.0
-    x, y = points.T if density is None else _map_by_density(points, density, (t0, t1), (v0, v1))
+    x, y = points.T if density is None else _transform_to_density(points, density, (t0, t1), (v0, v1))
     speeds = v0 + (v1 - v0) * y
     return np.minimum(t0 + (t1 - t0) * x, np.nextafter(1.0, 0.0)), np.maximum(speeds, np.spacing(v1))
 
 
-def _map_by_density(
+def _transform_to_density(
     points: Array, density: Density, tau: tuple[float, float], v: tuple[float, float]
 ) -> tuple[Array, Array]:
     """Map points of the unit square by the inverse distribution function: first along τ, then along v given τ."""

@@ -37,13 +37,13 @@ class StatesAfterReturn(NamedTuple):
     has_returned: NDArray[np.bool_]
 
     @classmethod
-    def from_iterates(cls, found: Stretched) -> StatesAfterReturn:
+    def from_iterates(cls, found: IteratesWithExponents) -> StatesAfterReturn:
         """Return the record from the results of `iterate_tangent` for one impact on Σ⁺."""
         has_returned = found.n_plus > 0
         return cls(found.tau, found.v, np.where(has_returned, found.time, 0.0), has_returned)
 
 
-class Stretched(NamedTuple):
+class IteratesWithExponents(NamedTuple):
     """`Iterates` with the elapsed time and both Lyapunov exponents (2, *shape), per forcing period."""
 
     tau: NDArray[np.float64]
@@ -56,7 +56,7 @@ class Stretched(NamedTuple):
     @classmethod
     def from_growth(
         cls, flat: Sequence[NDArray[Any]], growth: NDArray[np.float64], shape: tuple[int, ...]
-    ) -> Stretched:
+    ) -> IteratesWithExponents:
         """Return the results of k trajectories in the shape `shape`, with both Lyapunov exponents.
 
         flat: τ, v, n₊ and n₋, each (k,). growth (3, k): for each trajectory the time, ln stretch of its tangent vector,
@@ -64,7 +64,7 @@ class Stretched(NamedTuple):
 
         Returns
         -------
-        Stretched
+        IteratesWithExponents
             The exponents are NaN where the time is 0.
         """
         time = growth[0]
@@ -76,7 +76,7 @@ class Stretched(NamedTuple):
         return cls(tau, v, n_plus, n_minus, time.reshape(shape), exponents)
 
 
-def fold(phases: NDArray[np.float64]) -> NDArray[np.float64]:
+def fold_phases(phases: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return phases folded into [0, 1). A tiny negative phase gives 0, not 1."""
     folded = phases % 1.0
     return np.where(folded < 1.0, folded, 0.0)
@@ -90,7 +90,7 @@ def require_states(tau: NDArray[Any], v: NDArray[Any], n: NDArray[Any]) -> None:
     require(bool((n < 1 << 53).all()), "n must be below 2**53")
 
 
-def checked_states(
+def check_states_and_parameters(
     delta: ArrayLike, epsilon: ArrayLike, tau: ArrayLike, v: ArrayLike, n: ArrayLike, beta: ArrayLike, **more: ArrayLike
 ) -> tuple[list[NDArray[Any]], tuple[int, ...]]:
     """Check and broadcast states, numbers of returns and parameters; `more` are further positive parameters.
@@ -118,7 +118,7 @@ def checked_states(
     for name, array in (("delta", d), ("beta", b), *zip(more, others, strict=True)):
         require(bool((np.isfinite(array) & (array > 0)).all()), f"{name} must be finite and greater than 0")
     require(bool((np.isfinite(e) & (e >= 0)).all()), "epsilon must be finite and at least 0")
-    flat = [np.array(x, np.float64, order="C").ravel() for x in (fold(phases), speeds, steps, d, e, b, *others)]
+    flat = [np.array(x, np.float64, order="C").ravel() for x in (fold_phases(phases), speeds, steps, d, e, b, *others)]
     return flat, phases.shape
 
 
@@ -145,7 +145,7 @@ class Trajectory(NamedTuple):
     rest: float
 
 
-def sampled_motion(
+def sample_motion(
     sampled: Callable[..., tuple[int, int, float]],
     tau: float,
     v: float,

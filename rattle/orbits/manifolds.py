@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rattle.errors import RattleError, require, require_number
-from rattle.orbits.periodic_motions import Periodic
+from rattle.orbits.periodic_motions import PeriodicMotion
 from rattle.orbits.saddles import Array, LocalManifold, local_manifold
 
 # most points of an image of the fundamental domain; most images of a manifold; most refinements of an image
@@ -49,7 +49,7 @@ class Manifold:
         Arclength of the whole side.
     """
 
-    orbit: Periodic
+    orbit: PeriodicMotion
     kind: str
     side: int
     tau: Array
@@ -61,7 +61,7 @@ class Manifold:
     length: float
 
 
-class _Image:
+class _DomainImage:
     """The j-th image of the fundamental domain of a local manifold, as points in order away from the saddle.
 
     t (n,): the positions, in the domain, of the points' j-th preimages. ok, x, word, bounces: the results of
@@ -86,13 +86,13 @@ class _Image:
         self.bounces = np.insert(self.bounces, at, bounces)
 
     @property
-    def is_corner(self) -> NDArray[np.bool_]:
+    def corner_flags(self) -> NDArray[np.bool_]:
         """Flags (n − 1,): True if the manifold has a corner between a point and the next point."""
         return np.asarray(self.word[1:] != self.word[:-1])
 
     def _bisect_corners(self) -> bool:
         """Insert the two points beside each corner that are a rounding error apart in t; return whether any is new."""
-        i = np.flatnonzero(self.is_corner)
+        i = np.flatnonzero(self.corner_flags)
         low, high, word = self.t[i], self.t[i + 1], self.word[i]
         while True:
             middle = 0.5 * (low + high)
@@ -110,8 +110,8 @@ class _Image:
         """Insert points until, except at corners, neighbours are closer than `spacing` and turns are below `angle`."""
         for _ in range(MOST_ROUNDS):
             cornered = self._bisect_corners()
-            step = _differences(self.x, self.local.unit)
-            size, same = np.hypot(*step), ~self.is_corner
+            step = _state_differences(self.x, self.local.unit)
+            size, same = np.hypot(*step), ~self.corner_flags
             turn = np.abs(np.angle(np.exp(1j * np.diff(np.arctan2(step[1], step[0])))))
             sharp, rough = (turn > angle) & same[1:] & same[:-1], np.zeros(size.size, np.bool_)
             rough[1:] |= sharp
@@ -130,7 +130,7 @@ class _Image:
 
 
 def manifold(
-    orbit: Periodic,
+    orbit: PeriodicMotion,
     kind: str,
     side: int,
     arclength: float,
@@ -179,23 +179,23 @@ def manifold(
     zero = np.zeros(first.size)
     rows, length = [np.stack([*local.states_at(first), first, zero, zero, zero])], reach
     for j in range(MOST_IMAGES):
-        level = _Image(local, j, t)
+        level = _DomainImage(local, j, t)
         level.refine(spacing, angle)
         t, end = level.t, int(np.argmin(np.append(level.ok, False)))
-        rows.append(_rows_of_image(level, end))
-        more = float(np.hypot(*_differences(level.x[:, :end], unit)).sum())
+        rows.append(_points_of_image(level, end))
+        more = float(np.hypot(*_state_differences(level.x[:, :end], unit)).sum())
         length += more
         if length > arclength or end < t.size or more < SHORTEST_IMAGE:
             break
     return _assemble_manifold(orbit, kind, side, np.concatenate(rows, axis=1), arclength, CORNER_GAP * spacing, unit)
 
 
-def _differences(x: Array, unit: float) -> Array:
+def _state_differences(x: Array, unit: float) -> Array:
     """Return the differences (2, n − 1) of successive states (2, n), with v in units of `unit`."""
     return np.asarray(np.diff(x, axis=1) / [[1.0], [unit]], np.float64)
 
 
-def _rows_of_image(level: _Image, end: int) -> Array:
+def _points_of_image(level: _DomainImage, end: int) -> Array:
     """Return the points of the j-th image of the fundamental domain as rows (6, n).
 
     The rows are: τ, v, position t of the point's j-th preimage in the domain, j, whether a piece begins, and number of
@@ -207,13 +207,13 @@ def _rows_of_image(level: _Image, end: int) -> Array:
     Array
         The rows.
     """
-    begins = np.concatenate([[False], level.is_corner])
+    begins = np.concatenate([[False], level.corner_flags])
     rows = np.stack([*level.x, level.t, np.full(level.t.size, level.j), begins, level.bounces])
     return np.asarray(rows[:, (1 if level.j else 0) : end], np.float64)
 
 
 def _assemble_manifold(
-    orbit: Periodic, kind: str, side: int, rows: Array, arclength: float, largest_gap: float, unit: float
+    orbit: PeriodicMotion, kind: str, side: int, rows: Array, arclength: float, largest_gap: float, unit: float
 ) -> Manifold:
     """Return the manifold from the rows of all its images, cut off at the arclength. Pieces that meet share a corner.
 
@@ -225,7 +225,7 @@ def _assemble_manifold(
     Manifold
         The manifold.
     """
-    walked = np.concatenate([[0.0], np.cumsum(np.hypot(*_differences(rows[:2], unit)))])
+    walked = np.concatenate([[0.0], np.cumsum(np.hypot(*_state_differences(rows[:2], unit)))])
     rows = rows[:, : int(np.searchsorted(walked, arclength, side="right"))]
     starts = np.flatnonzero(rows[4])
     gap = np.hypot(*((rows[:2, starts] - rows[:2, starts - 1]) / [[1.0], [unit]]))
@@ -235,7 +235,7 @@ def _assemble_manifold(
     # a rounding error
     rows[:, np.where(exact == near, near - 1, near)] = rows[:, exact]
     pieces = np.concatenate([[0], starts, [rows.shape[1]]]).astype(np.int64)
-    length = float(np.hypot(*_differences(rows[:2], unit)).sum())
+    length = float(np.hypot(*_state_differences(rows[:2], unit)).sum())
     tau, v, t, j = rows[:4]
     gap = np.where(gap < largest_gap, 0.0, gap)
     return Manifold(orbit, kind, side, tau, v, t, j.astype(np.int64), pieces, gap, length)

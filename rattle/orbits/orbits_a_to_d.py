@@ -181,7 +181,7 @@ def region_in_words(region: int) -> str:
     return f"orbits {', '.join(name[:-1])} and {name[-1]}, no region of the paper"
 
 
-class HasOrbits(Protocol):
+class GearWithOrbits(Protocol):
     """The interface of a gear at one parameter point: its quiet limit, its region and its period-one orbits."""
 
     @property
@@ -195,7 +195,7 @@ class HasOrbits(Protocol):
         """Return the admissible period-one orbits."""
 
 
-def html_of_point(gear: HasOrbits) -> str:
+def notebook_html_of_gear(gear: GearWithOrbits) -> str:
     """Return the HTML that a notebook shows for a gear."""
     caption = f"{gear!r}: {region_in_words(gear.region())}, quiet limit ε = {gear.quiet_limit:.6g}"
     return html_table(caption, orbit_columns(gear.orbits()))

@@ -84,7 +84,7 @@ class Equations(ABC):
 Itinerary = TypeVar("Itinerary", bound=Equations)
 
 
-def unknowns_from_impact(itinerary: Equations, x: Array, first: int) -> Array:
+def unknowns_counted_from_impact(itinerary: Equations, x: Array, first: int) -> Array:
     """Return the unknowns and parameters (N,) of the motion x, with its impacts counted from impact number `first`."""
     each = x[: itinerary.n].reshape(-1, len(itinerary.walls))
     turned = np.concatenate([each[:, first:], each[:, :first]], axis=1)
@@ -104,7 +104,9 @@ def equivalent_unknowns(itinerary: Equations, start: Array, x: Array) -> Array:
         The arrays (k, N), with δ and ε at the end; one of them is `start` (N,), shifted by whole periods.
     """
     n, walls = len(itinerary.walls), itinerary.walls
-    found = np.array([unknowns_from_impact(itinerary, start, k) for k in range(n) if walls[k:] + walls[:k] == walls])
+    found = np.array(
+        [unknowns_counted_from_impact(itinerary, start, k) for k in range(n) if walls[k:] + walls[:k] == walls]
+    )
     found[:, :n] -= np.rint(found[:, :1] - x[0])
     return found
 
@@ -125,7 +127,7 @@ def with_shortest_period(itinerary: Itinerary, x: Array) -> tuple[Itinerary, Arr
         shift, odd = divmod(impacts, parts)
         if odd or itinerary.m % parts or itinerary.walls[shift:] + itinerary.walls[:shift] != itinerary.walls:
             continue
-        later = unknowns_from_impact(itinerary, x, shift)
+        later = unknowns_counted_from_impact(itinerary, x, shift)
         later[:impacts] -= itinerary.m // parts
         if np.max(np.abs(later - x)) < SAME_MOTION:
             shorter = itinerary.with_divided_period(parts)
@@ -143,7 +145,7 @@ SAME_MOTION = 1e-8
 
 
 @dataclass(frozen=True, repr=False)
-class Periodic(ABC):
+class PeriodicMotion(ABC):
     """A periodic motion P(m, n_plus, n_minus) of any model at one parameter point.
 
     Attributes

@@ -8,7 +8,7 @@ cells, except that the inelastic gear has no inverse map:
 function       declared in        impacting (Point, …)         stiff (StiffPoint, …)   inelastic (InelasticPoint, …)
 =============  =================  ===========================  ======================  ========================
 step           orbits.return_map  impacting.map.impact_map     stiff.map.return_map    inelastic.map.impact_map
-step_tangent   orbits.return_map  impacting.map.impact_map     stiff.map.return_map    inelastic.map.impact_map
+step_with_tangent   orbits.return_map  impacting.map.impact_map     stiff.map.return_map    inelastic.map.impact_map
 inverse_step   orbits.return_map  impacting.map.impact_map     stiff.map.return_map    none
 bounce         intensity.visit    impacting.map.impact_map     stiff.map.return_map    inelastic.map.bounce
 mean_force_at  intensity.visit    impacting.map.impact_map     stiff.map.return_map    inelastic.map.bounce
@@ -34,7 +34,7 @@ def step(tau, v, point):
     raise NotImplementedError("this function exists inside kernels only: from Python use Gear.iterate")
 
 
-def step_tangent(tau, v, point):
+def step_with_tangent(tau, v, point):
     """Apply Π and its tangent map; return (status, τ', v', time, contacts with Σ⁻, j00, j01, j10, j11, ln|det|)."""
     raise NotImplementedError("this function exists inside kernels only: from Python use Gear.iterate")
 
@@ -44,7 +44,7 @@ def inverse_step(tau, v, point):
     raise NotImplementedError("this function exists inside kernels only: from Python use Gear.inverse_impact")
 
 
-def point_of(cell, cells):
+def point_of_cell(cell, cells):
     """Return the parameter point of cell number `cell` of a record of cells."""
     raise NotImplementedError("point_of exists inside kernels only")
 
@@ -55,11 +55,11 @@ def point_between(share, one, other):
 
 
 @kernel
-def power_map(tau, v, k, point):
+def apply_return_map_power(tau, v, k, point):
     """Apply Π^k and its tangent map; return (status, τ', v', time, impacts on Σ⁻, j00, j01, j10, j11, ln|det|)."""
     a00, a01, a10, a11, log_det, time, n_minus = 1.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0
     for _ in range(k):
-        status, tau, v, s, below, j00, j01, j10, j11, ln = step_tangent(tau, v, point)
+        status, tau, v, s, below, j00, j01, j10, j11, ln = step_with_tangent(tau, v, point)
         if status != OK:
             return status, tau, v, time, n_minus, a00, a01, a10, a11, log_det
         a00, a10 = j00 * a00 + j01 * a10, j10 * a00 + j11 * a10
@@ -75,7 +75,7 @@ def find_fixed_point(tau, v, k, point):
     """Find the fixed point of Π^k near (τ, v) by Newton's method, and return (found, τ, v)."""
     size, unit = 1.0, speed_unit(point.delta, point.epsilon, point.beta)
     for _ in range(NEWTON_STEPS):
-        status, t1, v1, _time, _below, a00, a01, a10, a11, _ln = power_map(tau, v, k, point)
+        status, t1, v1, _time, _below, a00, a01, a10, a11, _ln = apply_return_map_power(tau, v, k, point)
         if status != OK:
             return False, tau, v
         r0, r1 = wrap_phase_difference(t1 - tau), v1 - v
@@ -108,7 +108,7 @@ def log_multipliers(trace, log_det):
 
 
 @kernel
-def shortest_return(tau, v, k, point):
+def least_return_period(tau, v, k, point):
     """Return the least divisor d of k with Π^d(τ, v) = (τ, v) up to rounding; k if there is none."""
     t, speed, unit = tau, v, speed_unit(point.delta, point.epsilon, point.beta)
     for d in range(1, k // 2 + 1):

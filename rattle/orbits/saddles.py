@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from rattle.errors import RattleError, require
 from rattle.flight.law import fold_phase
 from rattle.orbits.images import images
-from rattle.orbits.periodic_motions import Periodic
-from rattle.orbits.return_map import power_map
+from rattle.orbits.periodic_motions import PeriodicMotion
+from rattle.orbits.return_map import apply_return_map_power
 
 Array = NDArray[np.float64]
 DEGREE, NODES = 10, 25  # degree of the series; number of points at which its residual is evaluated
@@ -51,7 +51,7 @@ class LocalManifold:
         The speed difference that counts as one forcing period in residuals.
     """
 
-    orbit: Periodic
+    orbit: PeriodicMotion
     backwards: bool
     powers: Array
     size: float
@@ -85,17 +85,17 @@ class LocalManifold:
         return self.map(self.states_at(s / self.multiplier**more), times + more)
 
 
-def tangent_map(orbit: Periodic) -> Array:
+def tangent_map(orbit: PeriodicMotion) -> Array:
     """Return the tangent map (2, 2) in (τ, v) of a periodic orbit over its period; at a graze it is infinite."""
     product, tau, v = np.eye(2), float(fold_phase(orbit.tau)), orbit.v
     for _ in range(orbit.label[1]):
-        found = power_map(tau, v, 1, orbit.point)
+        found = apply_return_map_power(tau, v, 1, orbit.point)
         tau, v = found[1:3]
         product = np.array(found[5:9]).reshape(2, 2) @ product
     return product
 
 
-def eigenvectors(orbit: Periodic) -> tuple[Array, Array]:
+def eigenvectors(orbit: PeriodicMotion) -> tuple[Array, Array]:
     """Return the unit eigenvectors (2,) of a saddle in (τ, v), for its unstable and its stable multiplier.
 
     Returns
@@ -109,7 +109,7 @@ def eigenvectors(orbit: Periodic) -> tuple[Array, Array]:
     return unstable, stable
 
 
-def local_manifold(orbit: Periodic, stable: bool, unit: float = 1.0) -> LocalManifold:
+def local_manifold(orbit: PeriodicMotion, stable: bool, unit: float = 1.0) -> LocalManifold:
     """Return the stable or the unstable local manifold of a saddle.
 
     The series has degree 10. Its size is the largest of 0.1, 0.05, … for which the residual |F(W(s)) − W(λs)| is at

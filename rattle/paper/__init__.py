@@ -4,15 +4,15 @@ A finding states where the paper is wrong or incomplete, with computed evidence.
 """
 
 from rattle.paper.document import RULE, difference, format_computed, markdown, verdict
-from rattle.paper.records import Finding, FindingEvidence, Number, Report, Statement
+from rattle.paper.records import Finding, FindingEvidence, Report, StatedNumber, Statement
 from rattle.paper.report import compute_finding, report
 
 __all__ = [
     "RULE",
     "Finding",
     "FindingEvidence",
-    "Number",
     "Report",
+    "StatedNumber",
     "Statement",
     "compute_finding",
     "difference",

@@ -15,7 +15,7 @@ DELTA = 0.6
 PERIODIC_EPSILON, CHAOTIC_EPSILON = 0.0945, 0.0985
 
 
-class Birth(NamedTuple):
+class BirthOfChaos(NamedTuple):
     """The birth of the chaotic attractor as ε grows.
 
     flip: the ε at which P(2,2,1) doubles its period.
@@ -32,12 +32,12 @@ class Birth(NamedTuple):
 
 
 @cache
-def birth_of_chaos() -> Birth:
+def find_birth_of_chaos() -> BirthOfChaos:
     """Follow the P(2,2,1) that attracts at ε = 0.0945 to its flip, and the doubled orbit to its graze on Σ⁻.
 
     Returns
     -------
-    Birth
+    BirthOfChaos
         Both ε, and the impacts of the doubled orbit.
 
     Raises
@@ -63,4 +63,4 @@ def birth_of_chaos() -> Birth:
     flip, graze = events
     persists = bool(branch(orbit, "epsilon", (PERIODIC_EPSILON, CHAOTIC_EPSILON)).admissible.all())
     walls = graze.itinerary.walls  # includes the impact of speed 0, so 1 is subtracted on Σ⁻
-    return Birth(flip.epsilon, graze.epsilon, walls.count(1), walls.count(-1) - 1, persists)
+    return BirthOfChaos(flip.epsilon, graze.epsilon, walls.count(1), walls.count(-1) - 1, persists)

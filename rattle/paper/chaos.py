@@ -37,14 +37,16 @@ def chaotic_states(delta: float, epsilon: float, count: int) -> States:
     return states.tau, states.v
 
 
-def have_settled(delta: float, epsilon: float, tau: NDArray[np.float64], v: NDArray[np.float64]) -> NDArray[np.bool_]:
+def flag_settled_states(
+    delta: float, epsilon: float, tau: NDArray[np.float64], v: NDArray[np.float64]
+) -> NDArray[np.bool_]:
     """Return flags: True for a state with a speed v below 0.1, or with a motion that repeats within RETURNS impacts."""
     later = rattle.iterate(delta, epsilon, tau[:, None], v[:, None], np.arange(1, RETURNS + 1))
     moved = np.hypot(wrap_phase_difference(later.tau - tau[:, None]), later.v - v[:, None])
     return (moved < CLOSED).any(axis=1) | (v < 0.1)
 
 
-def is_leaking(delta: float, epsilon: float, start: States) -> bool:
+def is_chaotic_set_leaking(delta: float, epsilon: float, start: States) -> bool:
     """Return whether trajectories leave the chaotic set during the observation.
 
     The states `start` are first iterated for EARLIER_IMPACTS impacts, then observed for IMPACTS impacts.
@@ -55,12 +57,12 @@ def is_leaking(delta: float, epsilon: float, start: States) -> bool:
         True if a trajectory settles during the observation, or if all trajectories settled before the observation.
     """
     near = rattle.iterate(delta, epsilon, *start, EARLIER_IMPACTS)
-    left = ~have_settled(delta, epsilon, near.tau, near.v)
+    left = ~flag_settled_states(delta, epsilon, near.tau, near.v)
     end = rattle.iterate(delta, epsilon, near.tau[left], near.v[left], IMPACTS)
-    return bool(not left.any() or have_settled(delta, epsilon, end.tau, end.v).any())
+    return bool(not left.any() or flag_settled_states(delta, epsilon, end.tau, end.v).any())
 
 
-def end_of_chaos(delta: float, low: float, high: float, width: float) -> tuple[float, float]:
+def bracket_end_of_chaos(delta: float, low: float, high: float, width: float) -> tuple[float, float]:
     """Return an interval of ε, at most `width` wide, that contains the end of the chaotic attractor, by bisection.
 
     The attractor exists at ε = low and not at ε = high.
@@ -73,5 +75,5 @@ def end_of_chaos(delta: float, low: float, high: float, width: float) -> tuple[f
     start = chaotic_states(delta, low, WATCHED)
     while high - low > width:
         middle = (low + high) / 2
-        low, high = (low, middle) if is_leaking(delta, middle, start) else (middle, high)
+        low, high = (low, middle) if is_chaotic_set_leaking(delta, middle, start) else (middle, high)
     return low, high

@@ -2,7 +2,7 @@
 
 from rattle.paper.derivations import DERIVATIONS, NOT_CHECKED, NOT_HELD
 from rattle.paper.numbers import PROVED
-from rattle.paper.records import Number, Report
+from rattle.paper.records import Report, StatedNumber
 
 HEAD = """\
 # The paper, checked
@@ -19,24 +19,24 @@ paper writes ≈. An interval agrees only as a whole. Computed values that are c
 """
 
 
-def format_computed(number: Number) -> str:
+def format_computed(number: StatedNumber) -> str:
     """Return the computed number as text, such as "0.1234567890, proved". An interval has seven decimals."""
     if isinstance(number.computed, tuple):
         return "{:.7f} to {:.7f}".format(*number.computed)
     return f"{number.computed:.10f}" + (", proved" if number.what in PROVED else "")
 
 
-def difference(number: Number) -> str:
+def difference(number: StatedNumber) -> str:
     """Return the computed number minus the printed one as text, with two decimals more than the paper gives."""
-    return f"{number.difference:+.{2 - int(number.stated.as_tuple().exponent)}f}"
+    return f"{number.difference:+.{2 - int(number.printed_value.as_tuple().exponent)}f}"
 
 
-def verdict(report: Report, number: Number) -> str:
+def verdict(report: Report, number: StatedNumber) -> str:
     """Return the verdict on a number as text; a finding that explains a deviation is added: "off: finding 3"."""
     return f"{number.verdict}: finding {report.finding_number(number.finding)}" if number.finding else number.verdict
 
 
-def escaped_cell(text: str) -> str:
+def escape_table_cell(text: str) -> str:
     """Return a text for a table cell, with each | escaped, because | would end the cell."""
     return text.replace("|", "\\|")
 
@@ -48,7 +48,8 @@ def markdown(report: Report) -> str:
         for x in report.numbers
     ]
     statements = [
-        f"| {x.where} | {escaped_cell(x.says)} | {escaped_cell(x.computed)} | {x.verdict} |" for x in report.statements
+        f"| {x.where} | {escape_table_cell(x.says)} | {escape_table_cell(x.computed)} | {x.verdict} |"
+        for x in report.statements
     ]
     findings = []
     for i, x in enumerate(report.findings, 1):

@@ -49,7 +49,7 @@ def compute_reference_step(delta: float, epsilon: float, tau: float, v: float) -
     return ReferenceImpacts(tuple(walls), tuple(times), low)
 
 
-class WorstFlight(NamedTuple):
+class SmallestSecondDerivative(NamedTuple):
     """The smallest Φ'' of one orbit, over all cells in which the orbit exists.
 
     name: the name of the orbit, A to D.
@@ -66,7 +66,7 @@ class WorstFlight(NamedTuple):
     first: float
 
 
-def worst_flights(delta: Array, epsilon: Array, orbits: PeriodOne) -> tuple[WorstFlight, ...]:
+def worst_flights(delta: Array, epsilon: Array, orbits: PeriodOne) -> tuple[SmallestSecondDerivative, ...]:
     """Return, for each of the orbits A to D, a record of the flight with the smallest Φ'' over the cells (n,)."""
     found = []
     for k, name in enumerate(NAMES):
@@ -80,7 +80,7 @@ def worst_flights(delta: Array, epsilon: Array, orbits: PeriodOne) -> tuple[Wors
         worst, negative = here[low.argmin()], here[low < 0]
         first = float(epsilon[negative].min()) if negative.size else np.nan
         found.append(
-            WorstFlight(
+            SmallestSecondDerivative(
                 name, float(low.min()), float(delta[worst]), float(epsilon[worst]), negative.size / here.size, first
             )
         )

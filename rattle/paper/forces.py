@@ -6,7 +6,7 @@ import numpy as np
 
 import rattle
 from rattle.paper import flights, formulas
-from rattle.paper.plane import WINDOW, plane_cells
+from rattle.paper.plane import WINDOW, plane_cell_centres
 from rattle.paper.records import Finding, FindingEvidence, Statement
 
 #: δ, ε, τ and v of a step of Π that meets Σ⁻ twice in a row.
@@ -16,9 +16,9 @@ EXAMPLE = (0.4, 0.25, 0.32, 5.82)
 JUMP = (0.4, 0.25, 0.46, 2.8, 2.9)
 
 
-def convexity_finding() -> Finding:
+def finding_on_convexity() -> Finding:
     """Return the finding on the paper's claim that Φ'' > 0 on all flights, and where the claim fails."""
-    delta, epsilon = plane_cells(60, 60)
+    delta, epsilon = plane_cell_centres(60, 60)
     worst = flights.worst_flights(delta, epsilon, rattle.period_one(delta, epsilon))
     first = min(w.first for w in worst)
     column = np.linspace(0.06, 0.3, 241)
@@ -81,11 +81,11 @@ def _find_jump(delta: float, epsilon: float, tau: float, low: float, high: float
     return low, below, above
 
 
-def impact_map_finding() -> Finding:
+def finding_on_impact_map() -> Finding:
     """Return the finding on the impact map: a fourth case of flights, and a jump of Π."""
     v, below, above = _find_jump(*JUMP)
     step = flights.compute_reference_step(*EXAMPLE)
-    delta, epsilon = plane_cells(300, 150)
+    delta, epsilon = plane_cell_centres(300, 150)
     random = np.random.default_rng(0)
     count = rattle.iterate(
         delta, epsilon, random.random((8, delta.size)), 7 * random.random((8, delta.size)), 1
@@ -123,7 +123,7 @@ def impact_map_finding() -> Finding:
     )
 
 
-def contact_force_finding() -> Finding:
+def finding_on_contact_force() -> Finding:
     """Return the finding on the paper's claims that the contact force g is positive and that (3.13) always holds."""
     delta = np.linspace(*WINDOW[0], 2001)
     top = WINDOW[1][1]
@@ -157,10 +157,10 @@ def contact_force_finding() -> Finding:
     )
 
 
-def factor_three_finding() -> Finding:
+def finding_on_factor_three() -> Finding:
     """Return the finding on the change of speed in a small bounce, which the paper prints three times too large."""
     orders = formulas.measure_orders()
-    rate, periods = formulas.decay_rate(0.02, 1_500_000)
+    rate, periods = formulas.bounce_speed_decay_rate(0.02, 1_500_000)
     third, printed = (formulas.decay_rate_by_formula(factor, 0.005, 2.0) for factor in (1 / 3, 1.0))
     damping = formulas.DELTA
     return Finding(
@@ -192,7 +192,7 @@ def factor_three_finding() -> Finding:
     )
 
 
-def extremes_of_f_finding() -> Finding:
+def finding_on_extremes_of_f() -> Finding:
     """Return the finding on the paper's (3.11) and (3.12): the extremes of f are printed with a factor v² too much."""
     v, delta, epsilon = 0.05, 0.6, 0.1
     values = formulas.f(np.arange(4000) / 4000, v, delta, epsilon)

@@ -110,15 +110,21 @@ def _bounce_errors(v: float) -> tuple[float, float, float]:
     speed = np.array([b.impact_velocity for b in bounces])
     change = f(PHASES, v, DELTA, EPSILON) / g(PHASES, v, DELTA, EPSILON) * v**2
     late = time - 2 * v / acceleration_by_formula(PHASES, v, DELTA, EPSILON)
-    return _largest_absolute(late), _largest_absolute(speed - v - change), _largest_absolute(speed - v - change / 3)
+    return (
+        _largest_absolute_value(late),
+        _largest_absolute_value(speed - v - change),
+        _largest_absolute_value(speed - v - change / 3),
+    )
 
 
-def _largest_absolute(values: Array) -> float:
+def _largest_absolute_value(values: Array) -> float:
     """Return the largest absolute value in an array."""
     return float(np.abs(values).max())
 
 
-def decay_rate(v: float, impacts: int, delta: float = DELTA, epsilon: float = EPSILON) -> tuple[float, float]:
+def bounce_speed_decay_rate(
+    v: float, impacts: int, delta: float = DELTA, epsilon: float = EPSILON
+) -> tuple[float, float]:
     """Return the rate per forcing period at which ln v falls over many bounces, computed exactly from phase 0 on.
 
     The speed of bounces also varies with the phase, and the first and the last bounce are at different phases.

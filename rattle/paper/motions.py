@@ -14,9 +14,9 @@ from rattle.impacting.gear import Gear
 from rattle.impacting.orbits.period_one import orbits_at
 from rattle.impacting.orbits.periodic import periodic_orbit
 from rattle.orbits.orbits_a_to_d import PeriodOne
-from rattle.paper.birth import birth_of_chaos
-from rattle.paper.chaos import have_settled
-from rattle.paper.numbers import epsilon_at
+from rattle.paper.birth import find_birth_of_chaos
+from rattle.paper.chaos import flag_settled_states
+from rattle.paper.numbers import epsilon_on_curve
 from rattle.paper.pictures import DELTA, Panels, basin_fraction, fractions_text, label_of
 from rattle.paper.plane import Array, C, D
 from rattle.paper.records import Finding, FindingEvidence
@@ -32,9 +32,9 @@ def chaos_exponent(attractors: tuple[Attractor, ...]) -> float:
     return next((a.lyapunov[0] for a in attractors if a.kind == "chaotic"), np.nan)
 
 
-def chaos_birth_finding() -> Finding:
+def finding_on_birth_of_chaos() -> Finding:
     """Return the finding on the birth of the chaotic attractor of Figure 4(i)."""
-    birth = birth_of_chaos()
+    birth = find_birth_of_chaos()
     early, before, above, after = (
         Gear(DELTA, e).attractors(count=4096) for e in (FAR_BELOW, JUST_BELOW, 0.0974, 0.098)
     )
@@ -74,12 +74,12 @@ def chaos_birth_finding() -> Finding:
     )
 
 
-def cod23_finding() -> Finding:
+def finding_on_cod23() -> Finding:
     """Return the finding on COD23, the codimension-two point at which SN2 and PD1 end."""
     points = {point.name: point for point in codimension_two()}
     equal, ends = points["COD21"], points["COD23"]
     delta = 0.7596
-    graze, born = epsilon_at("G1", delta), epsilon_at("SN2", delta)
+    graze, born = epsilon_on_curve("G1", delta), epsilon_on_curve("SN2", delta)
     between = orbits_at(delta, (graze + born) / 2, 0.6)
     names = "".join(orbit.name for orbit in between)
     beyond, below = 0.7604, 0.7592
@@ -129,16 +129,16 @@ def _exponents_near_g1(delta: float, below: float) -> Array:
     epsilon = float(graze.epsilon) - below
     tau, v = np.meshgrid(graze.tau + np.linspace(-0.01, 0.01, 40), graze.v + np.linspace(-0.05, 0.05, 40))
     near = rattle.iterate(delta, epsilon, tau, v, 3000)
-    left = ~have_settled(delta, epsilon, near.tau.ravel(), near.v.ravel())
+    left = ~flag_settled_states(delta, epsilon, near.tau.ravel(), near.v.ravel())
     end = rattle.iterate_tangent(delta, epsilon, near.tau.ravel()[left], near.v.ravel()[left], 100_000)
-    return end.lyapunov[0][~have_settled(delta, epsilon, end.tau, end.v)]
+    return end.lyapunov[0][~flag_settled_states(delta, epsilon, end.tau, end.v)]
 
 
-def c_stability_finding(orbits: PeriodOne, region: NDArray[np.int8]) -> Finding:
+def finding_on_stability_of_c(orbits: PeriodOne, region: NDArray[np.int8]) -> Finding:
     """Return the finding on PDC, the flip of C, which the paper does not have."""
     inside = np.isin(region, (2, 3, 4))
     part = float((~orbits.stable[C] & inside).sum() / inside.sum())
-    flip, graze = epsilon_at("PDC", 0.5), epsilon_at("G1", 0.5)
+    flip, graze = epsilon_on_curve("PDC", 0.5), epsilon_on_curve("G1", 0.5)
     epsilon = np.linspace(flip, graze, 102)[1:-1]
     c = rattle.period_one(0.5, epsilon)
     unstable = bool((c.exists[C] & ~c.stable[C]).all())
@@ -169,11 +169,11 @@ def c_stability_finding(orbits: PeriodOne, region: NDArray[np.int8]) -> Finding:
     )
 
 
-def d_stability_finding(delta: Array, epsilon: Array, orbits: PeriodOne, region: NDArray[np.int8]) -> Finding:
+def finding_on_stability_of_d(delta: Array, epsilon: Array, orbits: PeriodOne, region: NDArray[np.int8]) -> Finding:
     """Return the finding on PD2, the flip at which D regains its stability."""
     stable = orbits.stable[D]
     five, patch = region == 5, (region == 3) & (epsilon > 0.2)
-    again = epsilon_at("PD2", 0.4)
+    again = epsilon_on_curve("PD2", 0.4)
     seen = Gear(0.5, 0.29).attractors(count=1024)
     part = float((stable & five).sum() / five.sum())
     return Finding(
@@ -197,7 +197,7 @@ def d_stability_finding(delta: Array, epsilon: Array, orbits: PeriodOne, region:
     )
 
 
-def g1_multipliers_finding() -> Finding:
+def finding_on_g1_multipliers() -> Finding:
     """Return the finding on the Floquet multipliers along G1, at dampings below and above COD20."""
     corner = codimension_two()[0]
     delta = np.linspace(0.4, 0.6, 20001)
@@ -225,7 +225,7 @@ def g1_multipliers_finding() -> Finding:
     )
 
 
-def region_one_finding() -> Finding:
+def finding_on_region_one() -> Finding:
     """Return the finding on P(1,2,0), a period-one orbit that attracts in region I."""
     random = np.random.default_rng(0)
     delta, epsilon = random.uniform(0.4, 1.0, 6000), random.uniform(0.0, 0.3, 6000)
@@ -271,7 +271,7 @@ def region_one_finding() -> Finding:
     )
 
 
-def attractor_number_finding(found: Panels) -> Finding:
+def finding_on_number_of_attractors(found: Panels) -> Finding:
     """Return the finding on the number of attractors in the panels of Figure 4."""
     counts = [sum(a.fraction >= SEEN for a in attractors) for attractors in found.values()]
     c = [basin_fraction(attractors, "P(1,1,0)") for attractors in found.values()]

@@ -6,9 +6,9 @@ from collections.abc import Callable
 import rattle
 from rattle.curves import codimension_two, trace
 from rattle.errors import RattleError
-from rattle.paper.birth import birth_of_chaos
-from rattle.paper.chaos import end_of_chaos
-from rattle.paper.records import Number
+from rattle.paper.birth import find_birth_of_chaos
+from rattle.paper.chaos import bracket_end_of_chaos
+from rattle.paper.records import StatedNumber
 
 #: For each number: its place in the paper, its digits as printed, and the key of the finding that explains why the
 #: number is wrong ("" if it is right).
@@ -49,13 +49,13 @@ PROVED = {
 }
 
 
-def epsilon_at(curve: str, delta: float) -> float:
+def epsilon_on_curve(curve: str, delta: float) -> float:
     """Return ε of a bifurcation curve at one damping; NaN if the curve does not exist there."""
     found = trace(curve, delta=(delta - 0.01, delta + 0.01)).at(delta)
     return found[0] if found else math.nan
 
 
-def _number_functions() -> dict[str, Callable[[], float | tuple[float, float]]]:
+def _functions_of_stated_numbers() -> dict[str, Callable[[], float | tuple[float, float]]]:
     """Return {name of a number in STATED: function that computes the number}.
 
     Returns
@@ -75,15 +75,15 @@ def _number_functions() -> dict[str, Callable[[], float | tuple[float, float]]]:
     equal, ends, fold = points["COD21"], points["COD23"], points["COD22"]
     first, second = rattle.grazing("G1", 0.762).multipliers
     return {
-        "SN1 at δ = 0.6": lambda: epsilon_at("SN1", 0.6),
-        "SN2 at δ = 0.6": lambda: epsilon_at("SN2", 0.6),
-        "PD1 at δ = 0.6": lambda: epsilon_at("PD1", 0.6),
-        "chaotic attractor appears at δ = 0.6": lambda: birth_of_chaos().graze,
-        "chaotic attractor ends at δ = 0.6": lambda: end_of_chaos(0.6, 0.1107, 0.1112, 2e-6),
-        "G1 at δ = 0.6": lambda: epsilon_at("G1", 0.6),
-        "SN1 at δ = 0.762": lambda: epsilon_at("SN1", 0.762),
-        "G1 at δ = 0.762": lambda: epsilon_at("G1", 0.762),
-        "chaotic attractor ends at δ = 0.762": lambda: end_of_chaos(0.762, 0.0973, 0.0976, 1e-6),
+        "SN1 at δ = 0.6": lambda: epsilon_on_curve("SN1", 0.6),
+        "SN2 at δ = 0.6": lambda: epsilon_on_curve("SN2", 0.6),
+        "PD1 at δ = 0.6": lambda: epsilon_on_curve("PD1", 0.6),
+        "chaotic attractor appears at δ = 0.6": lambda: find_birth_of_chaos().graze,
+        "chaotic attractor ends at δ = 0.6": lambda: bracket_end_of_chaos(0.6, 0.1107, 0.1112, 2e-6),
+        "G1 at δ = 0.6": lambda: epsilon_on_curve("G1", 0.6),
+        "SN1 at δ = 0.762": lambda: epsilon_on_curve("SN1", 0.762),
+        "G1 at δ = 0.762": lambda: epsilon_on_curve("G1", 0.762),
+        "chaotic attractor ends at δ = 0.762": lambda: bracket_end_of_chaos(0.762, 0.0973, 0.0976, 1e-6),
         "λ₁ of C on G1 at δ = 0.762": lambda: float(first.real),
         "λ₂ of C on G1 at δ = 0.762": lambda: float(second.real),
         "COD21: multipliers on G1 turn real, δ": lambda: equal.delta,
@@ -97,11 +97,11 @@ def _number_functions() -> dict[str, Callable[[], float | tuple[float, float]]]:
     }
 
 
-def paper_numbers(finding: str | None = None) -> tuple[Number, ...]:
+def paper_numbers(finding: str | None = None) -> tuple[StatedNumber, ...]:
     """Return all numbers in the paper's order, or only those that the finding with the key `finding` explains."""
-    computed = _number_functions()
+    computed = _functions_of_stated_numbers()
     return tuple(
-        Number(where, what, paper, computed[what](), key)
+        StatedNumber(where, what, paper, computed[what](), key)
         for what, (where, paper, key) in STATED.items()
         if finding is None or key == finding
     )

@@ -19,7 +19,7 @@ SMALL = 0.02
 Panels = dict[float, tuple[Attractor, ...]]
 
 
-def compute_panels() -> Panels:
+def compute_figure_4_attractors() -> Panels:
     """Return the attractors of every panel of Figure 4, from SAMPLES initial conditions (τ, v) in [0, 1) × (0, 7)."""
     return {epsilon: Gear(DELTA, epsilon).attractors(count=SAMPLES) for epsilon in PANELS}
 

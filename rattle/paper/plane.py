@@ -10,7 +10,7 @@ from rattle.attractors.samples import Outcome
 from rattle.curves import codimension_two
 from rattle.impacting.attractors.classifier import attractors_of
 from rattle.orbits.orbits_a_to_d import PeriodOne
-from rattle.paper.chaos import chaotic_states, have_settled
+from rattle.paper.chaos import chaotic_states, flag_settled_states
 from rattle.paper.records import Statement
 
 #: Ranges of δ and ε in Figure 7.
@@ -24,7 +24,7 @@ SIDE_DISTANCE = 1e-7
 Array = NDArray[np.float64]
 
 
-def plane_cells(columns: int = CELLS[0], rows: int = CELLS[1]) -> tuple[Array, Array]:
+def plane_cell_centres(columns: int = CELLS[0], rows: int = CELLS[1]) -> tuple[Array, Array]:
     """Return δ and ε, both (columns · rows,), at the centres of the cells into which Figure 7's plane is cut."""
     (d0, d1), (e0, e1) = WINDOW
     delta = d0 + (d1 - d0) * (np.arange(columns) + 0.5) / columns
@@ -144,7 +144,7 @@ def figure_9_statements(end: float) -> tuple[Statement, ...]:
     for e in epsilon:
         states = rattle.iterate_tangent(delta, e, tau, v, 4000)
         tau, v = states.tau, states.v
-        lost += int(have_settled(delta, e, tau, v).sum())
+        lost += int(flag_settled_states(delta, e, tau, v).sum())
         weakest = min(weakest, float(states.lyapunov[0].min()))
         spread.append(np.ptp(rattle.iterate(delta, e, tau[:, None], v[:, None], np.arange(40)).v))
     below = attractors_of(delta, start - 1e-6, count=1024).kind

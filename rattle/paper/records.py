@@ -16,7 +16,7 @@ HOLDS, FAILS = "holds", "fails"
 
 
 @dataclass(frozen=True)
-class Number:
+class StatedNumber:
     """A number that the paper states, and its computed value.
 
     where: the paper's figure or section. what: the quantity. paper: the number as the paper prints it.
@@ -36,25 +36,25 @@ class Number:
         return self.computed if isinstance(self.computed, tuple) else (self.computed, self.computed)
 
     @property
-    def stated(self) -> Decimal:
+    def printed_value(self) -> Decimal:
         """The number that the paper prints, without ≈."""
         return Decimal(self.paper.removeprefix("≈").strip())
 
     @property
     def tolerance(self) -> float:
         """Largest difference at which numbers agree: half a unit of the paper's last digit, a whole unit after ≈."""
-        unit = 10.0 ** int(self.stated.as_tuple().exponent)
+        unit = 10.0 ** int(self.printed_value.as_tuple().exponent)
         return unit if self.paper.startswith("≈") else unit / 2
 
     @property
     def difference(self) -> float:
         """The computed value, or the middle of the interval, minus the number that the paper prints."""
-        return sum(self.interval) / 2 - float(self.stated)
+        return sum(self.interval) / 2 - float(self.printed_value)
 
     @property
     def verdict(self) -> str:
         """AGREES or OFF; UNDECIDED if only a part of the computed interval agrees."""
-        low, high = (end - float(self.stated) for end in self.interval)
+        low, high = (end - float(self.printed_value) for end in self.interval)
         reach = self.tolerance + ROUNDING
         if -reach <= low and high <= reach:
             return AGREES
@@ -68,7 +68,7 @@ class Number:
 
 @dataclass(frozen=True)
 class Statement:
-    """A statement that the paper makes in words; a number that it states is a `Number`.
+    """A statement that the paper makes in words; a number that it states is a `StatedNumber`.
 
     where: the paper's figure or section. says: the statement. computed: the computed evidence in words.
     holds: whether the evidence supports the statement.
@@ -105,7 +105,7 @@ class FindingEvidence:
 class Finding:
     """A wrong or incomplete statement of the paper, with its correction and computed evidence.
 
-    key: the name by which a `Number` refers to the finding. title: one sentence.
+    key: the name by which a `StatedNumber` refers to the finding. title: one sentence.
     paper: what the paper states. instead: the correction. evidence: the computed facts.
     """
 
@@ -128,7 +128,7 @@ class Report:
     first: the number of the first finding. It is 1, unless the report has a single finding chosen by its number.
     """
 
-    numbers: tuple[Number, ...]
+    numbers: tuple[StatedNumber, ...]
     statements: tuple[Statement, ...]
     findings: tuple[Finding, ...]
     first: int = 1

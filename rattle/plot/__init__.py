@@ -14,13 +14,20 @@ from rattle.plot.areas import areas_figure
 from rattle.plot.basins import MANIFOLDS, gamma_line, manifold_line, panels
 from rattle.plot.colours import KIND_COLOURS, REGION_COLOURS, Palette, colour, legend_name
 from rattle.plot.crisis import crisis_figure
-from rattle.plot.diagram import branch_figure, curves_along, diagram_figure, impacts_at, parameter_axis, strokes
+from rattle.plot.diagram import (
+    branch_figure,
+    diagram_figure,
+    impact_curves_along_branch,
+    impacts_at_event,
+    parameter_axis,
+    strokes,
+)
 from rattle.plot.drawing import FORMATS, HALO, Drawing, new_figure, save
 from rattle.plot.paper_figures import (
     FIGURES,
+    FigureRequest,
     PaperFigure,
-    Request,
-    StiffRequest,
+    StiffFigureRequest,
     draw,
     parse_option,
     request,
@@ -31,7 +38,7 @@ from rattle.plot.plane import MARKERS, STYLES, draw_curve, draw_line, draw_point
 from rattle.plot.restitution import (
     RestitutionPlane,
     codimension_two_figure,
-    restitution_figure,
+    draw_restitution_figure,
     restitution_plane,
 )
 from rattle.plot.stiff import stiff_figure
@@ -53,24 +60,25 @@ __all__ = [
     "REGION_COLOURS",
     "STYLES",
     "Drawing",
+    "FigureRequest",
     "Palette",
     "PaperFigure",
-    "Request",
     "RestitutionPlane",
-    "StiffRequest",
+    "StiffFigureRequest",
     "areas_figure",
     "branch_figure",
     "codimension_two_figure",
     "colour",
     "crisis_figure",
-    "curves_along",
     "diagram_figure",
     "draw",
     "draw_curve",
     "draw_line",
     "draw_points",
+    "draw_restitution_figure",
     "gamma_line",
-    "impacts_at",
+    "impact_curves_along_branch",
+    "impacts_at_event",
     "legend_name",
     "manifold_line",
     "new_figure",
@@ -79,7 +87,6 @@ __all__ = [
     "parse_option",
     "polyline",
     "request",
-    "restitution_figure",
     "restitution_plane",
     "save",
     "stiff_figure",

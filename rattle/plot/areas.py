@@ -42,7 +42,7 @@ def areas_figure(blocks: Sequence[ProvedBlock], delta: Ends, epsilon: Ends) -> D
     return Drawing(figure)
 
 
-def _corners(blocks: Sequence[ProvedBlock]) -> list[list[tuple[float, float]]]:
+def _block_corners(blocks: Sequence[ProvedBlock]) -> list[list[tuple[float, float]]]:
     """Return the four corners (δ, ε) of each block."""
     ends = [(*map(float, block.delta), *map(float, block.epsilon)) for block in blocks]
     return [[(left, low), (right, low), (right, high), (left, high)] for left, right, low, high in ends]
@@ -51,7 +51,7 @@ def _corners(blocks: Sequence[ProvedBlock]) -> list[list[tuple[float, float]]]:
 def _draw_claims(axes: Axes, blocks: Sequence[ProvedBlock], inks: dict[str, str]) -> None:
     """Draw blocks as rectangles in the colours of their claims, with a legend."""
     colours = [inks[block.claim] for block in blocks]
-    axes.add_collection(PolyCollection(_corners(blocks), facecolors=colours, edgecolors=colours, linewidths=0.1))
+    axes.add_collection(PolyCollection(_block_corners(blocks), facecolors=colours, edgecolors=colours, linewidths=0.1))
     keys = [Patch(color=ink, label=claim) for claim, ink in [*inks.items(), ("not proved", UNPROVED)]]
     axes.legend(handles=keys, fontsize=8, loc="lower right", framealpha=0.9)
 
@@ -62,7 +62,7 @@ def _draw_capture_speeds(axes: Axes, blocks: Sequence[ProvedBlock]) -> None:
         return
     speeds = [float(block.speed or 0) for block in blocks]
     drawn = PolyCollection(
-        _corners(blocks), array=speeds, cmap="viridis", norm="log", edgecolors="face", linewidths=0.1
+        _block_corners(blocks), array=speeds, cmap="viridis", norm="log", edgecolors="face", linewidths=0.1
     )
     axes.add_collection(drawn)
     axes.figure.colorbar(drawn, ax=axes, label="impact speed v")

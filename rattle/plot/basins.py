@@ -14,8 +14,8 @@ from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from rattle.attractors.basins import Basins, Range
-from rattle.attractors.cell_map import Box
-from rattle.attractors.speeds import PAPER_SPEED, sampled_speed
+from rattle.attractors.cell_map import PhaseSpeedBox
+from rattle.attractors.speeds import PAPER_SPEED, highest_sampled_speed
 from rattle.attractors.table import Attractor
 from rattle.errors import RattleError, require
 from rattle.flight.law import wrap_phase_difference
@@ -58,7 +58,7 @@ EDGE_COLOUR = "0.25"
 
 def largest_drawn_speed(gear: AnyGear) -> float:
     """Return the largest speed v on the axis of a picture: 7 in the paper's plane, elsewhere the natural speed."""
-    return sampled_speed(None, gear.delta, gear.epsilon, gear.beta)
+    return highest_sampled_speed(None, gear.delta, gear.epsilon, gear.beta)
 
 
 def fold_line(tau: Array, v: Array, v_max: float) -> Array:
@@ -217,7 +217,7 @@ def panels(
     return Drawing(figure)
 
 
-def _set_few_ticks(axes: Axes, box: Box, first: bool, last: bool) -> None:
+def _set_few_ticks(axes: Axes, box: PhaseSpeedBox, first: bool, last: bool) -> None:
     """Put tick labels and axis names only at the first panel of a row (v) and at the last panel of a column (τ).
 
     first, last: whether this is the first panel of its row, and the last panel of its column.
@@ -360,7 +360,7 @@ def _write_labels(
         labels.add(name, (orbit.tau, orbit.v), size=12, white_edge=True)
     for i, attractor in enumerate(basins.attractors):
         symbol = _basin_symbol(attractor, orbits)
-        if symbol and not labels.add_within(symbol, basins.labels[::-1] == i, size=13):
+        if symbol and not labels.add_name_within(symbol, basins.labels[::-1] == i, size=13):
             place, room = labels.widest_place(basins.labels[::-1] == i)
             if room > 2.0:
                 labels.add(symbol, place, size=13, white_edge=True)

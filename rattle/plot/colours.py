@@ -64,7 +64,7 @@ XYZ = np.array(
 Motion = Attractor | Label | str
 
 
-def _type_of(motion: Motion) -> str | Label:
+def _motion_type(motion: Motion) -> str | Label:
     """Return the type of a motion: "quiet", "chaotic", "undecided" or (m, n₊, n₋). Raises ParameterError."""
     if isinstance(motion, Attractor):
         motion = (motion.m, motion.n_plus, motion.n_minus) if motion.kind == "periodic" else motion.kind
@@ -105,7 +105,7 @@ def legend_name(motion: Motion, contacts: int | None = None) -> str:
     ParameterError
         If `motion` is not an attractor, a kind or a valid label (m, n_plus, n_minus).
     """
-    label = _type_of(motion)
+    label = _motion_type(motion)
     if isinstance(label, str):
         return label
     phases = getattr(motion, "contacts", 0) if contacts is None else contacts
@@ -114,7 +114,7 @@ def legend_name(motion: Motion, contacts: int | None = None) -> str:
 
 def legend_sort_key(motion: Motion) -> tuple[int, tuple[int, ...]]:
     """Return the sort key of a motion: quiet first, then periodic by (m, n₊, n₋), then chaotic, then undecided."""
-    label = _type_of(motion)
+    label = _motion_type(motion)
     return (KINDS.index(label), ()) if isinstance(label, str) else (KINDS.index("periodic"), label)
 
 
@@ -136,7 +136,7 @@ def colour(motion: Motion) -> str:
     ParameterError
         If `motion` is not an attractor, a kind or a valid label (m, n_plus, n_minus).
     """
-    label = _type_of(motion)
+    label = _motion_type(motion)
     if isinstance(label, str):
         return KIND_COLOURS[label]
     return NAMED.get(label) or _colour_by_rule(label)
@@ -161,13 +161,13 @@ class Palette:
 
     def colour(self, motion: Motion) -> str:
         """Return the colour "#rrggbb" of a type of motion in this picture. Raises ParameterError."""
-        label = _type_of(motion)
+        label = _motion_type(motion)
         if label not in self._taken:
             own = colour(motion)
-            taken = np.array([_cielab(each) for each in self._taken.values()])
+            taken = np.array([_cielab_coordinates(each) for each in self._taken.values()])
             least = ALIKE if label in NAMED else self._alike
-            near = np.hypot.reduce(taken - _cielab(own), axis=1).min() < least
-            self._taken[label] = self._farthest_spare() if near else own
+            near = np.hypot.reduce(taken - _cielab_coordinates(own), axis=1).min() < least
+            self._taken[label] = self._farthest_spare_colour() if near else own
         return self._taken[label]
 
     def next_colour(self, motion: Motion) -> str:
@@ -185,15 +185,15 @@ class Palette:
         ParameterError
             If `motion` is not an attractor, a kind or a valid label (m, n_plus, n_minus).
         """
-        label = _type_of(motion)
+        label = _motion_type(motion)
         self._times[label] += 1
         if self._times[label] == 1:
             return self.colour(motion)
-        return self._taken.setdefault((label, self._times[label]), self._farthest_spare())
+        return self._taken.setdefault((label, self._times[label]), self._farthest_spare_colour())
 
-    def _farthest_spare(self) -> str:
+    def _farthest_spare_colour(self) -> str:
         """Return the spare colour farthest from the picture's colours and those of quiet, chaotic, undecided motion."""
-        taken = np.array([_cielab(each) for each in self._taken.values()])
+        taken = np.array([_cielab_coordinates(each) for each in self._taken.values()])
         away = [float(np.hypot.reduce(taken - each, axis=1).min()) for _, each in _spare_colours()]
         return _spare_colours()[int(np.argmax(away))][0]
 
@@ -202,11 +202,11 @@ class Palette:
 def _spare_colours() -> tuple[tuple[str, NDArray[np.float64]], ...]:
     """Return the spare colours that differ enough from the colour of quiet motion, as "#rrggbb" and in CIELAB."""
     found = (_hex_colour(hue, lightness, saturation) for hue, lightness, saturation in SPARE)
-    every, quiet = [(each, _cielab(each)) for each in found], _cielab(KIND_COLOURS["quiet"])
+    every, quiet = [(each, _cielab_coordinates(each)) for each in found], _cielab_coordinates(KIND_COLOURS["quiet"])
     return tuple((each, lab) for each, lab in every if np.hypot.reduce(lab - quiet) >= LEAST_QUIET_DISTANCE)
 
 
-def _cielab(shade: str) -> NDArray[np.float64]:
+def _cielab_coordinates(shade: str) -> NDArray[np.float64]:
     """Return the CIELAB coordinates (3,) of an sRGB colour "#rrggbb" (CIE 1976, white point D65).
 
     In these coordinates, pairs of colours at equal distances look about equally different.

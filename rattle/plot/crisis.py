@@ -35,7 +35,7 @@ def crisis_figure(beta: float = 0.6, resolution: float = 0.02) -> Drawing:
     plane, zoom, *panels = figure.subplots(2, 2).ravel()
     highest = float(curve.delta.max())
     contacts = [min(curve.points, key=lambda point: abs(point.delta - share * highest)) for share in (0.78, 0.99)]
-    _draw_gap_at_end(zoom, curve)
+    _draw_distance_from_sn1(zoom, curve)
     manifolds = [_draw_manifolds(axes, contact) for axes, contact in zip(panels, contacts, strict=True)]
     _draw_crisis_curve(plane, curve)
     for axes, (saddle, lines) in zip(panels, manifolds, strict=True):
@@ -68,10 +68,10 @@ def _draw_crisis_curve(axes: Axes, curve: CrisisCurve) -> None:
     axes.legend(handles=marks, fontsize=8, loc="upper right", frameon=False)
     labels = draw_points(axes, codimension_two(curve.beta), list(lines.values())) or Labels(axes, list(lines.values()))
     for name, line in lines.items():
-        labels.add_along(name, line, 10, CRISIS if name == "crisis" else STYLES[name][0])
+        labels.add_along_line(name, line, 10, CRISIS if name == "crisis" else STYLES[name][0])
 
 
-def _draw_gap_at_end(axes: Axes, curve: CrisisCurve) -> None:
+def _draw_distance_from_sn1(axes: Axes, curve: CrisisCurve) -> None:
     """Draw the crisis curve near its end: its distance in ε from SN1 against its distance in δ from COD22."""
     (end,) = (point for point in codimension_two(curve.beta) if point.name == "COD22")
     offset, gap = curve.delta - end.delta, curve.epsilon - sn1_formula(curve.delta)

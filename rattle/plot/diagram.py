@@ -15,7 +15,7 @@ from rattle.attractors.table import KINDS, AttractorTable
 from rattle.continuation.bifurcation_diagram import Diagram
 from rattle.continuation.conditions import EventKind
 from rattle.continuation.followed import FollowedBranch
-from rattle.continuation.motions import Segment
+from rattle.continuation.motions import ParameterSegment
 from rattle.continuation.sweeps import SweepPoints
 from rattle.errors import require
 from rattle.flight.law import wrap_phase_difference
@@ -94,7 +94,7 @@ def _draw_diagram(diagram: Diagram[Any, Any], v: Limits, tau: tuple[float, float
     figure = new_figure(7.2, 7.9)
     upper, lower = figure.subplots(2, 1, sharex=True)
     axis, scale, offset = parameter_axis(diagram)
-    curves = [(branch, list(curves_along(diagram, branch, scale, offset))) for branch in diagram.branches]
+    curves = [(branch, list(impact_curves_along_branch(diagram, branch, scale, offset))) for branch in diagram.branches]
     for panel, which, limits, label in ((upper, "v", v, "impact speed $v$"), (lower, "tau", tau, "impact phase $τ$")):
         _draw_sweep_points(panel, diagram, which, offset + scale * diagram.points.position)
         for branch, parts in curves:
@@ -102,7 +102,7 @@ def _draw_diagram(diagram: Diagram[Any, Any], v: Limits, tau: tuple[float, float
                 _draw_impact_curve(panel, curve, getattr(curve, which), branch.label[:2] == (1, 1))
         panel.set_ylabel(label)
         panel.set_xlim(*sorted((offset - margin * scale, offset + (1.0 + margin) * scale)))
-        panel.set_ylim(*(limits or _speed_limits(diagram)))
+        panel.set_ylim(*(limits or _speed_axis_limits(diagram)))
         panel.tick_params(direction="in", top=True, right=True)
     upper.set_title(_fixed_parameters(diagram), fontsize=10)
     lower.set_xlabel(axis)
@@ -137,7 +137,7 @@ def branch_figure(branch: Any) -> Figure:
     first, last = np.argmin(at @ way), np.argmax(at @ way)
     ends = [first, last]
     alone = Diagram(
-        Segment(at[first], at[last]),
+        ParameterSegment(at[first], at[last]),
         found.itinerary.beta,
         np.array([0.0, 1.0]),
         found.delta[ends],
@@ -173,17 +173,17 @@ def draw_along_epsilon(delta: float, epsilon: tuple[float, float], beta: float =
     """
     steps, *limits = WINDOWS.get((delta, epsilon, beta), (STEPS, None, ALL_PHASES))
     found = diagram((delta, epsilon[0]), (delta, epsilon[1]), beta, steps)
-    return Drawing(diagram_figure(found, *limits), _left_out_note(found))
+    return Drawing(diagram_figure(found, *limits), _note_on_omitted_branches(found))
 
 
 def draw_stiff_along_epsilon(delta: float, epsilon: tuple[float, float], beta: float, kappa: float) -> Drawing:
     """Draw the stiff gear's diagram along ε, with the axes limits of `draw_along_epsilon`. Raises ParameterError."""
     _steps, *limits = WINDOWS.get((delta, epsilon, beta), (STEPS, None, ALL_PHASES))
     found = stiff_diagram((delta, epsilon[0]), (delta, epsilon[1]), beta, kappa, STIFF_STEPS)
-    return Drawing(diagram_figure(found, *limits), _left_out_note(found))
+    return Drawing(diagram_figure(found, *limits), _note_on_omitted_branches(found))
 
 
-def _left_out_note(diagram: Diagram[Any, Any]) -> tuple[str, ...]:
+def _note_on_omitted_branches(diagram: Diagram[Any, Any]) -> tuple[str, ...]:
     """Return a note that names the branches that the diagram leaves out, or no note if it leaves out none."""
     if not diagram.left_out:
         return ()
@@ -227,14 +227,16 @@ def parameter_axis(diagram: Diagram[Any, Any]) -> tuple[str, float, float]:
     return f"way from (δ, ε) = ({delta:g}, {epsilon:g}) to ({last_delta:g}, {last_epsilon:g}), {rest}", 1.0, 0.0
 
 
-def impacts_at(event: Any) -> tuple[Array, Array]:
+def impacts_at_event(event: Any) -> tuple[Array, Array]:
     """Return the phases and the speeds (n,) of the impacts on Σ⁺ of the motion at an event (a bifurcation)."""
     orbit = event.orbit
     upper = np.array(orbit.walls) > 0
     return orbit.departures[upper] % 1.0, orbit.speeds[upper]
 
 
-def curves_along(diagram: Diagram[Any, Any], branch: Any, scale: float, offset: float) -> Iterator[ImpactCurve]:
+def impact_curves_along_branch(
+    diagram: Diagram[Any, Any], branch: Any, scale: float, offset: float
+) -> Iterator[ImpactCurve]:
     """Yield for each impact on Σ⁺ its curve along a branch. scale, offset: results of `parameter_axis`."""
     x, name = offset + scale * diagram.positions(branch), branch.names
     for impact in np.flatnonzero(np.array(branch.itinerary.walls) > 0):
@@ -245,7 +247,7 @@ def curves_along(diagram: Diagram[Any, Any], branch: Any, scale: float, offset: 
             for event in branch.events:
                 if event.after == i and i + 1 < len(branch) and event.admissible:
                     at = offset + scale * float(diagram.positions(event))
-                    there = impacts_at(event)
+                    there = impacts_at_event(event)
                     off = np.abs(wrap_phase_difference(there[0] - tau[i])) + np.abs(there[1] - v[i])
                     state = there[1][np.argmin(off)], there[0][np.argmin(off)]
                     rows.append((at, *state, branch.stable[i + 1], branch.admissible[i + 1], name[i + 1]))
@@ -303,14 +305,14 @@ def _mark_events(
     Events on a named bifurcation curve have larger marks and the curve's name. scale, offset: from `parameter_axis`.
     """
     for event in diagram.events:
-        phases, speeds = impacts_at(event)
+        phases, speeds = impacts_at_event(event)
         y = speeds if which == "v" else phases
         x = np.full(y.size, offset + scale * float(diagram.positions(event)))
         name = diagram.curve_of(event)
         size, face = (26.0, "black") if name else (5.0, "white")
         panel.scatter(x, y, s=size, marker=MARKS[event.kind], c=face, ec="black", lw=0.5, zorder=5 if name else 4)
         if name:
-            seen = _is_visible(panel, x, y)
+            seen = _are_points_visible(panel, x, y)
             if seen.any():
                 labels.add(name, (float(x[seen][0]), float(y[seen][0])), size=SIZE)
 
@@ -327,7 +329,9 @@ def _write_orbit_names(
         for curve in parts:
             y = getattr(curve, which)
             for name in sorted(set(curve.name) - {""}):
-                on = np.flatnonzero(_is_visible(panel, curve.x, y) & curve.admissible & (np.array(curve.name) == name))
+                on = np.flatnonzero(
+                    _are_points_visible(panel, curve.x, y) & curve.admissible & (np.array(curve.name) == name)
+                )
                 on = on[:: max(1, on.size // ANCHORS)]
                 places.setdefault(name, []).extend(zip(curve.x[on].tolist(), y[on].tolist(), strict=True))
     if has_common_curve and {"A", "C"} <= set(places):
@@ -338,7 +342,7 @@ def _write_orbit_names(
             Text.set(labels.add(name, *points, size=SIZE), style="italic")
 
 
-def _is_visible(panel: Axes, x: Array, y: Array) -> NDArray[np.bool_]:
+def _are_points_visible(panel: Axes, x: Array, y: Array) -> NDArray[np.bool_]:
     """Return flags of points inside the limits of the panel."""
     (left, right), (low, high) = panel.get_xlim(), panel.get_ylim()
     return np.asarray((x >= left) & (x <= right) & (y >= low) & (y <= high))
@@ -354,11 +358,11 @@ def _visible_lines(panel: Axes, curve: ImpactCurve, y: Array) -> list[Array]:
     list[Array]
         At most one line (k, 2), with NaN between its parts.
     """
-    on = _is_visible(panel, curve.x, y) & curve.admissible
+    on = _are_points_visible(panel, curve.x, y) & curve.admissible
     return [np.column_stack([curve.x, np.where(on, y, np.nan)])] if on.any() else []
 
 
-def _speed_limits(diagram: Diagram[Any, Any]) -> tuple[float, float]:
+def _speed_axis_limits(diagram: Diagram[Any, Any]) -> tuple[float, float]:
     """Return limits of v from 0 to above all speeds of a diagram."""
     speeds = [diagram.points.v, *(branch.speeds[branch.admissible].ravel() for branch in diagram.branches)]
     top = max((float(each.max()) for each in speeds if each.size), default=1.0)

@@ -29,7 +29,7 @@ def new_figure(width: float, height: float) -> Figure:
     return figure
 
 
-def lay_out(figure: Figure) -> FigureCanvasAgg:
+def lay_out_axes(figure: Figure) -> FigureCanvasAgg:
     """Lay out the axes and return the canvas. Labels can be placed only when the shape of the axes is final."""
     canvas = figure.canvas
     assert isinstance(canvas, FigureCanvasAgg)

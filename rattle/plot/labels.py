@@ -8,7 +8,7 @@ from matplotlib.text import Annotation, Text
 from matplotlib.transforms import Bbox
 from numpy.typing import NDArray
 
-from rattle.plot.drawing import HALO, lay_out
+from rattle.plot.drawing import HALO, lay_out_axes
 
 Array = NDArray[np.float64]
 Point = tuple[float, float]
@@ -45,10 +45,10 @@ class Labels:
         """
         figure = axes.get_figure(root=True)
         assert figure is not None
-        self.axes, self.renderer = axes, lay_out(figure).get_renderer()
+        self.axes, self.renderer = axes, lay_out_axes(figure).get_renderer()
         self.frame = axes.get_window_extent(self.renderer)
         self.covered = np.concatenate(
-            [np.empty((0, 2)), *(_dense_points(axes.transData.transform(line)) for line in lines)]
+            [np.empty((0, 2)), *(_densify_line(axes.transData.transform(line)) for line in lines)]
         )
         self.boxes = [text.get_window_extent(self.renderer) for text in axes.texts]
         self.leaders: list[Array] = []
@@ -56,7 +56,7 @@ class Labels:
     def keep_clear_of(self, markers: Sequence[Point], size: float) -> None:
         """Let no later label cover these markers. markers: (x, y) in data coordinates; size: diameter in points."""
         half = np.full(2, self.renderer.points_to_pixels(size) / 2)
-        self.boxes += [_box(self.axes.transData.transform(marker), half) for marker in markers]
+        self.boxes += [_box_around_centre(self.axes.transData.transform(marker), half) for marker in markers]
 
     def add(
         self,
@@ -112,11 +112,11 @@ class Labels:
         origin, text.xy, offset = best
         text.set_position(tuple(offset))
         centre = origin + pixels * offset
-        self.boxes.append(_box(centre, half))
+        self.boxes.append(_box_around_centre(centre, half))
         self.leaders.append(np.array([origin, centre]))
         return text
 
-    def add_along(self, name: str, line: Array, size: float = 9, colour: str = "black") -> Text:
+    def add_along_line(self, name: str, line: Array, size: float = 9, colour: str = "black") -> Text:
         """Write a name beside a line (k, 2) in data coordinates, parallel to it.
 
         If there is no room for this, write the name near a point of the line, with a short line to the point (`add`).
@@ -129,13 +129,13 @@ class Labels:
         text = self.axes.text(0, 0, name, fontsize=size, color=colour, path_effects=HALO, zorder=5)
         text.set(ha="center", va="center", rotation_mode="anchor")
         half = np.array(Text.get_window_extent(text, self.renderer).size) / 2 + ROOM
-        fine = _dense_points(self.axes.transData.transform(line))
-        others = self.covered[_distances(self.covered, fine[:: max(1, len(fine) // 2000)]) > 6.0]
+        fine = _densify_line(self.axes.transData.transform(line))
+        others = self.covered[_distances_to_nearest(self.covered, fine[:: max(1, len(fine) // 2000)]) > 6.0]
         stretch = max(2, int(2 * half[0] / 4))
         places = [
             (self._parallel_label_cost(centre, angle, bend, half, others), centre, angle)
             for start in range(0, max(len(fine) - stretch, 0), max(1, stretch // 6))
-            for centre, angle, bend in _places_beside(fine[start : start + stretch], half[1])
+            for centre, angle, bend in _label_positions_beside(fine[start : start + stretch], half[1])
         ]
         cost, centre, angle = min(places, key=lambda place: place[0], default=(OUTSIDE_COST, np.zeros(2), 0.0))
         if cost >= FAULT_COST:
@@ -145,10 +145,10 @@ class Labels:
             return self.add(name, *((float(x), float(y)) for x, y in chosen), size=size, colour=colour)
         self._move_text(text, centre)
         text.set_rotation(np.degrees(angle))
-        self.boxes.append(_turned_box(centre, half, angle))
+        self.boxes.append(_upright_box_around_turned(centre, half, angle))
         return text
 
-    def add_within(self, name: str, inside: NDArray[np.bool_], size: float = 13) -> bool:
+    def add_name_within(self, name: str, inside: NDArray[np.bool_], size: float = 13) -> bool:
         """Write a name inside a part of the axes, where the part is widest, in smaller type if necessary.
 
         Parameters
@@ -169,7 +169,7 @@ class Labels:
             text.set_fontsize(smaller * size)
             half = np.array(Text.get_window_extent(text, self.renderer).size) / 2 + ROOM
             for centre in cells[roomiest]:
-                box = _box(centre, half)
+                box = _box_around_centre(centre, half)
                 if not (self._misplacement_cost(box) or self._count_covered_points(centre, half)):
                     self._move_text(text, centre)
                     self.boxes.append(box)
@@ -180,7 +180,7 @@ class Labels:
     def widest_place(self, inside: NDArray[np.bool_]) -> tuple[Point, float]:
         """Return the place in a part of the axes that is farthest from lines, labels and the edges of the axes.
 
-        inside: the cells of the part, as in `add_within`. The place is the centre of one of these cells.
+        inside: the cells of the part, as in `add_name_within`. The place is the centre of one of these cells.
 
         Returns
         -------
@@ -199,7 +199,7 @@ class Labels:
         share = np.column_stack([(j + 0.5) / columns, (i + 0.5) / rows])
         cells = np.array(self.frame.min) + share * np.array(self.frame.size)
         edge = np.minimum(cells - self.frame.min, np.array(self.frame.max) - cells).min(axis=1)
-        room = np.minimum(edge, _distances(cells, self.covered))
+        room = np.minimum(edge, _distances_to_nearest(cells, self.covered))
         for box in self.boxes:
             away = np.maximum(np.maximum(box.min - cells, cells - box.max), 0.0)
             room = np.minimum(room, np.hypot(*away.T))
@@ -227,14 +227,14 @@ class Labels:
         cost = float(np.hypot(*(centre - origin)))
         if cost >= most:
             return cost
-        cost += self._misplacement_cost(_box(centre, half)) + min(
+        cost += self._misplacement_cost(_box_around_centre(centre, half)) + min(
             20 * self._count_covered_points(centre, half), MOST_LINE_COST
         )
         if cost >= most:
             return cost
         leader = np.array([origin, centre])
-        dense = _dense_points(leader)
-        crossed = sum(_is_crossing(leader, other) for other in self.leaders)
+        dense = _densify_line(leader)
+        crossed = sum(_are_segments_crossing(leader, other) for other in self.leaders)
         return cost + FAULT_COST * (crossed + sum(other.count_contains(dense) > 0 for other in self.boxes))
 
     def _parallel_label_cost(self, centre: Array, angle: float, bend: float, half: Array, others: Array) -> float:
@@ -250,11 +250,11 @@ class Labels:
         """
         turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
         hidden = np.all(np.abs((self.covered - centre) @ turn) < half, axis=1).sum()
-        near = float(_distances(centre[None], others)[0]) if len(others) else CLEAR_DISTANCE
+        near = float(_distances_to_nearest(centre[None], others)[0]) if len(others) else CLEAR_DISTANCE
         cost = FAULT_COST * (hidden > 0) + 4 * max(0.0, CLEAR_DISTANCE - near) + 10 * bend + 20 * abs(np.sin(angle))
         # among places of equal cost, the place nearest to the middle of the picture is best
         middle = float(np.abs((centre - self.frame.min) / self.frame.size - 0.5).max())
-        return float(cost + 30 * middle) + self._misplacement_cost(_turned_box(centre, half, angle))
+        return float(cost + 30 * middle) + self._misplacement_cost(_upright_box_around_turned(centre, half, angle))
 
     def _misplacement_cost(self, box: Bbox) -> float:
         """Return the cost of covering other labels and of leaving the axes."""
@@ -262,7 +262,7 @@ class Labels:
         return FAULT_COST * sum(box.overlaps(other) for other in self.boxes) + OUTSIDE_COST * outside
 
 
-def _places_beside(part: Array, half_height: float) -> list[tuple[Array, float, float]]:
+def _label_positions_beside(part: Array, half_height: float) -> list[tuple[Array, float, float]]:
     """Return two places for a label, one on each side of a part of a line; no place if the part has a row of NaN.
 
     part: the points (k, 2) of the part, in pixels. half_height: half of the label's height, in pixels.
@@ -288,7 +288,7 @@ def _places_beside(part: Array, half_height: float) -> list[tuple[Array, float, 
     ]
 
 
-def _distances(points: Array, others: Array) -> Array:
+def _distances_to_nearest(points: Array, others: Array) -> Array:
     """Return the distance of each point (n, 2) to the nearest of `others`, whose rows of NaN are ignored.
 
     Returns
@@ -307,18 +307,18 @@ def _distances(points: Array, others: Array) -> Array:
     return found
 
 
-def _box(centre: Array, half: Array) -> Bbox:
+def _box_around_centre(centre: Array, half: Array) -> Bbox:
     """Return a box from its centre and half of its width and height."""
     return Bbox([centre - half, centre + half])
 
 
-def _turned_box(centre: Array, half: Array, angle: float) -> Bbox:
+def _upright_box_around_turned(centre: Array, half: Array, angle: float) -> Bbox:
     """Return the smallest upright box around a box turned by `angle`. half: half the turned box's width and height."""
     cosine, sine = abs(np.cos(angle)), abs(np.sin(angle))
-    return _box(centre, np.array([cosine * half[0] + sine * half[1], sine * half[0] + cosine * half[1]]))
+    return _box_around_centre(centre, np.array([cosine * half[0] + sine * half[1], sine * half[0] + cosine * half[1]]))
 
 
-def _dense_points(line: Array) -> Array:
+def _densify_line(line: Array) -> Array:
     """Return points at most four pixels apart along a line (k, 2), whose coordinates are in pixels."""
     steps = np.nan_to_num(np.hypot(*np.diff(line, axis=0).T))
     number = np.arange(len(line))
@@ -327,15 +327,12 @@ def _dense_points(line: Array) -> Array:
     return np.column_stack([np.interp(fine, number, column) for column in line.T])
 
 
-def _is_crossing(first: Array, second: Array) -> bool:
+def _are_segments_crossing(first: Array, second: Array) -> bool:
     """Return whether two line segments cross, each given by its two end points (2, 2)."""
     (a, b), (c, d) = first, second
-    return (
-        _turn_direction(a, b, c) * _turn_direction(a, b, d) < 0
-        and _turn_direction(c, d, a) * _turn_direction(c, d, b) < 0
-    )
+    return _side_of_line(a, b, c) * _side_of_line(a, b, d) < 0 and _side_of_line(c, d, a) * _side_of_line(c, d, b) < 0
 
 
-def _turn_direction(a: Array, b: Array, c: Array) -> float:
+def _side_of_line(a: Array, b: Array, c: Array) -> float:
     """Return a positive number if c is to the left of the line from a to b, negative if it is to the right."""
     return float((b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]))

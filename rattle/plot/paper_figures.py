@@ -18,7 +18,7 @@ from rattle.plot.drawing import Drawing
 Given = float | Sequence[float]
 
 
-class Range(NamedTuple):
+class RangeArgument(NamedTuple):
     """A range that the user wrote as LOW:HIGH. Two separate numbers are a plain sequence instead."""
 
     low: float
@@ -87,7 +87,7 @@ FIGURES: dict[int, PaperFigure] = {
 
 
 @dataclass(frozen=True)
-class Request:
+class FigureRequest:
     """A figure of the paper with checked parameters. added: {"kappa": κ} for the stiff gear, otherwise empty."""
 
     number: int
@@ -114,7 +114,7 @@ class Request:
 
 
 @dataclass(frozen=True)
-class StiffRequest:
+class StiffFigureRequest:
     """The figure that shows how the stiff gear approaches the impacting gear, with checked parameters."""
 
     delta: float
@@ -134,7 +134,7 @@ def request(
     epsilon: Given | None = None,
     beta: float = ranges.BETA,
     **added: float | None,
-) -> Request:
+) -> FigureRequest:
     """Return the request for a figure of the paper, by its number.
 
     Parameters
@@ -148,7 +148,7 @@ def request(
 
     Returns
     -------
-    Request
+    FigureRequest
         Checked arguments; nothing is computed yet.
 
     Raises
@@ -173,21 +173,25 @@ def request(
             figure.stiff is not None,
             f"Figure {number} takes no {name} ({ADDED[name].label}): leave it out, or choose one of Figures {have}",
         )
-    return Request(
+    return FigureRequest(
         number,
-        figure.delta if delta is None else _check_form(number, "delta", figure.delta_form, delta, positive=True),
-        figure.epsilon if epsilon is None else _check_form(number, "epsilon", figure.epsilon_form, epsilon),
+        figure.delta
+        if delta is None
+        else _check_parameter_form(number, "delta", figure.delta_form, delta, positive=True),
+        figure.epsilon if epsilon is None else _check_parameter_form(number, "epsilon", figure.epsilon_form, epsilon),
         require_number("beta", beta, positive=True),
         {name: require_number(name, value, positive=True) for name, value in given.items()},
     )
 
 
-def stiff_request(delta: Given | None = None, epsilon: Given | None = None, beta: float = ranges.BETA) -> StiffRequest:
+def stiff_request(
+    delta: Given | None = None, epsilon: Given | None = None, beta: float = ranges.BETA
+) -> StiffFigureRequest:
     """Return the request for the figure that shows how the stiff gear approaches the impacting gear, at one δ and ε.
 
     Returns
     -------
-    StiffRequest
+    StiffFigureRequest
         Checked arguments; nothing is computed yet.
 
     Raises
@@ -195,9 +199,9 @@ def stiff_request(delta: Given | None = None, epsilon: Given | None = None, beta
     ParameterError
         If a number is outside its domain, or more than one δ or ε is given.
     """
-    return StiffRequest(
-        stiff.DELTA if delta is None else _check_form("stiff", "delta", NUMBER, delta, positive=True),
-        stiff.EPSILON if epsilon is None else _check_form("stiff", "epsilon", NUMBER, epsilon),
+    return StiffFigureRequest(
+        stiff.DELTA if delta is None else _check_parameter_form("stiff", "delta", NUMBER, delta, positive=True),
+        stiff.EPSILON if epsilon is None else _check_parameter_form("stiff", "epsilon", NUMBER, epsilon),
         require_number("beta", beta, positive=True),
     )
 
@@ -247,27 +251,29 @@ def parse_option(option: str, texts: Sequence[str]) -> Given | None:
         require(len(parts) in (1, 2), f"{option} must be a number or LOW:HIGH, such as 0.1 or 0.05:0.15, got {text!r}")
         if len(parts) == 2:
             require(len(texts) == 1, f"{option} must be numbers or a single LOW:HIGH, got {' and '.join(texts)}")
-            return Range(*parts)
+            return RangeArgument(*parts)
         numbers += parts
     return tuple(numbers) or None
 
 
-def _check_form(number: int | str, name: str, form: ParameterForm, given: Given, *, positive: bool = False) -> Any:
+def _check_parameter_form(
+    number: int | str, name: str, form: ParameterForm, given: Given, *, positive: bool = False
+) -> Any:
     """Return δ or ε in the form that a figure takes. Raises ParameterError for another form or a value out of range."""
     values = tuple(given) if isinstance(given, Sequence) and not isinstance(given, str) else (given,)
     fits = {NUMBER: len(values) == 1, NUMBERS: len(values) >= 1, RANGE: len(values) == 2}[form]
-    fits = fits and (form is RANGE or not isinstance(given, Range))
-    require(fits, f"Figure {number} takes {form.value} for {name}, got {_as_option_text(given)}")
+    fits = fits and (form is RANGE or not isinstance(given, RangeArgument))
+    require(fits, f"Figure {number} takes {form.value} for {name}, got {_format_option_value(given)}")
     checked = tuple(require_number(name, value, positive=positive) for value in values)
     if form is RANGE:
         low, high = require_pair(name, checked)
-        require(low < high, f"{name} must be LOW:HIGH with LOW below HIGH, got {_as_option_text(given)}")
+        require(low < high, f"{name} must be LOW:HIGH with LOW below HIGH, got {_format_option_value(given)}")
         return low, high
     return checked[0] if form is NUMBER else checked
 
 
-def _as_option_text(given: Given) -> str:
+def _format_option_value(given: Given) -> str:
     """Return the given value as text for messages: "0.6", "0.05, 0.1" for several numbers, "0.4:1.0" for a range."""
     if not isinstance(given, Sequence) or isinstance(given, str):
         return repr(given)
-    return (":" if isinstance(given, Range) else ", ").join(map(str, given))
+    return (":" if isinstance(given, RangeArgument) else ", ").join(map(str, given))

@@ -164,11 +164,11 @@ def plane_figure(delta: Range, epsilon: Range, beta: float = BETA) -> Drawing:
     covered = _draw_inset(axes, curves, lines, {point.name: point for point in points})
     taken = [*lines.values(), *marks.values(), *([] if covered is None else _lines_over_box(covered))]
     labels = draw_points(axes, points, taken) or Labels(axes, taken)
-    _name_regions(labels, delta, epsilon, beta, covered)
+    _write_region_names(labels, delta, epsilon, beta, covered)
     for name, line in lines.items():
-        labels.add_along(name.replace("_", " "), line, 10 if name in IN_PAPER else 8, STYLES[name][0])
+        labels.add_along_line(name.replace("_", " "), line, 10 if name in IN_PAPER else 8, STYLES[name][0])
     for name, line in marks.items():
-        labels.add_along(name, line, 7, MARKED_RANGE["color"])
+        labels.add_along_line(name, line, 7, MARKED_RANGE["color"])
     figure.set_layout_engine("none")  # a later layout would move the axes, but not the labels that are placed
     return Drawing(figure, tuple(notes))
 
@@ -276,7 +276,7 @@ def _draw_paper_marks(axes: Axes) -> dict[str, Array]:
     return marks
 
 
-def _name_regions(labels: Labels, delta: Range, epsilon: Range, beta: float, covered: Box | None) -> None:
+def _write_region_names(labels: Labels, delta: Range, epsilon: Range, beta: float, covered: Box | None) -> None:
     """Write the name of each region into its parts that have room for it; if no part has, beside the largest part.
 
     covered: a box in which no names are written, or None.
@@ -294,7 +294,7 @@ def _name_regions(labels: Labels, delta: Range, epsilon: Range, beta: float, cov
         parts, count = label(region == number)
         sizes = np.bincount(parts.ravel())[1:]
         chosen = [part for part in np.argsort(-sizes) if sizes[part] >= LEAST_LABELLED_CELLS]
-        written = [labels.add_within(name, parts == part + 1) for part in chosen]
+        written = [labels.add_name_within(name, parts == part + 1) for part in chosen]
         if count and chosen and not any(written):
             point, _ = labels.widest_place(parts == chosen[0] + 1)
             Text.set(labels.add(name, point, size=13), weight="bold")

@@ -137,7 +137,7 @@ def restitution_plane(
     return RestitutionPlane(restitution, beta, delta, epsilon, table, count)
 
 
-def restitution_figure(planes: Sequence[RestitutionPlane]) -> Drawing:
+def draw_restitution_figure(planes: Sequence[RestitutionPlane]) -> Drawing:
     """Draw planes side by side, with the bifurcation curves.
 
     The colour of a cell shows its type (`RestitutionPlane.dominant_types`). If the type is chaotic, the colour shows

@@ -11,7 +11,7 @@ from rattle.impacting.orbits.limits import quiet_limit, sn1_formula
 from rattle.impacting.orbits.period_one import orbits_at
 from rattle.impacting.orbits.periodic import PeriodicOrbit, periodic_orbit
 from rattle.plot.drawing import Drawing, new_figure
-from rattle.stiff import StiffGear, from_limit, saddle_node_1, stiff_branch
+from rattle.stiff import StiffGear, continue_from_limit, saddle_node_1, stiff_branch
 from rattle.stiff import quiet_limit as stiff_quiet_limit
 
 COLOURS = {"A": "#1f5fa8", "B": "#e08214", "C": "#4d9221", "D": "#b2182b"}
@@ -52,7 +52,7 @@ def stiff_figure(delta: float = DELTA, epsilon: float = EPSILON, beta: float = 0
     figure = new_figure(10.0, 8.0)
     distances, multipliers, curves, graze = figure.subplots(2, 2).ravel()
     _draw_motions(distances, multipliers, motions)
-    _draw_bifurcations(curves, motions["D"])
+    _draw_bifurcation_offsets(curves, motions["D"])
     _draw_graze(graze, Gear(delta, epsilon, beta))
     figure.suptitle(f"δ = {delta:g}, ε = {epsilon:g}, β = {beta:g}", fontsize=11)
     return Drawing(figure)
@@ -67,7 +67,7 @@ def _draw_motions(distances: Axes, multipliers: Axes, motions: dict[str, Periodi
     for name, limit in motions.items():
         kappas, off, change = [], [], []
         for kappa in STIFFNESSES[STIFFNESSES >= 1e3]:
-            found = from_limit(limit, float(kappa))
+            found = continue_from_limit(limit, float(kappa))
             kappas.append(kappa)
             off.append(np.hypot(wrap_phase_difference(found.tau - limit.tau), found.v - limit.v))
             change.append(abs(sum(found.multipliers) - sum(limit.multipliers)))
@@ -82,7 +82,7 @@ def _draw_motions(distances: Axes, multipliers: Axes, motions: dict[str, Periodi
         axes.legend(fontsize=8, frameon=False)
 
 
-def _draw_bifurcations(axes: Axes, motion_d: PeriodicOrbit) -> None:
+def _draw_bifurcation_offsets(axes: Axes, motion_d: PeriodicOrbit) -> None:
     """Draw, against κ, the distances in ε of the stiff gear's SN1, SN2, PD1 and quiet limit from the impacting model's.
 
     motion_d: the motion D of the impacting model; the branch of D along ε has SN2 and PD1.
@@ -96,7 +96,7 @@ def _draw_bifurcations(axes: Axes, motion_d: PeriodicOrbit) -> None:
         found["quiet limit"].append((kappa, float(stiff_quiet_limit(delta, kappa) - quiet_limit(delta))))
         if kappa < 1e3:
             continue
-        events = stiff_branch(from_limit(motion_d, float(kappa)), "epsilon", span).events
+        events = stiff_branch(continue_from_limit(motion_d, float(kappa)), "epsilon", span).events
         for kind, name in (("SN", "SN2"), ("PD", "PD1")):
             near = [event.orbit.epsilon for event in events if event.kind == kind]
             if near and kind in truth:

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from rattle.errors import RattleError, require, require_one_of
 from rattle.numerics.sampling import Z_95, wilson_interval
-from rattle.populations.gears import FAILS, NOT_ASKED, PASSES, Gears
-from rattle.populations.plan import AGAIN, Plan
+from rattle.populations.gears import FAILS, NOT_ASKED, PASSES, ComputedGears
+from rattle.populations.plan import AGAIN, PopulationPlan
 
 #: Quantiles of the intensity that `Population.intensity` returns by default.
 QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95, 0.99)
@@ -35,7 +35,7 @@ class Estimate(NamedTuple):
     high: float
 
 
-class Index(NamedTuple):
+class SobolIndex(NamedTuple):
     """The Sobol indices of a number that varies: how much of an output's variance is due to this number.
 
     first: the share of the variance that the number causes alone. total: the share that it causes alone and together
@@ -66,16 +66,16 @@ class WorstGear(NamedTuple):
 class Population:
     """A computed population of gears: its plan, its rows, and methods that answer questions about it.
 
-    Energies are Σv²/2 per forcing period in the model's unit. For machines, `watts_per_unit` is this unit in W.
+    Energies are Σv²/2 per forcing period in the model's unit. For machines, `watts_per_power_unit` is this unit in W.
     """
 
-    plan: Plan
-    rows: Gears
+    plan: PopulationPlan
+    rows: ComputedGears
 
     @property
-    def gears(self) -> Gears:
+    def gears(self) -> ComputedGears:
         """The gears of the population itself, without the additional gears that Sobol indices need."""
-        return Gears._make(column[: self.plan.gears] for column in self.rows)
+        return ComputedGears._make(column[: self.plan.gears] for column in self.rows)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -112,7 +112,7 @@ class Population:
         return Estimate(0.5 * (passes + asked - fails) / asked, float(low), float(high))
 
     @property
-    def watts_per_unit(self) -> Array | float:
+    def watts_per_power_unit(self) -> Array | float:
         """The power in W of one unit of energy per forcing period, for each gear (n,); 1 if gears are not machines."""
         units = self.plan.tolerances.points(self.gears.values).units
         return 1.0 if units is None else np.broadcast_to(units.power, len(self.gears.values))
@@ -141,7 +141,7 @@ class Population:
             If all samples are undecided.
         """
         require(all(0.0 < q < 1.0 for q in quantiles), f"quantiles must be between 0 and 1, got {quantiles}")
-        power = np.asarray(self.watts_per_unit)
+        power = np.asarray(self.watts_per_power_unit)
         energy = self.gears.energy * (power[:, None] if power.ndim else power)
         if np.isnan(energy).all():
             raise RattleError("all samples of all gears are undecided: make `budget`, the number of impacts, larger")
@@ -150,13 +150,13 @@ class Population:
     def worst(self, most: int = MOST_WORST) -> tuple[WorstGear, ...]:
         """Return up to `most` gears with the largest mean energy (for machines the mean power in W), largest first."""
         gears = self.gears
-        quiet, energy = (gears.energy == 0.0).mean(axis=1), row_means(gears.energy) * self.watts_per_unit
+        quiet, energy = (gears.energy == 0.0).mean(axis=1), row_means(gears.energy) * self.watts_per_power_unit
         order = np.argsort(-np.nan_to_num(energy, nan=-1.0), kind="stable")[:most]
         numbers = [dict(zip(self.names, map(float, gears.values[i]), strict=True)) for i in order]
         rows = zip(order, numbers, strict=True)
         return tuple(WorstGear(int(i), each, float(quiet[i]), float(energy[i])) for i, each in rows)
 
-    def indices(self, of: str = "quiet") -> dict[str, Index]:
+    def indices(self, of: str = "quiet") -> dict[str, SobolIndex]:
         """Return the Sobol indices, first and total, of each number that varies.
 
         Parameters
@@ -166,7 +166,7 @@ class Population:
 
         Returns
         -------
-        dict[str, Index]
+        dict[str, SobolIndex]
             The indices of each number, by its name. If only one number varies, both of its indices are 1.
 
         Raises
@@ -180,17 +180,17 @@ class Population:
         require_one_of("of", of, OUTPUTS)
         if len(self.names) == 1:
             whole = Estimate(1.0, 1.0, 1.0)
-            return {self.names[0]: Index(whole, whole)}
+            return {self.names[0]: SobolIndex(whole, whole)}
         if not self.plan.rows_per_sobol_part:
             raise RattleError("Sobol indices need additional gears, but `pairs` is 0: give `pairs` above 0")
         energy = self.rows.energy
         output = (energy == 0.0).mean(axis=1) if of == "quiet" else row_means(energy)
-        parts = {part: output[self.plan.rows_of(part)] for part in range(AGAIN, int(self.rows.part.max()) + 1)}
+        parts = {part: output[self.plan.rows_of_part(part)] for part in range(AGAIN, int(self.rows.part.max()) + 1)}
         base = output[: self.plan.rows_per_sobol_part]
         return {
-            name: Index(
-                covariance_ratio(base, parts[self.plan.number_of_keeping_part(i)], parts[AGAIN]),
-                subtract_from_one(covariance_ratio(base, parts[self.plan.number_of_redrawing_part(i)], parts[AGAIN])),
+            name: SobolIndex(
+                covariance_ratio(base, parts[self.plan.part_that_keeps_number(i)], parts[AGAIN]),
+                subtract_from_one(covariance_ratio(base, parts[self.plan.part_that_redraws_number(i)], parts[AGAIN])),
             )
             for i, name in enumerate(self.names)
         }

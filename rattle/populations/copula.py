@@ -52,7 +52,7 @@ class Copula:
         # explicit sums, because the last bit of a matrix product may depend on the number of rows
         return np.stack([weighted_sum(root[i, : i + 1], free[:, : i + 1]) for i in range(len(root))], axis=1)
 
-    def redraw_others(self, i: int, z: Array, fresh: Array) -> Array:
+    def redraw_other_columns(self, i: int, z: Array, fresh: Array) -> Array:
         """Return z (n, d) with all columns but the i-th drawn again, conditioned on the i-th column, which is kept.
 
         fresh: rows (n, d) that `draw_rows` drew independently of z; the new columns are computed from them.

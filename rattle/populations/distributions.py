@@ -180,7 +180,7 @@ DISTRIBUTIONS: dict[str, type[Distribution]] = {
 }
 
 
-def distribution_of(text: str) -> Distribution:
+def parse_distribution(text: str) -> Distribution:
     """Parse a distribution from text NAME:NUMBER:NUMBER…, such as normal:15e-6:5e-6:0.
 
     The numbers are the fields of the distribution's class in their order. A normal distribution has the numbers mean,

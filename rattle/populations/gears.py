@@ -16,8 +16,8 @@ from rattle.intensity.table import Stretch, intensities_of
 from rattle.models import MODELS
 from rattle.numerics.sampling import initial_conditions, wilson_interval
 from rattle.populations.distributions import LEAST, Distribution
-from rattle.populations.plan import Z_TESTS, Plan
-from rattle.populations.tolerances import Points
+from rattle.populations.plan import Z_TESTS, PopulationPlan
+from rattle.populations.tolerances import GearPoints
 
 #: Largest number of samples that are followed at once. At weak damping, where each sample is observed longer, it is
 #: divided by the ratio of the observation times.
@@ -32,13 +32,13 @@ VERDICTS = ("not_asked", "passes", "fails", "unknown")
 Array = NDArray[np.float64]
 
 
-class Gears(NamedTuple):
+class ComputedGears(NamedTuple):
     """The computed rows of a population, one for each gear.
 
     Attributes
     ----------
     part : ndarray of int, (n,)
-        Number of the part of the `Plan` to which the row belongs.
+        Number of the part of the `PopulationPlan` to which the row belongs.
     values : ndarray, (n, d)
         The numbers that vary.
     delta, epsilon, beta : ndarray, (n,)
@@ -59,14 +59,14 @@ class Gears(NamedTuple):
     verdict: NDArray[np.int64]
 
 
-def compute_gears(plan: Plan, start: int, stop: int) -> Gears:
+def compute_gears(plan: PopulationPlan, start: int, stop: int) -> ComputedGears:
     """Compute rows number start to stop − 1 of a population; a row depends only on the plan and the row's number."""
     rows = np.arange(start, stop)
     part, values = plan.parts(rows), plan.values(rows)
     points = plan.tolerances.points(values)
     energy = np.empty((rows.size, plan.count))
     at = points.parameters
-    for here in blocks_of_gears(at.delta, plan.count):
+    for here in divide_gears_into_slices(at.delta, plan.count):
         seeds = part[here]
         for each in np.unique(seeds):
             of = np.arange(here.start, here.stop)[seeds == each]
@@ -74,10 +74,10 @@ def compute_gears(plan: Plan, start: int, stop: int) -> Gears:
     verdict = np.full(rows.size, NOT_ASKED)
     asked = plan.is_judged(rows)
     verdict[asked] = verdicts_of(plan, points.take(asked))
-    return Gears(part, values, at.delta, at.epsilon, at.beta, energy, verdict)
+    return ComputedGears(part, values, at.delta, at.epsilon, at.beta, energy, verdict)
 
 
-def blocks_of_gears(delta: Array, count: int) -> list[slice]:
+def divide_gears_into_slices(delta: Array, count: int) -> list[slice]:
     """Divide gears into slices to follow at once. A slice takes some seconds if all of its motions are chaotic.
 
     delta (n,): δ of each gear. count: the number of samples of a gear.
@@ -92,7 +92,7 @@ def blocks_of_gears(delta: Array, count: int) -> list[slice]:
     return [slice(start, min(start + size, delta.size)) for start in range(0, delta.size, size)]
 
 
-def sorted_energies(plan: Plan, points: Points, count: int, seed: int) -> Array:
+def sorted_energies(plan: PopulationPlan, points: GearPoints, count: int, seed: int) -> Array:
     """Return Σv²/2 per forcing period on the attractor of each sample (n, count), sorted within each gear.
 
     Returns
@@ -101,7 +101,7 @@ def sorted_energies(plan: Plan, points: Points, count: int, seed: int) -> Array:
         The energies; NaN, which is last, for undecided samples.
     """
     found = np.empty((points.parameters.size, count))
-    for rows, few in points.split_by_harmonics():
+    for rows, few in points.group_by_harmonics():
         tau, v = initial_states(plan, few, count, seed)
         table, row, cells, how = follow_gears(few, tau, v, plan.budget)
         energy = intensities_of(table, cells, how).energy
@@ -111,7 +111,7 @@ def sorted_energies(plan: Plan, points: Points, count: int, seed: int) -> Array:
 
 
 def follow_gears(
-    points: Points, tau: Array, v: Array, budget: int
+    points: GearPoints, tau: Array, v: Array, budget: int
 ) -> tuple[AttractorTable, NDArray[np.int64], Any, Stretch]:
     """Follow states (n, count) of n gears to their attractors.
 
@@ -126,7 +126,7 @@ def follow_gears(
     return *tabulate_attractors(found), found.cells, model.functions.stretch
 
 
-def initial_states(plan: Plan, points: Points, count: int, seed: int) -> tuple[Array, Array]:
+def initial_states(plan: PopulationPlan, points: GearPoints, count: int, seed: int) -> tuple[Array, Array]:
     """Return the initial states (n, count) of gears: as in `Gear.attractors`, or after a shock if the plan has one.
 
     Returns
@@ -150,7 +150,7 @@ def values_at_quantiles(given: float | str | Distribution, u: Array) -> Array:
     return np.full(u.shape, float(given))
 
 
-def verdicts_of(plan: Plan, points: Points) -> NDArray[np.int64]:
+def verdicts_of(plan: PopulationPlan, points: GearPoints) -> NDArray[np.int64]:
     """Test whether gears (n,) meet the plan's requirement on their margin or on their share of quiet runs.
 
     For the share, samples are added until the verdict is certain at 95 % confidence. The test is made at each number of
@@ -174,7 +174,7 @@ def verdicts_of(plan: Plan, points: Points) -> NDArray[np.int64]:
     for look, after in enumerate(plan.sample_counts):
         open_ = np.flatnonzero(verdict == UNKNOWN)
         here = points.take(open_)
-        for rows in blocks_of_gears(here.parameters.delta, after - before):
+        for rows in divide_gears_into_slices(here.parameters.delta, after - before):
             seed = plan.seed + (look + 1 << 64)  # larger than any seed of the plan's parts, plan.seed + part
             found = sorted_energies(plan, here.take(rows), after - before, seed)
             quiet[open_[rows]] += (found == 0.0).sum(axis=1)

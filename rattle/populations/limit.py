@@ -10,7 +10,7 @@ import numpy as np
 
 from rattle.attractors.classify import BUDGET
 from rattle.attractors.samples import Outcome
-from rattle.attractors.speeds import LARGEST_BUDGET, NATURAL, sampled_speeds
+from rattle.attractors.speeds import LARGEST_BUDGET, NATURAL, highest_sampled_speeds
 from rattle.errors import require, require_integer, require_number, require_one_of, require_pair
 from rattle.flight.forcing import least_damping
 from rattle.impacting.orbits.limits import quiet_limit
@@ -25,7 +25,7 @@ from rattle.populations.tolerances import (
     ERROR,
     HARMONIC,
     is_machine,
-    machine_of,
+    machine_from_numbers,
     model_of_numbers,
     points_of_numbers,
     require_known_names,
@@ -115,7 +115,7 @@ def design_limit(
     ParameterError
         If an argument is outside its domain.
     """
-    solver = _Solver(given, of, share, between, count, seed, budget)
+    solver = _LimitSolver(given, of, share, between, count, seed, budget)
     return solver.solve()
 
 
@@ -164,7 +164,7 @@ class ShareExcess(NamedTuple):
     high: float
 
 
-class _Solver:
+class _LimitSolver:
     """The solver of one design limit. It remembers the share of quiet runs at each value that it has computed."""
 
     def __init__(
@@ -206,7 +206,7 @@ class _Solver:
         even = self.starts_at_zero
         scanned = np.linspace(low, high, SCANNED_VALUES + 1)[1:] if even else np.geomspace(low, high, SCANNED_VALUES)
         self.scanned = scanned if is_safe_if_small(of) else scanned[::-1]
-        self._require_machine()
+        self._require_plausible_machine()
         self.known: dict[tuple[float, int | None], ShareExcess] = {}
 
     def _default_range(self) -> tuple[float, float]:
@@ -264,7 +264,7 @@ class _Solver:
 
     def _is_contact_impossible(self, value: float) -> bool:
         """Return whether the teeth cannot stay in contact at this value of the number whose limit is sought."""
-        ((_, few),) = points_of_numbers({**self.given, self.of: np.array([value])}).split_by_harmonics()
+        ((_, few),) = points_of_numbers({**self.given, self.of: np.array([value])}).group_by_harmonics()
         return is_beyond_quiet_limit(few.parameters)
 
     def _last_possible_value(self, unit: float) -> float:
@@ -300,11 +300,11 @@ class _Solver:
         """Return the largest allowed backlash or amplitude in m if the gear is a machine, else infinity."""
         return float(WIDEST * self.given.get("radius", math.inf))
 
-    def _require_machine(self) -> None:
+    def _require_plausible_machine(self) -> None:
         """Raise ParameterError if a machine at an end of the scan has a number so large that its unit must be wrong."""
         if is_machine({self.of: 0.0, **self.given}):
             for value in (self.scanned.min(), self.scanned.max()):
-                machine_of({**self.given, self.of: float(value)})
+                machine_from_numbers({**self.given, self.of: float(value)})
 
     def count_quiet_and_undecided(self, value: float, count: int) -> tuple[int, int]:
         """Follow `count` samples at a value of the sought number, and count the quiet and the undecided samples.
@@ -319,13 +319,13 @@ class _Solver:
         at = points.parameters
         if Capability.CLOSED_FORM in MODELS[at.model].has and not np.all(at.epsilon < quiet_limit(at.delta)):
             return 0, 0
-        ((_, points),) = points.split_by_harmonics()
+        ((_, points),) = points.group_by_harmonics()
         at = points.parameters
         if at.model == Inelastic.name and is_beyond_quiet_limit(at):
             return 0, 0
         nothing = np.zeros(1)
         tau, v = initial_conditions(nothing, nothing, nothing, count, 1.0, self.seed)
-        speeds = sampled_speeds(NATURAL, at.delta, at.epsilon, at.beta)
+        speeds = highest_sampled_speeds(NATURAL, at.delta, at.epsilon, at.beta)
         table, row, _cells, _how = follow_gears(points, tau, v * speeds[:, None], self.budget)
         kind = table.kind[row]
         return int((kind == Outcome.QUIET).sum()), int((kind == Outcome.UNDECIDED).sum())

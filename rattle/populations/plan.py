@@ -13,7 +13,7 @@ from rattle.attractors.classify import BUDGET
 from rattle.attractors.speeds import LARGEST_BUDGET
 from rattle.errors import require, require_integer, require_number
 from rattle.models import Capability, require_capability
-from rattle.populations.distributions import Distribution, Uniform, distribution_of
+from rattle.populations.distributions import Distribution, Uniform, parse_distribution
 from rattle.populations.tolerances import Tolerances
 
 #: Numbers of the parts into which the rows of a plan are divided. POPULATION: the gears of the population. AGAIN: the
@@ -54,7 +54,7 @@ class Shock:
         """Check and convert the fields."""
         for name in ("speed", "phase"):
             value = getattr(self, name)
-            read = distribution_of(value) if isinstance(value, str) else value
+            read = parse_distribution(value) if isinstance(value, str) else value
             object.__setattr__(self, name, read)
             if isinstance(read, Distribution):
                 least = read.range[0]
@@ -68,7 +68,7 @@ class Shock:
 
 
 @dataclass(frozen=True, eq=False)
-class Plan:
+class PopulationPlan:
     """The plan of a population; the fields are the arguments of `rattle.population`.
 
     Each row is one gear. Rows are numbered consecutively through the parts of the plan. The first part is the
@@ -145,18 +145,18 @@ class Plan:
         """Return the number of the part of the plan to which each row belongs."""
         return np.where(rows < self.gears, POPULATION, AGAIN + (rows - self.gears) // max(self.rows_per_sobol_part, 1))
 
-    def rows_of(self, part: int) -> slice:
+    def rows_of_part(self, part: int) -> slice:
         """Return the rows of one part of the plan as a slice. part: the number of the part, from 0."""
         if part == POPULATION:
             return slice(0, self.gears)
         start = self.gears + (part - AGAIN) * self.rows_per_sobol_part
         return slice(start, start + self.rows_per_sobol_part)
 
-    def number_of_keeping_part(self, i: int) -> int:
+    def part_that_keeps_number(self, i: int) -> int:
         """Return the index of the part in which varying number i keeps its values and all others are drawn again."""
         return FIRST_REDRAWN + i
 
-    def number_of_redrawing_part(self, i: int) -> int:
+    def part_that_redraws_number(self, i: int) -> int:
         """Return the index of the part in which only varying number i is drawn again."""
         return FIRST_REDRAWN + len(self.tolerances.names) + i
 
@@ -171,8 +171,8 @@ class Plan:
             fresh = copula.draw_rows(self.seed, REDRAWN_STREAM, base[shared])
             original, part, found = z[shared], parts[shared], z[shared]
             for i in range(varying):
-                kept, redrawn = part == self.number_of_keeping_part(i), part == self.number_of_redrawing_part(i)
-                found[kept] = copula.redraw_others(i, original[kept], fresh[kept])
+                kept, redrawn = part == self.part_that_keeps_number(i), part == self.part_that_redraws_number(i)
+                found[kept] = copula.redraw_other_columns(i, original[kept], fresh[kept])
                 found[redrawn] = copula.redraw_column(i, original[redrawn], fresh[redrawn])
             z[shared] = found
         return self.tolerances.values(z)

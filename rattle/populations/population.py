@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from rattle.attractors.classify import BUDGET
 from rattle.populations.answers import Population
 from rattle.populations.gears import compute_gears
-from rattle.populations.plan import JUDGED, PAIRS, Plan, Shock
+from rattle.populations.plan import JUDGED, PAIRS, PopulationPlan, Shock
 from rattle.populations.tolerances import Tolerances
 
 
@@ -38,7 +38,7 @@ def population(
     given : Mapping[str, Any]
         The numbers of a gear by name: delta, epsilon, beta and the parameters that a model adds, or the numbers of a
         `Machine` with rpm. At least one is a distribution: `Normal`, `Uniform`, `Triangular`, `LogNormal`, `Measured`,
-        or text that `distribution_of` reads.
+        or text that `parse_distribution` reads.
     correlation : ArrayLike | None
         The correlation matrix of the varying numbers, by default the identity. Its rows are in the order delta,
         epsilon, beta, …; for a machine in the order inertia, drag, backlash, eccentricity, radius, rpm, stiffness, ….
@@ -75,5 +75,5 @@ def population(
         If an argument is outside its domain.
     """
     tolerances = Tolerances(given, correlation)
-    plan = Plan(tolerances, gears, count, share, margin, shock, judged, pairs, seed, budget)
+    plan = PopulationPlan(tolerances, gears, count, share, margin, shock, judged, pairs, seed, budget)
     return Population(plan, compute_gears(plan, 0, plan.rows))

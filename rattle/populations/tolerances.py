@@ -20,7 +20,7 @@ from rattle.machine.point import machine_point
 from rattle.models import ADDED, OTHERS, Inelastic, Model, model_with_parameters
 from rattle.parameters import BETA, Harmonic, Parameters
 from rattle.populations.copula import Copula, checked_correlation, normal_probabilities
-from rattle.populations.distributions import Distribution, Normal, distribution_of
+from rattle.populations.distributions import Distribution, Normal, parse_distribution
 
 #: The numbers of a dimensionless gear by name.
 DIMENSIONLESS = ("delta", "epsilon", *OTHERS)
@@ -50,7 +50,7 @@ ERROR = re.compile(r"error_([1-9]\d{0,2})")
 Array = NDArray[np.float64]
 
 
-class Points(NamedTuple):
+class GearPoints(NamedTuple):
     """n gears as parameter points of a model.
 
     parameters: the parameters (n,). units: the SI sizes of the model's units for each machine; None if the gears are
@@ -61,13 +61,13 @@ class Points(NamedTuple):
     units: Units | None
     shapes: NDArray[np.object_] | None = None
 
-    def take(self, which: Any) -> Points:
+    def take(self, which: Any) -> GearPoints:
         """Return the gears that an index, a slice or a mask selects."""
         shape = self.parameters.shape
         units = None if self.units is None else Units(*(np.broadcast_to(x, shape)[which] for x in self.units))
-        return Points(self.parameters.take(which), units, None if self.shapes is None else self.shapes[which])
+        return GearPoints(self.parameters.take(which), units, None if self.shapes is None else self.shapes[which])
 
-    def split_by_harmonics(self) -> Iterator[tuple[NDArray[np.int64], Points]]:
+    def group_by_harmonics(self) -> Iterator[tuple[NDArray[np.int64], GearPoints]]:
         """Yield the gears in groups with equal harmonics: the indices and the points of the gears of each group."""
         if self.shapes is None:
             yield np.arange(self.parameters.size), self
@@ -83,7 +83,7 @@ class Points(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Tolerances:
-    """The numbers that describe a gear, by name; each is a number, a distribution, or text for `distribution_of`.
+    """The numbers that describe a gear, by name; each is a number, a distribution, or text for `parse_distribution`.
 
     A dimensionless gear has delta, epsilon, beta (by default 0.6), the parameters that a model adds, and amplitudes
     such as harmonic_20. A `Machine` has inertia, drag, backlash, eccentricity, radius, rpm, stiffness, load_torque, the
@@ -112,14 +112,14 @@ class Tolerances:
 
     def _require_plausible(self) -> None:
         """Raise ParameterError if a value that can be drawn is impossible, or so large that its unit must be wrong."""
-        low, high = ({name: ends[i] for name, ends in self._ranges.items()} for i in (0, 1))
+        low, high = ({name: ends[i] for name, ends in self._ranges_of_numbers.items()} for i in (0, 1))
         for name, least in low.items():
             inside = least >= 0.0 if may_be_zero(name) else least > 0.0
             require(inside, self._below_zero_message(name, least))
         if not is_machine(self.given):
             return
         for ends in (high | {"radius": low["radius"]}, low | {"radius": high["radius"], "rpm": high["rpm"]}):
-            machine_of({**ends, "drive": self.given.get("drive", "torque")})
+            machine_from_numbers({**ends, "drive": self.given.get("drive", "torque")})
 
     def _below_zero_message(self, name: str, least: float) -> str:
         """Return the message for a number whose distribution reaches down to `least`, below the allowed values."""
@@ -132,7 +132,7 @@ class Tolerances:
         return f"{name} {allowed}, but its distribution reaches down to {least:.3g}: {advice}"
 
     @cached_property
-    def _ranges(self) -> dict[str, tuple[float, float]]:
+    def _ranges_of_numbers(self) -> dict[str, tuple[float, float]]:
         """For each number, by name, the least and the largest possible value; for a fixed number both are its value."""
         return {
             name: value.range if isinstance(value, Distribution) else (value, value)
@@ -160,19 +160,19 @@ class Tolerances:
         u = normal_probabilities(z)
         return np.stack([self.given[name].quantile(u[:, j]) for j, name in enumerate(self.names)], axis=1)
 
-    def points(self, values: Array) -> Points:
+    def points(self, values: Array) -> GearPoints:
         """Return the gears with these values (n, d) of the varying numbers. Raises ParameterError."""
         return points_of_numbers({**self.given, **dict(zip(self.names, values.T, strict=True))})
 
 
-def points_of_numbers(given: Mapping[str, Any]) -> Points:
+def points_of_numbers(given: Mapping[str, Any]) -> GearPoints:
     """Return the parameter points of gears with these numbers.
 
     given: dimensionless numbers, or numbers of a machine, by name, as arrays that broadcast.
 
     Returns
     -------
-    Points
+    GearPoints
         The parameter points of the gears.
 
     Raises
@@ -195,7 +195,7 @@ def points_of_numbers(given: Mapping[str, Any]) -> Points:
     return _points_of_arrays(dimensionless, at.units, harmonics)
 
 
-def machine_of(numbers: Mapping[str, Any]) -> Machine:
+def machine_from_numbers(numbers: Mapping[str, Any]) -> Machine:
     """Return the machine with these numbers, whose names are those of `Tolerances`. Raises ParameterError."""
     given = {name: value for name, value in numbers.items() if not ERROR.fullmatch(name)}
     errors = [(order, numbers[name], 0.0) for order, name in amplitudes_by_order(numbers, ERROR)]
@@ -256,7 +256,7 @@ def require_known_names(given: Mapping[str, Any]) -> None:
 
 def _points_of_arrays(
     numbers: Mapping[str, Any], units: Units | None, harmonics: Mapping[int, tuple[Any, Any]]
-) -> Points:
+) -> GearPoints:
     """Return the gears with these dimensionless numbers, as arrays; harmonics: {order: (amplitude/ε, phase)}."""
     given = {name: value for name, value in numbers.items() if value is not None}
     if harmonics or any(each.name in given for each in Inelastic.added):
@@ -266,13 +266,13 @@ def _points_of_arrays(
     numbers_of |= {each.name: given[each.name] for each in model.added}
     at = Parameters.from_values(model.name, **numbers_of).take(...)
     if not harmonics:
-        return Points(at, units)
+        return GearPoints(at, units)
     sizes, phases = ([np.broadcast_to(each[i], at.shape) for each in harmonics.values()] for i in (0, 1))
     forcing = PairForcing(1.0, 1.0, 1.0, tuple(harmonics), np.stack(sizes), np.stack(phases))
     shapes = np.empty(at.shape, object)
     for row in np.ndindex(at.shape):
         shapes[row] = forcing.harmonics(row)
-    return Points(at, units, shapes)
+    return GearPoints(at, units, shapes)
 
 
 def _read_distribution_or_number(name: str, value: Any) -> Distribution | float | str:
@@ -298,5 +298,5 @@ def _read_distribution_or_number(name: str, value: Any) -> Distribution | float 
         except ParameterError:
             raise
         except ValueError:
-            return distribution_of(value)
+            return parse_distribution(value)
     return require_number(name, value, positive=not may_be_zero(name))

@@ -20,7 +20,7 @@ Exact = str | float | Fraction
 Ends = tuple[Fraction, Fraction]
 
 
-class Verdict(StrEnum):
+class StabilityVerdict(StrEnum):
     """The stability that the enclosures of both multipliers prove."""
 
     ATTRACTING = "attracting"
@@ -58,7 +58,7 @@ class Certificate:
     trace: Ends
     determinant: Ends
     multipliers: tuple[Ends, Ends, Ends, Ends]
-    verdict: Verdict
+    verdict: StabilityVerdict
     versions: dict[str, str]
 
     @property
@@ -70,9 +70,10 @@ class Certificate:
         """Return the theorem in one sentence."""
         m, n_plus, n_minus = self.label
         where = ", ".join(f"{name} = {text_of_number(value)}" for name, value in self.parameters.items())
+        verdict = "not decided" if self.verdict is StabilityVerdict.UNDECIDED else self.verdict
         return (
             f"At {where} the {self.model} gear has one P({m}, {n_plus}, {n_minus}) with these times ± "
-            f"{float(self.time_radius):.0e}, {'not decided' if self.verdict is Verdict.UNDECIDED else self.verdict}."
+            f"{float(self.time_radius):.0e}, {verdict}."
         )
 
     def document(self) -> dict[str, object]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from rattle.errors import ParameterError, require
-from rattle.orbits.periodic_motions import Periodic
+from rattle.orbits.periodic_motions import PeriodicMotion
 from rattle.proof.certificate import Certificate, Exact, exact_number
 
 #: Largest relative difference between an exact parameter and the double with which the motion was computed.
@@ -11,7 +11,7 @@ SAME_PARAMETER = 1e-14
 
 
 def certify(
-    orbit: Periodic,
+    orbit: PeriodicMotion,
     delta: Exact | None = None,
     epsilon: Exact | None = None,
     beta: Exact | None = None,
@@ -24,7 +24,7 @@ def certify(
 
     Parameters
     ----------
-    orbit : Periodic
+    orbit : PeriodicMotion
         A periodic motion of the impacting or the stiff gear.
     delta, epsilon, beta : Exact | None
         Exact parameters: text such as "0.6" or "3/5", or a Fraction. They may differ from those of the motion only by
@@ -45,7 +45,7 @@ def certify(
         If no proof was found; the message says at which step. The motion may exist all the same.
     """
     require(
-        isinstance(orbit, Periodic),
+        isinstance(orbit, PeriodicMotion),
         f"orbit must be a periodic motion of the impacting or the stiff gear, got {type(orbit).__name__}: other "
         "motions cannot be proved",
     )

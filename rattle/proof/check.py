@@ -30,14 +30,14 @@ MOST_EVENTS = 1024
 NUMBER = re.compile(r"-?\d{1,400}(\.\d{1,1100}|/\d{1,1100})?")
 
 
-class Refused(Exception):  # noqa: N818 - a refusal is an answer of the checker, not a fault
+class Refusal(Exception):  # noqa: N818 - a refusal is an answer of the checker, not a fault
     """The certificate is not proved; the message says why."""
 
 
 def require(ok: bool, why: str) -> None:
     """Raise Refused with this message unless ok."""
     if not ok:
-        raise Refused(why)
+        raise Refusal(why)
 
 
 def interval_of_text(text: str) -> Interval:
@@ -303,7 +303,7 @@ def check(text: str) -> str:
         where = ", ".join(f"{name} = {value}" for name, value in document["parameters"].items())
         return f"P({', '.join(map(str, document['label']))}), {verdict}, at {where}"
     except (LookupError, TypeError, ValueError, ArithmeticError, AttributeError, RecursionError) as error:
-        raise Refused(
+        raise Refusal(
             f"the certificate cannot be checked, perhaps because it is incomplete or malformed: {error}"
         ) from error
 
@@ -315,7 +315,7 @@ def main(path: str) -> int:
         for number, line in enumerate(file, 1):
             try:
                 print(f"proved: {check(line)}")
-            except Refused as why:
+            except Refusal as why:
                 print(f"NOT PROVED, line {number}: {why}")
                 status = 1
     return status

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from rattle._version import __version__
 from rattle.errors import NotProvedError
-from rattle.orbits.periodic_motions import Periodic
+from rattle.orbits.periodic_motions import PeriodicMotion
 from rattle.proof import impacting, stiff
 from rattle.proof.balls import (
     BITS,
@@ -25,7 +25,7 @@ from rattle.proof.balls import (
     precision,
     rounded_midpoint,
 )
-from rattle.proof.certificate import Certificate, Ends, Verdict
+from rattle.proof.certificate import Certificate, Ends, StabilityVerdict
 from rattle.proof.flights import ModelPoint
 from rattle.proof.krawczyk import MOST_MOVED, EvaluatedEquations, enclose_zero
 
@@ -59,7 +59,7 @@ class MotionEnclosures(EvaluatedEquations, Protocol):
         """Raise NotProvedError unless every flight and contact is proved not to end before its stated time."""
 
 
-def prove_motion(orbit: Periodic, parameters: dict[str, Fraction]) -> Certificate:
+def prove_motion(orbit: PeriodicMotion, parameters: dict[str, Fraction]) -> Certificate:
     """Return the certificate of a computed motion at exact parameters. Raises NotProvedError."""
     with precision(BITS if len(orbit.walls) <= MOST_IMPACTS_AT_BITS else 2 * BITS):
         motions, start = equations_and_guess(orbit, parameters)
@@ -70,7 +70,7 @@ def prove_motion(orbit: Periodic, parameters: dict[str, Fraction]) -> Certificat
         speeds = [rounded_midpoint(each, PLACES) for each in motion.speeds]
         box = motions([interval_ball(each, found.radius) for each in found.centre])
         trace, determinant = motion.trace, (-ball(parameters["delta"]) * orbit.m).exp()
-        require_stated_values(orbit, speeds, trace)
+        require_same_speeds_and_trace(orbit, speeds, trace)
         return Certificate(
             model=stiff.MODEL if stiff.ADDED in parameters else impacting.MODEL,
             parameters=parameters,
@@ -83,13 +83,13 @@ def prove_motion(orbit: Periodic, parameters: dict[str, Fraction]) -> Certificat
             trace=widened_ends(trace),
             determinant=widened_ends(determinant),
             multipliers=multiplier_enclosures(trace, determinant),
-            verdict=verdict_of(trace, determinant),
+            verdict=prove_stability_verdict(trace, determinant),
             versions={"gear-rattle": __version__, **VERSIONS},
         )
 
 
 def equations_and_guess(
-    orbit: Periodic, parameters: dict[str, Fraction]
+    orbit: PeriodicMotion, parameters: dict[str, Fraction]
 ) -> tuple[Callable[[Sequence[arb]], MotionEnclosures], NDArray[np.float64]]:
     """Return the equations of motions with the walls of a computed motion, and its times as a first guess."""
     point = ModelPoint(*(ball(parameters[name]) for name in ("delta", "epsilon", "beta")))
@@ -101,7 +101,7 @@ def equations_and_guess(
     ), times.ravel()
 
 
-def require_stated_values(orbit: Periodic, speeds: Sequence[Fraction], trace: arb) -> None:
+def require_same_speeds_and_trace(orbit: PeriodicMotion, speeds: Sequence[Fraction], trace: arb) -> None:
     """Raise NotProvedError unless a computed motion has the speeds and the multipliers of the proved motion.
 
     orbit: the computed motion. speeds, trace: the speeds, and the sum of both multipliers, of the proved motion.
@@ -141,7 +141,7 @@ def require_least_period(times: Sequence[arb], walls: Sequence[int], m: int) -> 
             raise NotProvedError(f"{m} is not proved to be the least period of the motion, which may be {m // parts}")
 
 
-def verdict_of(trace: arb, determinant: arb) -> Verdict:
+def prove_stability_verdict(trace: arb, determinant: arb) -> StabilityVerdict:
     """Return the stability that the trace and the determinant of the tangent map prove (Lemma 8 of docs/proofs.md).
 
     The multipliers are the roots of λ² − trace λ + determinant, with 0 < determinant < 1. Both are inside the unit
@@ -149,12 +149,12 @@ def verdict_of(trace: arb, determinant: arb) -> Verdict:
 
     Returns
     -------
-    Verdict
+    StabilityVerdict
         UNDECIDED where the enclosures prove neither.
     """
     if abs(trace) < 1 + determinant:
-        return Verdict.ATTRACTING
-    return Verdict.SADDLE if abs(trace) > 1 + determinant else Verdict.UNDECIDED
+        return StabilityVerdict.ATTRACTING
+    return StabilityVerdict.SADDLE if abs(trace) > 1 + determinant else StabilityVerdict.UNDECIDED
 
 
 def multiplier_enclosures(trace: arb, determinant: arb) -> tuple[Ends, Ends, Ends, Ends]:

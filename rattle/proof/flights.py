@@ -49,7 +49,7 @@ class ModelPoint:
         return self.delta * self.drift - self.force_amplitude * cosine - self.delta * self.velocity_amplitude * sine
 
     @cached_property
-    def force_zero_phases(self) -> tuple[arb, ...]:
+    def phases_of_zero_force(self) -> tuple[arb, ...]:
         """The two phases at which the contact force is 0, or () if ε is proved to be below the quiet limit.
 
         Raises
@@ -216,7 +216,7 @@ def force_zero_times(flight: FlightEnclosure) -> list[arb]:
         The times. A time close to an end of the flight is included unless it is proved to be outside.
     """
     found = []
-    for edge in flight.point.force_zero_phases:
+    for edge in flight.point.phases_of_zero_force:
         number = math.floor(float((flight.t0 - edge).mid())) - 1
         while not edge + number > flight.t1:
             if not edge + number < flight.t0:

@@ -39,7 +39,7 @@ Equations = Callable[[Sequence[arb]], EvaluatedEquations]
 
 
 @dataclass(frozen=True)
-class Enclosure:
+class ZeroEnclosure:
     """An enclosure: exactly one zero lies in the box centre ± radius, and it lies in the balls `zero` (n,)."""
 
     centre: list[Fraction]
@@ -47,7 +47,7 @@ class Enclosure:
     zero: list[arb]
 
 
-def enclose_zero(equations: Equations, start: NDArray[np.float64]) -> Enclosure:
+def enclose_zero(equations: Equations, start: NDArray[np.float64]) -> ZeroEnclosure:
     """Return a proved enclosure of the zero near a computed zero.
 
     Let R be the residual of the equations, X a box with the centre c, and C any matrix. If the box
@@ -63,7 +63,7 @@ def enclose_zero(equations: Equations, start: NDArray[np.float64]) -> Enclosure:
 
     Returns
     -------
-    Enclosure
+    ZeroEnclosure
         The box and the enclosure of its zero.
 
     Raises
@@ -71,7 +71,7 @@ def enclose_zero(equations: Equations, start: NDArray[np.float64]) -> Enclosure:
     NotProvedError
         If no box is mapped into itself, or if the proved zero is farther from `start` than MOST_MOVED.
     """
-    inverse, centre = refined_zero(equations, start)
+    inverse, centre = refine_zero(equations, start)
     x = [ball(each) for each in centre]
     step, small = inverse * column_vector(equations(x).residual), tight_radius()
     for radius in RADII:
@@ -83,14 +83,14 @@ def enclose_zero(equations: Equations, start: NDArray[np.float64]) -> Enclosure:
                     break
                 # each image contains the zero, because the box that is mapped contains it
                 moved = _krawczyk_image(equations, x, step, inverse, moved)
-            return Enclosure(centre, radius, [a + b for a, b in zip(x, moved, strict=True)])
+            return ZeroEnclosure(centre, radius, [a + b for a, b in zip(x, moved, strict=True)])
     raise NotProvedError(
         "no box around the computed solution is proved to contain exactly one solution: its equations are almost "
         "singular (for a motion, next to a bifurcation), or its numbers are not exact enough"
     )
 
 
-def refined_zero(equations: Equations, start: NDArray[np.float64]) -> tuple[arb_mat, list[Fraction]]:
+def refine_zero(equations: Equations, start: NDArray[np.float64]) -> tuple[arb_mat, list[Fraction]]:
     """Return an approximate inverse of ∂R/∂x at a computed zero, and the zero after two steps of Newton's method.
 
     After two steps all PLACES decimals follow from the equations, so they do not depend on how a processor rounds.

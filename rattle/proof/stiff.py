@@ -41,7 +41,7 @@ class StiffParameters:
         return (a * stiff - b * loss) / size, (b * stiff + a * loss) / size
 
     @cached_property
-    def steady_mean(self) -> arb:
+    def mean_steady_penetration(self) -> arb:
         """Mean penetration y in the steady motion (permanent contact): 4πδ/(2κ)."""
         return self.point.delta * self.point.drift / (2 * self.kappa)
 
@@ -58,7 +58,7 @@ class StiffParameters:
     def steady_motion(self, t: arb) -> tuple[arb, arb]:
         """Return the penetration y and its derivative y' at time t in permanent contact, (1.11) of docs/proofs.md."""
         (a, b), (sine, cosine) = self.steady_amplitudes, (2 * t).sin_cos_pi()
-        return self.steady_mean + a * cosine + b * sine, 2 * PI() * (b * cosine - a * sine)
+        return self.mean_steady_penetration + a * cosine + b * sine, 2 * PI() * (b * cosine - a * sine)
 
     def tangent(self, u: arb) -> tuple[arb, arb, arb, arb]:
         """Return the tangent map (C, S, −2κS, C − δS) of (y, y') over a time u in contact: (1.15) of docs/proofs.md."""

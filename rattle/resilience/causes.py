@@ -26,8 +26,8 @@ FARTHEST_CONTINUATION = 0.1
 #: Where the continuation of an orbit stops, a multiplier that is closer to ±1 than this counts as ±1: the orbit ends at
 #: a saddle-node or a flip.
 NEAR_ONE = 0.01
-#: `_distance_to_zero` extrapolates from the last value and an earlier value that is larger by more than this factor,
-#: because the extrapolation from two closer values would be too inexact.
+#: `_distance_to_bifurcation` extrapolates from the last value and an earlier value that is larger by more than this
+#: factor, because the extrapolation from two closer values would be too inexact.
 LEAST_RATIO = 1.5
 #: An orbit is sought again at this distance beyond the last position at which it was found, as a share of the distance
 #: between two points of the path. If the orbit is virtual there, or is not found, a graze ended it.
@@ -95,7 +95,7 @@ def find_orbit_end(start: Parameters, end: Parameters, orbit: TrackedOrbit) -> O
     return OrbitEnd(cause, share, min(share + 2.0 * max(step, distance), 1.0))
 
 
-def _distance_to_zero(trail: list[tuple[float, Any]], sign: float, power: int) -> float:
+def _distance_to_bifurcation(trail: list[tuple[float, Any]], sign: float, power: int) -> float:
     """Extrapolate linearly to the position at which ((1 + sign λ₁)(1 + sign λ₂))^power is 0 on an orbit's branch.
 
     λ₁ and λ₂ are the orbit's multipliers: the product is 0 where one of them is −1 (sign 1) or 1 (sign −1). trail: for
@@ -152,7 +152,7 @@ def distance_to_shorter_motion(gear: AnyGear, tracked: TrackedOrbit, motion: Any
     return float(far.min(initial=np.inf))
 
 
-def _was_doubled(gear: AnyGear, orbit: TrackedOrbit) -> bool:
+def _is_near_doubling_flip(gear: AnyGear, orbit: TrackedOrbit) -> bool:
     """Return whether an orbit is close to the flip at which it branched from an orbit with half its period.
 
     Returns
@@ -183,11 +183,11 @@ def _cause_of_end(
     """
     multipliers, share = np.array(motion.multipliers), trail[-1][0]
     if np.abs(multipliers - 1.0).min() < NEAR_ONE:
-        if _was_doubled(gear_between(start, end, share), orbit):
-            return FLIP, _distance_to_zero(trail, -1.0, 1)
-        return SADDLE_NODE, _distance_to_zero(trail, -1.0, 2)
+        if _is_near_doubling_flip(gear_between(start, end, share), orbit):
+            return FLIP, _distance_to_bifurcation(trail, -1.0, 1)
+        return SADDLE_NODE, _distance_to_bifurcation(trail, -1.0, 2)
     if np.abs(multipliers + 1.0).min() < NEAR_ONE:
-        return FLIP, _distance_to_zero(trail, 1.0, 1)
+        return FLIP, _distance_to_bifurcation(trail, 1.0, 1)
     beyond = _orbit_near(gear_between(start, end, min(share + BEYOND_END, 1.0)), orbit)
     # beyond a graze the orbit is virtual, or Newton's method does not find it because its flight meets another wall
     return (GRAZE if beyond is None or not beyond.admissible else UNKNOWN), 0.0

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from rattle.errors import RattleError, require, require_integer, require_pair
 from rattle.flight.law import wrap_phase_difference
 from rattle.models import AnyGear
-from rattle.orbits.iterates import fold
+from rattle.orbits.iterates import fold_phases
 from rattle.resilience.gears import speed_unit_of
 
 Array = NDArray[np.float64]
@@ -83,7 +83,7 @@ def edge_state(gear: AnyGear, one: ArrayLike, other: ArrayLike, turns: int = MOS
     turns = require_integer("turns", turns, 1, 100_000)
     pair = np.array([require_pair(name, state) for name, state in (("one", one), ("other", other))])
     require(bool((pair[:, 1] > 0.0).all()), "the speeds of one and other must be greater than 0")
-    pair[:, 0] = fold(pair[:, 0])
+    pair[:, 0] = fold_phases(pair[:, 0])
     unit, made = speed_unit_of(gear), 0
     for _ in range(turns):
         pair = _bisect_to_boundary(gear, pair, unit)
@@ -91,7 +91,7 @@ def edge_state(gear: AnyGear, one: ArrayLike, other: ArrayLike, turns: int = MOS
         if found is not None and found[1] < EDGE_DISTANCE:
             orbit, distance = found
             return EdgeState(orbit.tau, orbit.v, orbit, distance, made)
-        while _distance_of_pair(pair, unit) < FARTHEST_PAIR:
+        while _distance_between_states(pair, unit) < FARTHEST_PAIR:
             moved = gear.iterate(pair[:, 0], pair[:, 1], 1)
             if (moved.n_plus < 1).any():
                 raise RattleError(
@@ -99,10 +99,10 @@ def edge_state(gear: AnyGear, one: ArrayLike, other: ArrayLike, turns: int = MOS
                     "state is found: choose two other states"
                 )
             pair, made = np.column_stack([moved.tau, moved.v]), made + 1
-    return EdgeState(float(pair[0, 0]), float(pair[0, 1]), None, _distance_of_pair(pair, unit), made)
+    return EdgeState(float(pair[0, 0]), float(pair[0, 1]), None, _distance_between_states(pair, unit), made)
 
 
-def _distance_of_pair(pair: Array, unit: float) -> float:
+def _distance_between_states(pair: Array, unit: float) -> float:
     """Return the distance of two states (τ, v), with speeds in units of `unit`."""
     return float(np.hypot(wrap_phase_difference(pair[1, 0] - pair[0, 0]), (pair[1, 1] - pair[0, 1]) / unit))
 
@@ -121,12 +121,12 @@ def _bisect_to_boundary(gear: AnyGear, pair: Array, unit: float) -> Array:
     while True:
         step = np.array([wrap_phase_difference(pair[1, 0] - pair[0, 0]), pair[1, 1] - pair[0, 1]])
         line = pair[0] + share[:, None] * step
-        line[:, 0] = fold(line[:, 0])
+        line[:, 0] = fold_phases(line[:, 0])
         which = gear.reached(line[:, 0], line[:, 1]).which
         require(which[0] != which[-1], "both states go to the same attractor: choose states of two basins")
         last = int(np.argmax(which != which[0]))
         pair = line[last - 1 : last + 1]
-        distance = _distance_of_pair(pair, unit)
+        distance = _distance_between_states(pair, unit)
         if distance < CLOSEST_PAIR or distance >= np.hypot(step[0], step[1] / unit):
             return pair
 

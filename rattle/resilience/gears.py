@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rattle.attractors.reached import checked_states
+from rattle.attractors.reached import check_states
 from rattle.attractors.speeds import SampleSpec, SpeedLimit
 from rattle.attractors.table import Attractor
 from rattle.errors import real_array, require, require_integer
@@ -39,7 +39,7 @@ def initial_states_of(
         If an argument is outside its domain.
     """
     if states is not None:
-        tau, v, _shape = checked_states(*states)
+        tau, v, _shape = check_states(*states)
         return tau, v
     phases, speeds = SampleSpec(count, v_max, seed).states(gear.parameters)
     return phases[0], speeds[0]
@@ -58,7 +58,7 @@ def is_same_attractor(one: Attractor, other: Attractor, unit: float) -> bool:
     return one.kind != "periodic" or bool(near)
 
 
-def path_points(path: ArrayLike, beta: float, added: Mapping[str, float | None], steps: int | None) -> Parameters:
+def points_along_path(path: ArrayLike, beta: float, added: Mapping[str, float | None], steps: int | None) -> Parameters:
     """Return the parameters at the steps of a path.
 
     Parameters
@@ -86,7 +86,9 @@ def path_points(path: ArrayLike, beta: float, added: Mapping[str, float | None],
     """
     given = real_array("path", path)
     others = {name: x for name, x in added.items() if x is not None}
-    model = type(model_of(beta, **others)) if others or given.ndim != 2 else _model_with_parameters(given.shape[1] - 3)
+    model = (
+        type(model_of(beta, **others)) if others or given.ndim != 2 else _model_by_parameter_count(given.shape[1] - 3)
+    )
     names = ("delta", "epsilon", *(each.name for each in model.parameters()))
     right = given.ndim == 2 and 2 <= given.shape[1] <= len(names) and len(given) >= 2
     require(
@@ -113,6 +115,6 @@ def path_points(path: ArrayLike, beta: float, added: Mapping[str, float | None],
     return Parameters(model.name, delta, epsilon, beta_, dict(zip(names[3:], rest, strict=True)))
 
 
-def _model_with_parameters(n_added: int) -> type[Model]:
+def _model_by_parameter_count(n_added: int) -> type[Model]:
     """Return the first model with `n_added` parameters besides δ, ε and β, or the default model; −1 counts as 0."""
     return next((model for model in MODELS.values() if len(model.added) == max(n_added, 0)), MODELS[DEFAULT_MODEL])

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rattle.attractors.reached import checked_states
+from rattle.attractors.reached import check_states
 from rattle.attractors.samples import Outcome
 from rattle.attractors.speeds import MOST_SAMPLES, SampleSpec, SpeedLimit
 from rattle.attractors.table import KINDS, Attractor, AttractorTable, tabulate_attractors
@@ -30,7 +30,7 @@ from rattle.resilience.causes import (
     TrackedOrbit,
     find_orbit_end,
 )
-from rattle.resilience.gears import States, path_points, speed_unit_of
+from rattle.resilience.gears import States, points_along_path, speed_unit_of
 
 Array = NDArray[np.float64]
 NOTHING: Mapping[str, Make] = MappingProxyType({})
@@ -44,7 +44,7 @@ SAME_POINT = 1e-6
 CHAOS_THERE = -2
 
 
-class Change(NamedTuple):
+class FamilyChange(NamedTuple):
     """The beginning or the end of a family between two steps of a path.
 
     family: the number of the family. step: the change is between the steps `step` and `step` + 1.
@@ -85,7 +85,7 @@ class GlobalContinuation:
     entered: NDArray[np.bool_]
     family: NDArray[np.int64]
     which: NDArray[np.int64]
-    changes: tuple[Change, ...]
+    changes: tuple[FamilyChange, ...]
     quantities: Mapping[str, Array]
 
     @property
@@ -103,7 +103,7 @@ class GlobalContinuation:
         won = self._sample_counts(number)
         return np.where(won >= 0, won / self.count, np.nan)
 
-    def intervals(self, number: int) -> tuple[Array, Array]:
+    def fraction_intervals(self, number: int) -> tuple[Array, Array]:
         """Return both ends (n,) of the 95 % Wilson interval of a family's fraction; NaN where the family is missing."""
         won = self._sample_counts(number)
         low, high = wilson_interval(np.maximum(won, 0), self.count)
@@ -194,8 +194,8 @@ def global_continuation(
     ParameterError
         If an argument is outside its domain.
     """
-    points = path_points(path, beta, added, steps)
-    given = None if states is None else checked_states(*states)
+    points = points_along_path(path, beta, added, steps)
+    given = None if states is None else check_states(*states)
     sample = SampleSpec(count if given is None else given[0].size, v_max, seed)
     count = sample.count
     require(
@@ -206,7 +206,7 @@ def global_continuation(
     tau, v = sample.states(points) if given is None else (np.tile(x, (points.size, 1)) for x in given[:2])
     model = MODELS[points.model]
     table, row = tabulate_attractors(model.classify_states(points, tau.copy(), v.copy()), missed=True)
-    attractors, entered, family = model.joined_rows(points, table)
+    attractors, entered, family = model.join_rows_of_cells(points, table)
     which = np.flatnonzero(~entered)[row].reshape(-1, count)
     every = points.repeat(count)
     gathered = {
@@ -234,7 +234,7 @@ class _ChangeFinder:
         """Return the rows of `attractors` that belong to a step and to a family, so without undecided samples."""
         return np.flatnonzero((self.rows.cell == step) & (self.family >= 0))
 
-    def find_changes(self) -> list[Change]:
+    def find_changes(self) -> list[FamilyChange]:
         """Return all changes, in order along the path."""
         found = [
             (family, step, begins)
@@ -244,21 +244,21 @@ class _ChangeFinder:
                 self.row_by_family[step + begins].keys() - self.row_by_family[step + 1 - begins].keys()
             )
         ]
-        explained: dict[tuple[int, int, bool], Change] = {}
+        explained: dict[tuple[int, int, bool], FamilyChange] = {}
         # changes of chaotic families are explained last, because such a change may take its cause from another change
         for chaotic in (False, True):
             for each in found:
-                if (self.rows.kind[self._existing_row(*each)] == Outcome.CHAOTIC) == chaotic:
+                if (self.rows.kind[self._row_with_family(*each)] == Outcome.CHAOTIC) == chaotic:
                     explained[each] = self._explain_change(*each, explained)
         return sorted(explained.values(), key=lambda change: (change.step, change.low, change.family))
 
-    def _existing_row(self, family: int, step: int, begins: bool) -> int:
+    def _row_with_family(self, family: int, step: int, begins: bool) -> int:
         """Return the table row of a family where it exists: at `step` + 1 if it begins, at `step` if it ends."""
         return self.row_by_family[step + begins][family]
 
     def _explain_change(
-        self, family: int, step: int, begins: bool, others: dict[tuple[int, int, bool], Change]
-    ) -> Change:
+        self, family: int, step: int, begins: bool, others: dict[tuple[int, int, bool], FamilyChange]
+    ) -> FamilyChange:
         """Return the beginning or the end of a family between `step` and `step` + 1, with its cause.
 
         begins: True for the beginning of the family, False for its end. others: the changes whose causes are already
@@ -266,10 +266,10 @@ class _ChangeFinder:
 
         Returns
         -------
-        Change
+        FamilyChange
             The change.
         """
-        row, where, away = self._existing_row(family, step, begins), step + begins, step + 1 - begins
+        row, where, away = self._row_with_family(family, step, begins), step + begins, step + 1 - begins
         kind, gears = self.rows.kind[row], (gear_at(self.points, where), gear_at(self.points, away))
         end = OrbitEnd(UNKNOWN, 0.0, 1.0)
         if kind == Outcome.QUIET:
@@ -286,7 +286,7 @@ class _ChangeFinder:
         elif other in self.row_by_family[where]:
             end = OrbitEnd(CRISIS, 0.0, 1.0)
         elif (because := others.get((other, step, not begins))) is not None:
-            return Change(family, step, begins, *because[3:6], other)
+            return FamilyChange(family, step, begins, *because[3:6], other)
         elif other >= 0:
             # `others` lacks the changes of chaotic families only, so `other` is another chaotic family
             end = OrbitEnd(CRISIS, 0.0, 1.0)
@@ -294,7 +294,7 @@ class _ChangeFinder:
             end, other = OrbitEnd(SAMPLING, 0.0, 1.0), -1
         return self._change_from_end(family, step, begins, end, other)
 
-    def _change_from_end(self, family: int, step: int, begins: bool, end: OrbitEnd, other: int) -> Change:
+    def _change_from_end(self, family: int, step: int, begins: bool, end: OrbitEnd, other: int) -> FamilyChange:
         """Return the record of a family's beginning or end between `step` and `step` + 1.
 
         end: cause and position of the change; `end.low` and `end.high` are shares of the way from the step where the
@@ -302,11 +302,11 @@ class _ChangeFinder:
 
         Returns
         -------
-        Change
+        FamilyChange
             The record, in which `low` and `high` are positions along the path.
         """
         low, high = (step + 1 - end.high, step + 1 - end.low) if begins else (step + end.low, step + end.high)
-        return Change(family, step, begins, end.cause, float(low), float(high), other)
+        return FamilyChange(family, step, begins, end.cause, float(low), float(high), other)
 
     def _find_reached_family(self, row: int, step: int, gear: AnyGear, gear_there: AnyGear) -> int:
         """Return the family that motions on an attractor go to when the parameters jump to those of a step.

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rattle.attractors.speeds import SpeedLimit, sampled_speed
+from rattle.attractors.speeds import SpeedLimit, highest_sampled_speed
 from rattle.attractors.table import Attractor
 from rattle.errors import RattleError, require, require_finite
 from rattle.models import AnyGear
@@ -89,7 +89,7 @@ def smallest_shock(
     RattleError
         If the attractor is not an attractor of this gear.
     """
-    highest = sampled_speed(v_max, gear.delta, gear.epsilon, gear.beta)
+    highest = highest_sampled_speed(v_max, gear.delta, gear.epsilon, gear.beta)
     require(
         attractor.kind in ("quiet", "periodic", "chaotic"),
         f"the attractor must be quiet, periodic or chaotic, got {attractor.kind!r}, which has no known basin",

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from rattle.attractors.speeds import SpeedLimit
 from rattle.attractors.table import Attractor
 from rattle.errors import require
-from rattle.flight.forcing import phase_of_entry
+from rattle.flight.forcing import phase_of_arc_entry
 from rattle.models import AnyGear
 from rattle.numerics.sampling import wilson_interval
 from rattle.resilience.gears import States, initial_states_of, speed_unit_of
@@ -60,7 +60,7 @@ def departure_from_rest(gear: AnyGear) -> tuple[float, float]:
         Phase and speed.
     """
     most = min(1.0, gear.quiet_limit / gear.epsilon) if gear.epsilon > 0.0 else 1.0
-    return phase_of_entry(gear.delta, most), REST_SPEED * speed_unit_of(gear)
+    return phase_of_arc_entry(gear.delta, most), REST_SPEED * speed_unit_of(gear)
 
 
 def tipping(

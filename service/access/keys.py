@@ -61,16 +61,16 @@ def add_key(
 ) -> tuple[KeyRow, str]:
     """Add a key. Return its row and the token that its owner sends; the token is not stored, so show it now."""
     secret = secrets.token_urlsafe(SECRET_BYTES)
-    key = database.add_key(name, hash_of(secret), GRANTED_SCOPES[scope], max_cells, max_running)
+    key = database.add_key(name, hash_secret(secret), GRANTED_SCOPES[scope], max_cells, max_running)
     return key, f"rattle_{key.id}_{secret}"
 
 
-def find_key(database: Database, token: str) -> KeyRow | None:
+def find_key_of_token(database: Database, token: str) -> KeyRow | None:
     """Return the valid key with this token, or None. The database is read each time, so a revoked key fails at once."""
     parts = TOKEN.fullmatch(token)
     if parts is None:
         return None
-    secret_hash = hash_of(parts[2])
+    secret_hash = hash_secret(parts[2])
     key = database.key_by_hash(secret_hash)
     if key is None:
         return None
@@ -81,13 +81,13 @@ def find_key(database: Database, token: str) -> KeyRow | None:
 def begin_session(database: Database, key: KeyRow, seconds: float) -> str:
     """Sign a browser in with a key, and return the token for its cookie."""
     token = secrets.token_urlsafe(SECRET_BYTES)
-    database.add_session(key.id, hash_of(token), seconds)
+    database.add_session(key.id, hash_secret(token), seconds)
     return token
 
 
-def find_session(database: Database, token: str) -> Caller | None:
+def find_caller_of_session(database: Database, token: str) -> Caller | None:
     """Return the caller whose browser has this session token; None if the session has ended or the key was revoked."""
-    session = hash_of(token)
+    session = hash_secret(token)
     key = database.key_by_session(session)
     return Caller(key, session) if key is not None else None
 
@@ -97,7 +97,7 @@ def has_live_key(database: Database) -> bool:
     return any(key.revoked is None for key in database.keys())  # noqa: SIM118 - no dict
 
 
-def hash_of(secret: str) -> str:
+def hash_secret(secret: str) -> str:
     """Return the hash of a secret, which the database stores in place of the secret.
 
     One SHA-256 suffices, because nobody can guess 256 random bits. The slow hashes for passwords, which make guessing

@@ -11,7 +11,7 @@ from starlette.exceptions import HTTPException
 from starlette.responses import HTMLResponse, RedirectResponse, Response
 from starlette.routing import Route
 
-from gear_rattle.service.access.keys import COOKIE, OLD_COOKIE, begin_session, find_key, hash_of
+from gear_rattle.service.access.keys import COOKIE, OLD_COOKIE, begin_session, find_key_of_token, hash_secret
 from gear_rattle.service.web.prefix import public_path
 
 LOGIN, LOGOUT = "/login", "/logout"
@@ -38,7 +38,7 @@ def login_url(path: str, query: str) -> str:
     return public_path(LOGIN) + (f"?next={quote(f'{path}?{query}', safe='')}" if query else "")
 
 
-def _page_after_login(request: Request) -> str:
+def _url_after_login(request: Request) -> str:
     """Return the URL of the page to show after the login, which is never a page of another site."""
     wanted = request.query_params.get("next", "")
     return public_path(wanted if wanted.startswith("/?") and wanted.isprintable() else "/")
@@ -66,10 +66,10 @@ async def login(request: Request) -> Response:
         raise HTTPException(422, "This form has too many fields: send only the field named key.") from None
     token = fields.get("key", [""])[0].strip()
     front = request.app.state.front
-    if (key := await run_in_threadpool(find_key, front.database, token)) is None:
+    if (key := await run_in_threadpool(find_key_of_token, front.database, token)) is None:
         return _render_login_page(request, "This API key is unknown or was revoked.", 401)
     session = await run_in_threadpool(begin_session, front.database, key, front.settings.session_seconds)
-    response = RedirectResponse(_page_after_login(request), 303)
+    response = RedirectResponse(_url_after_login(request), 303)
     here = public_path("/")  # the cookie's path, so that other programs of this host do not get the cookie
     response.set_cookie(COOKIE, session, httponly=True, samesite="strict", secure=_is_https(request), path=here)
     _delete_cookie(request, response, OLD_COOKIE)
@@ -79,7 +79,7 @@ async def login(request: Request) -> Response:
 async def logout(request: Request) -> Response:
     """End the session of this browser only."""
     if session := request.cookies.get(COOKIE):
-        await run_in_threadpool(request.app.state.front.database.end_session, hash_of(session))
+        await run_in_threadpool(request.app.state.front.database.end_session, hash_secret(session))
     response = RedirectResponse(public_path(LOGIN), 303)
     _delete_cookie(request, response, COOKIE)
     _delete_cookie(request, response, OLD_COOKIE)

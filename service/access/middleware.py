@@ -15,14 +15,14 @@ from starlette.requests import HTTPConnection
 from starlette.responses import RedirectResponse
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from gear_rattle.service.access.keys import COOKIE, Caller, find_key, find_session
+from gear_rattle.service.access.keys import COOKIE, Caller, find_caller_of_session, find_key_of_token
 from gear_rattle.service.access.login import LOGIN, LOGOUT, login_url
-from gear_rattle.service.access.origins import is_local, is_loopback, require_own_name, require_same_origin
+from gear_rattle.service.access.origins import is_local_request, is_loopback, require_own_host, require_same_origin
 from gear_rattle.service.database.tables import Scope as KeyScope
 from gear_rattle.service.errors import ForbiddenError, UnauthorizedError
 from gear_rattle.service.settings import Settings
 from gear_rattle.service.web import problems
-from gear_rattle.service.web.prefix import route_path
+from gear_rattle.service.web.prefix import path_without_prefix
 from rattle import RattleError
 
 #: Scripts and styles of /docs and /redoc.
@@ -126,36 +126,40 @@ class AccessMiddleware:
             headers, method = Headers(scope=scope), scope.get("method", "GET")
             if method not in SAFE_METHODS or scope["type"] == "websocket":
                 require_same_origin(headers)
-                _require_uncompressed(headers)
-            scope.setdefault("state", {})["caller"] = await self._authorised_caller(scope, headers, method)
+                _require_uncompressed_body(headers)
+            scope.setdefault("state", {})["caller"] = await self._find_authorised_caller(scope, headers, method)
         except (RattleError, SQLAlchemyError, HTTPException) as error:
             if scope["type"] == "websocket":
                 log.warning("a websocket was refused: %s", error)
                 await send({"type": "websocket.close", "code": 1008, "reason": ""})
-            elif isinstance(error, UnauthorizedError) and self._is_page(route_path(scope)) and method in SAFE_METHODS:
+            elif (
+                isinstance(error, UnauthorizedError)
+                and self._is_page_path(path_without_prefix(scope))
+                and method in SAFE_METHODS
+            ):
                 there = login_url(EXPLORER_PATH, scope["query_string"].decode("ascii", "replace"))
-                await RedirectResponse(there, 303)(scope, receive, _with_response_headers(send))
+                await RedirectResponse(there, 303)(scope, receive, _add_response_headers(send))
             else:
-                await problems.answer_error(Request(scope), error)(scope, receive, _with_response_headers(send))
+                await problems.answer_error(Request(scope), error)(scope, receive, _add_response_headers(send))
             return
-        await self.app(scope, receive, _with_response_headers(send))
+        await self.app(scope, receive, _add_response_headers(send))
 
-    def _is_page(self, path: str) -> bool:
+    def _is_page_path(self, path: str) -> bool:
         return self._settings.explorer and path == EXPLORER_PATH
 
-    async def _authorised_caller(self, scope: Scope, headers: Headers, method: str) -> Caller | None:
+    async def _find_authorised_caller(self, scope: Scope, headers: Headers, method: str) -> Caller | None:
         # A request from another machine needs a key, even if the settings name a loopback address.
-        asks = self._requires_all or not (self._settings.insecure or is_local(scope, headers))
+        asks = self._requires_all or not (self._settings.insecure or is_local_request(scope, headers))
         if not asks:
-            require_own_name(headers, self._settings.host, self._settings.allowed_hosts)
+            require_own_host(headers, self._settings.host, self._settings.allowed_hosts)
             return Caller()
         try:
             caller = await run_in_threadpool(self._caller_by_key, scope, headers)
         except UnauthorizedError:
-            if route_path(scope) in (OPEN_PATHS if method in SAFE_METHODS else LOGIN_PATHS):
+            if path_without_prefix(scope) in (OPEN_PATHS if method in SAFE_METHODS else LOGIN_PATHS):
                 return None
             raise
-        may_read = method in SAFE_METHODS or route_path(scope) in LOGIN_PATHS
+        may_read = method in SAFE_METHODS or path_without_prefix(scope) in LOGIN_PATHS
         wanted = KeyScope.READ if may_read else KeyScope.SUBMIT
         if not caller.has_scope(wanted):
             raise ForbiddenError(
@@ -168,12 +172,12 @@ class AccessMiddleware:
         kind, _, token = headers.get("authorization", "").partition(" ")
         database = scope["app"].state.front.database
         if not kind and (session := HTTPConnection(scope).cookies.get(COOKIE)) is not None:
-            if (caller := find_session(database, session)) is not None:
+            if (caller := find_caller_of_session(database, session)) is not None:
                 return caller
             raise UnauthorizedError("The session of this browser has ended. Sign in again at /login.")
         if kind.lower() != "bearer":
             raise UnauthorizedError(problems.ADVICE[401])
-        key = find_key(database, token.strip())
+        key = find_key_of_token(database, token.strip())
         if key is None:
             raise UnauthorizedError("This API key is unknown or was revoked. `rattle key add` makes a new key.")
         return Caller(key)
@@ -194,7 +198,7 @@ class AccessMiddleware:
             raise HTTPException(404, problems.ADVICE[404])
 
 
-def _require_uncompressed(headers: Headers) -> None:
+def _require_uncompressed_body(headers: Headers) -> None:
     """Raise HTTPException for a compressed body, which no route decompresses."""
     coding = ", ".join(headers.getlist("content-encoding")).strip()
     if coding.lower() not in ("", "identity"):
@@ -202,7 +206,7 @@ def _require_uncompressed(headers: Headers) -> None:
         raise HTTPException(415, what, {"Accept-Encoding": "identity"})
 
 
-def _with_response_headers(send: Send) -> Send:
+def _add_response_headers(send: Send) -> Send:
     async def send_with_headers(message: Message) -> None:
         if message["type"] == "http.response.start":
             headers = MutableHeaders(scope=message)

@@ -33,7 +33,7 @@ def is_loopback(host: str) -> bool:
     return bool(found) and all(address is not None and address.is_loopback for address in found)
 
 
-def is_local(scope: Scope, headers: Headers) -> bool:
+def is_local_request(scope: Scope, headers: Headers) -> bool:
     """Return whether a request comes from this machine and no proxy has forwarded it."""
     client = scope.get("client")
     address = _parse_address(client[0]) if client else None
@@ -41,7 +41,7 @@ def is_local(scope: Scope, headers: Headers) -> bool:
     return address is not None and address.is_loopback and not forwarded
 
 
-def require_own_name(headers: Headers, host: str, allowed: Collection[str]) -> None:
+def require_own_host(headers: Headers, host: str, allowed: Collection[str]) -> None:
     """Refuse requests that name another host than this service.
 
     In a DNS rebinding attack, a foreign site lets its name point to this machine. For a browser, pages of that site and

@@ -14,8 +14,8 @@ from gear_rattle.service.commands.options import (
     MACHINE,
     NUMBERS,
     Command,
-    number_options,
-    with_options,
+    add_command_options,
+    make_number_options,
 )
 
 if TYPE_CHECKING:
@@ -48,7 +48,7 @@ def _number_argument(name: str) -> Any:
 
 #: All options are None by default, so that missing ones can be detected.
 OPTIONS: dict[str, Any] = {
-    **number_options(float, panel=MACHINE.replace("delta, epsilon and beta", "DELTA and EPSILON")),
+    **make_number_options(float, panel=MACHINE.replace("delta, epsilon and beta", "DELTA and EPSILON")),
     "transmission_error": Annotated[
         Path | None,
         typer.Option(
@@ -84,7 +84,7 @@ def with_point(*, allows_rpm: bool = False) -> Callable[[Command], Command]:
     """
 
     def add_options(command: Command) -> Command:
-        return with_options(command, OPTIONS, lambda given: point_of_options(given, allows_rpm))
+        return add_command_options(command, OPTIONS, lambda given: point_of_options(given, allows_rpm))
 
     return add_options
 

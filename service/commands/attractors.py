@@ -71,7 +71,7 @@ def attractors(
         if machine is None:
             velocity, loud = 1.0, [_number_text(found.energy), _number_text(found.errors.energy)]
         else:
-            whole, velocity = machine.in_si(found), machine.units.velocity
+            whole, velocity = machine.intensity_in_si(found), machine.units.velocity
             loud = [_number_text(whole.power), _number_text(whole.power_error), _number_text(round(whole.level, 2))]
         table.add_row(
             attractor_name(each),

@@ -9,13 +9,13 @@ from typing import Annotated
 
 import typer
 
-from gear_rattle.service.commands.options import NO_NUMBERS, Beta, with_added_parameters
+from gear_rattle.service.commands.options import NO_NUMBERS, Beta, add_parameter_options
 
 WIDTH = 140  # characters in a line, enough for all numbers, however wide the terminal is
 MEANINGS = {"SN": "saddle-node", "PD": "flip", "GR": "graze"}
 
 
-@partial(with_added_parameters, kind=float)
+@partial(add_parameter_options, kind=float)
 def diagram(
     delta: Annotated[
         str, typer.Option(metavar="VALUE|LOW:HIGH", help="Damping: a number, or a range.", show_default=False)
@@ -43,7 +43,7 @@ def diagram(
     from rich.table import Table
 
     from gear_rattle.service.commands.drawing import require_writable, write_figure
-    from gear_rattle.service.commands.progress import compilation_messages
+    from gear_rattle.service.commands.progress import print_compilation_messages
     from rattle.models import model_of
 
     lows, highs = zip(
@@ -55,7 +55,7 @@ def diagram(
         )
     if picture is not None:
         require_writable(picture)
-    with compilation_messages():
+    with print_compilation_messages():
         found = model_of(beta, **numbers).diagram(lows, highs, steps, count)
     console = Console(highlight=False, markup=False, width=WIDTH)
     table = Table("event", "named", "motion", "delta", "epsilon", box=None)

@@ -14,7 +14,7 @@ import typer
 from gear_rattle.service.commands import certify_bifurcations as bifurcations
 from gear_rattle.service.commands.certify_areas import prove_areas
 from gear_rattle.service.commands.filling import INTERRUPTED, cluster_context
-from gear_rattle.service.commands.options import NO_NUMBERS, Scheduler, Slice, with_added_parameters
+from gear_rattle.service.commands.options import NO_NUMBERS, Scheduler, Slice, add_parameter_options
 
 if TYPE_CHECKING:
     from rattle.proof.bifurcations.certificate import BifurcationCertificate
@@ -25,7 +25,7 @@ COLUMNS = 320  # default number of columns; they suffice to prove more than 99 %
 SUFFIX = ".certificates.zarr"
 
 
-@partial(with_added_parameters, kind=str, text="{}, for --point.")
+@partial(add_parameter_options, kind=str, text="{}, for --point.")
 def certify(
     store: Annotated[str | None, typer.Argument(metavar="STORE", help="Path or URL of a survey's store.")] = None,
     out: Annotated[
@@ -87,7 +87,7 @@ def certify(
     if areas is not None:
         prove_areas(areas, delta, epsilon, beta, columns, processes, figure)
     elif check is not None:
-        _check_certificates_in(check)
+        _check_certificates_in_store(check)
     elif point is not None and chaos:
         _print_certificates(_horseshoe_certificates(*point, beta))
     elif point is not None:
@@ -131,7 +131,7 @@ def _print_certificates(certificates: Iterable[BifurcationCertificate | Horsesho
         raise typer.Exit(NOT_PROVED)
 
 
-def _check_certificates_in(path: Path) -> None:
+def _check_certificates_in_store(path: Path) -> None:
     from gear_rattle.workers.certificates import CERTIFICATES
     from rattle.proof import check
     from rattle.proof.areas.checker import check as areas
@@ -151,7 +151,7 @@ def _check_certificates_in(path: Path) -> None:
     for number, line in enumerate(lines, 1):
         try:
             typer.echo(f"proved: {checkers.get(_theorem_of(line), check.check)(line)}")
-        except (check.Refused, areas.BlockRefusal) as why:
+        except (check.Refusal, areas.BlockRefusal) as why:
             refused = True
             typer.echo(f"NOT PROVED, line {number}: {why}")
     if refused:
@@ -200,10 +200,10 @@ def _prove_survey(store: str, out: Path, processes: int, scheduler: str | None, 
     from gear_rattle.service.results import open_results
     from gear_rattle.workers.certificates import CERTIFICATES, REFUSED, certify_survey, claims_of
     from gear_rattle.workers.errors import SurveyError
-    from gear_rattle.workers.survey.slices import slice_of
+    from gear_rattle.workers.survey.slices import select_slice
 
     with open_results(store) as whole, catch_stop_signals() as stop:
-        survey = slice_of(whole, slice_number)
+        survey = select_slice(whole, slice_number)
         number = len(claims_of(survey))
         here = processes == 1 and scheduler is None
         cluster = nullcontext() if here else cluster_context({}, scheduler, processes, stop.is_set)
@@ -216,9 +216,9 @@ def _prove_survey(store: str, out: Path, processes: int, scheduler: str | None, 
                 if client is None:
                     found = certify_survey(survey, out, on_done=on_done, should_stop=stop.is_set)
                 else:
-                    from gear_rattle.workers.cluster.runner import certify_on  # loads dask
+                    from gear_rattle.workers.cluster.runner import certify_on_cluster  # loads dask
 
-                    found = certify_on(client, survey, out, on_done, stop.is_set)
+                    found = certify_on_cluster(client, survey, out, on_done, stop.is_set)
         except SurveyError:
             if not stop.is_set():  # an error after a stop only says that the cluster has ended
                 raise

@@ -22,12 +22,12 @@ def curve_point_certificates(store: str, slice_number: int | None) -> Iterator[B
     """Yield the certificate of each point of a survey's curves, or the reason why it is not proved."""
     import rattle
     from gear_rattle.service.results import open_results
-    from gear_rattle.workers.survey.slices import slice_group_path, slice_of, surveyed_model
+    from gear_rattle.workers.survey.slices import select_slice, slice_group_path, surveyed_model
     from rattle.models import Capability, require_capability
     from rattle.proof.bifurcations.prove import certify_curve_point
 
     with open_results(store) as whole:
-        model = surveyed_model(slice_of(whole, slice_number))
+        model = surveyed_model(select_slice(whole, slice_number))
     require_capability(Capability.BIFURCATION_PROOFS, model)
     for name in rattle.curves.CURVES:
         with open_results(store, group=slice_group_path(slice_number, f"curves/{name}")) as curve:

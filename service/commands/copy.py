@@ -30,11 +30,11 @@ def copy(
 
         export(source, Path(target))
         return
-    from gear_rattle.service.commands.progress import Reporter, create_reporter
+    from gear_rattle.service.commands.progress import ProgressReporter, create_reporter
     from gear_rattle.workers.storage.copy import copy_store
 
     with ExitStack() as stack:
-        shown: list[Reporter] = []
+        shown: list[ProgressReporter] = []
 
         def show(done: int, total: int) -> None:
             if not shown:

@@ -21,10 +21,10 @@ def draw_survey(store: str | Path, out: Path, slice_number: int | None = None) -
     """
     from gear_rattle.service.results import open_results
     from gear_rattle.workers.pictures.figure import survey_figure
-    from gear_rattle.workers.survey.slices import slice_of
+    from gear_rattle.workers.survey.slices import select_slice
 
     with open_results(store) as dataset:
-        picture = survey_figure(slice_of(dataset, slice_number))
+        picture = survey_figure(select_slice(dataset, slice_number))
     write_figure(picture, out)
 
 

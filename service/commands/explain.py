@@ -9,7 +9,7 @@ import typer
 from gear_rattle.service.commands.options import Slice
 
 if TYPE_CHECKING:
-    from gear_rattle.workers.boundaries.explain import Explanation
+    from gear_rattle.workers.boundaries.explain import BoundaryExplanation
 
 WIDTH = 160  # characters in a line, enough for all numbers, however wide the terminal is
 UNEXPLAINED = 1  # exit status if a boundary of regions has no curve
@@ -33,10 +33,10 @@ def explain(
     """
     from gear_rattle.service.results import open_results
     from gear_rattle.workers.boundaries.explain import explain as explained
-    from gear_rattle.workers.survey.slices import slice_group_path, slice_of
+    from gear_rattle.workers.survey.slices import select_slice, slice_group_path
 
     with open_results(store) as whole:
-        dataset = slice_of(whole, slice_)
+        dataset = select_slice(whole, slice_)
         families = (
             open_results(store, group=slice_group_path(slice_, "families")) if "attractor_family" in dataset else None
         )
@@ -46,7 +46,7 @@ def explain(
         raise typer.Exit(UNEXPLAINED)
 
 
-def _print_explanation(found: Explanation, rows: int) -> None:
+def _print_explanation(found: BoundaryExplanation, rows: int) -> None:
     from rich.console import Console
     from rich.table import Table
 

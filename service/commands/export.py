@@ -52,12 +52,18 @@ def export(
 
 def _write_file(store: str, out: Path, form: RowForm) -> None:
     from gear_rattle.workers import open_survey, place_of
-    from gear_rattle.workers.storage.export import csv_lines, require_readable, table_names, write_netcdf, write_parquet
+    from gear_rattle.workers.storage.export import (
+        csv_lines,
+        names_of_column_variables,
+        require_readable_variables,
+        write_netcdf,
+        write_parquet,
+    )
     from gear_rattle.workers.storage.store import open_groups
 
     place = place_of(store)
     with open_survey(place, as_stored=True) as dataset:
-        require_readable(dataset, None if out.suffix == ".nc" else table_names(dataset, form))
+        require_readable_variables(dataset, None if out.suffix == ".nc" else names_of_column_variables(dataset, form))
         with _open_replacement_file(out) as file:
             if out.suffix == ".csv":
                 file.writelines(line.encode() for line in csv_lines(dataset, form))

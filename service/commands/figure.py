@@ -12,16 +12,16 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from gear_rattle.service.commands.drawing import draw_survey
-from gear_rattle.service.commands.options import NO_NUMBERS, Slice, with_added_parameters
+from gear_rattle.service.commands.options import NO_NUMBERS, Slice, add_parameter_options
 
 if TYPE_CHECKING:
-    from rattle.plot import Request, StiffRequest
+    from rattle.plot import FigureRequest, StiffFigureRequest
 
 ALL, STIFF = "all", "stiff"
 SURVEY_PICTURE = "survey.png"
 
 
-@partial(with_added_parameters, kind=float, text="{}, for the stiff gear in Figures 5 and 9.", model="stiff")
+@partial(add_parameter_options, kind=float, text="{}, for the stiff gear in Figures 5 and 9.", model="stiff")
 def figure(
     what: Annotated[
         list[str],
@@ -106,7 +106,7 @@ def figure(
 
 def _figure_requests(
     what: list[str], delta: list[str], epsilon: list[str], beta: float | None, added: Mapping[str, float]
-) -> list[Request | StiffRequest]:
+) -> list[FigureRequest | StiffFigureRequest]:
     """Return the requested figures. All requests are checked before the first figure is computed."""
     from rattle.plot import BETA, FIGURES, parse_option, request, stiff_request
 
@@ -124,11 +124,13 @@ def _figure_requests(
             )
     values = parse_option("--delta", delta), parse_option("--epsilon", epsilon)
     beta = BETA if beta is None else beta
-    requests: list[Request | StiffRequest] = [request(each, *values, beta, **added) for each in dict.fromkeys(numbers)]
+    requests: list[FigureRequest | StiffFigureRequest] = [
+        request(each, *values, beta, **added) for each in dict.fromkeys(numbers)
+    ]
     return [*requests, stiff_request(*values, beta)] if STIFF in what else requests
 
 
-def _draw_figures(requests: list[Request | StiffRequest], directory: Path, formats: list[str]) -> None:
+def _draw_figures(requests: list[FigureRequest | StiffFigureRequest], directory: Path, formats: list[str]) -> None:
     from gear_rattle.service.errors import ServiceError
     from rattle.plot import FORMATS, save
 

@@ -28,11 +28,11 @@ def compute_store(request: AnyRequest, out: str, scheduler: str | None, workers:
     out: the location of the store. scheduler: the address of a dask scheduler, or None. workers: the number of
     processes to start; None: PROCESSES, or no process if the work takes only a few seconds.
     """
-    from gear_rattle.service.commands.progress import compilation_messages
+    from gear_rattle.service.commands.progress import print_compilation_messages
     from gear_rattle.workers.certificates import require_certifiable
 
     require_certifiable(request, out)
-    with compilation_messages():
+    with print_compilation_messages():
         _compute_missing_parts(request, out, scheduler, workers)
 
 
@@ -41,19 +41,21 @@ def _compute_missing_parts(request: AnyRequest, out: str, scheduler: str | None,
 
     alone = not (scheduler or workers)
     if alone and survey.takes_few_seconds(request, request.n_cells):
-        with _stop_event(out) as stop:
+        with _watch_stop_signals(out) as stop:
             _compile_kernels(request, stop)
     survey.create_store(request, out)
     done = survey.tiles_done(request, out)
     missing = [tile for tile in survey.tiles_of(request) if tile.index not in done]
     if missing or survey.is_incomplete(request, out):
-        with _stop_event(out) as stop:
+        with _watch_stop_signals(out) as stop:
             try:
                 short = survey.takes_few_seconds(request, sum(tile.n_cells for tile in missing) or request.n_cells)
                 here = short and alone
                 processes = workers or PROCESSES
                 cluster = (
-                    nullcontext() if here else cluster_context(request.added_numbers, scheduler, processes, stop.is_set)
+                    nullcontext()
+                    if here
+                    else cluster_context(request.added_parameter_values, scheduler, processes, stop.is_set)
                 )
                 _compute_tiles(request, out, missing, cluster, stop.is_set)
             except survey.SurveyError:
@@ -65,7 +67,7 @@ def _compute_missing_parts(request: AnyRequest, out: str, scheduler: str | None,
 
 
 @contextmanager
-def _stop_event(out: str) -> Iterator[threading.Event]:
+def _watch_stop_signals(out: str) -> Iterator[threading.Event]:
     """Yield an event that SIGINT or SIGTERM sets. If the event is set when the context ends, end the command."""
     from gear_rattle.service.commands.signals import catch_stop_signals
 
@@ -120,8 +122,8 @@ def _compute_tiles(
 ) -> None:
     from gear_rattle import workers as survey
     from gear_rattle.service.commands.progress import create_reporter
-    from gear_rattle.workers.kinds import position_of_cell
-    from gear_rattle.workers.storage.manifest import attributes_of
+    from gear_rattle.workers.kinds import position_of_failed_cell
+    from gear_rattle.workers.storage.manifest import read_root_attributes
     from gear_rattle.workers.survey.refined.audit import AUDIT_ATTRIBUTES
 
     todo = sum(tile.n_cells for tile in missing)
@@ -140,7 +142,7 @@ def _compute_tiles(
 
         began = time.monotonic()
         if client is None:
-            survey.run_tiles_here(request, out, missing, on_tile, should_stop)
+            survey.run_tiles_in_this_process(request, out, missing, on_tile, should_stop)
         else:
             survey.run_tiles(request, out, missing, client, on_tile, should_stop, on_left=progress.show_time_left)
         seconds = time.monotonic() - began
@@ -148,12 +150,12 @@ def _compute_tiles(
             _complete_survey(request, out, client, should_stop)
     if isinstance(request, survey.SurveyRequest) and request.has_bound:
         # The number of filled cells is read from the store, because audits after the tiles compute some filled cells.
-        filled = 0 if before else attributes_of(survey.place_of(out)).get(AUDIT_ATTRIBUTES[0], 0)
+        filled = 0 if before else read_root_attributes(survey.place_of(out)).get(AUDIT_ATTRIBUTES[0], 0)
     if missing:
         some = f", {filled} of them filled" if filled else ""
         typer.echo(f"{done - before} {what} in {seconds:.1f} s{some}: {(done - before) / seconds:.1f} {what}/s")
     for i, j, message in failed[:MAX_MESSAGES]:
-        where = ", ".join(f"{axis}[{number}]" for axis, number in position_of_cell(request, i, j).items())
+        where = ", ".join(f"{axis}[{number}]" for axis, number in position_of_failed_cell(request, i, j).items())
         typer.echo(f"failed: {where}: {message}", err=True)
 
 

@@ -24,7 +24,7 @@ UNITS = {
 MOST_VALUES = 1000  # largest number of values for --over
 
 
-@options.with_numbers
+@options.add_number_options
 def limit(
     numbers: dict[str, str],
     of: Annotated[
@@ -59,7 +59,7 @@ def limit(
     For eccentricity, mesh error, backlash, restitution and speed this is the largest allowed value, for damping, drag
     and load the least. All other numbers of the gear are options: delta, epsilon and beta, or a machine's numbers.
     """
-    from gear_rattle.service.commands.progress import compilation_messages
+    from gear_rattle.service.commands.progress import print_compilation_messages
     from rattle import design_limit, design_limits
     from rattle.attractors import BUDGET
 
@@ -68,7 +68,7 @@ def limit(
     }
     asked: dict[str, Any] = {"between": None if between is None else _read_range(between)}
     asked |= {"count": count, "seed": seed, "budget": BUDGET if budget is None else budget}
-    with compilation_messages():
+    with print_compilation_messages():
         if over is None:
             at = f" at {given['rpm']:g} rpm" if "rpm" in given and of != "rpm" else ""
             typer.echo(_limit_text(of, share, design_limit(given, of, share, **asked), at))

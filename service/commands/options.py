@@ -66,7 +66,7 @@ HARMONIC = (
 DIMENSIONLESS = ("delta", "epsilon", "beta", *added_parameters())
 
 
-def number_options(kind: Any, metavar: str | None = None, panel: str = MACHINE) -> dict[str, Any]:
+def make_number_options(kind: Any, metavar: str | None = None, panel: str = MACHINE) -> dict[str, Any]:
     """Return {name: option} for the numbers of a gear: of a model and of a machine.
 
     kind: the type of the options; only the option `drive` is always text.
@@ -81,7 +81,7 @@ def number_options(kind: Any, metavar: str | None = None, panel: str = MACHINE) 
     return found
 
 
-def with_options(
+def add_command_options(
     command: Command, options: dict[str, Any], argument_of: Callable[[dict[str, Any]], Any], **defaults: Any
 ) -> Command:
     """Give a command further options, from which the function `argument_of` makes the command's first argument.
@@ -116,7 +116,7 @@ def with_options(
     return command_with_options
 
 
-def with_added_parameters(
+def add_parameter_options(
     command: Command, kind: Any, text: str | None = None, after: str = "beta", model: str | None = None
 ) -> Command:
     """Give a command an option for each parameter that a model adds. These options follow the option named `after`.
@@ -167,7 +167,7 @@ def with_added_parameters(
     return command_with_options
 
 
-def with_numbers(command: Command) -> Command:
+def add_number_options(command: Command) -> Command:
     """Give a command an option for each number of a gear; its value is a number or a distribution, as text.
 
     The command's first argument is then a mapping {name: text} of the options in the command line.
@@ -177,7 +177,7 @@ def with_numbers(command: Command) -> Command:
     Command
         The command with a new signature, which typer reads.
     """
-    return with_options(command, number_options(str, "NUMBER|DISTRIBUTION"), lambda given: given)
+    return add_command_options(command, make_number_options(str, "NUMBER|DISTRIBUTION"), lambda given: given)
 
 
 Beta = Annotated[float, typer.Option(help=NUMBERS["beta"][0])]
@@ -226,6 +226,6 @@ def settings_of(**given: Any) -> Settings:
     try:
         return Settings(**{name: value for name, value in given.items() if value is not None})
     except ValidationError as error:
-        from gear_rattle.workers.survey.axes import field_and_message
+        from gear_rattle.workers.survey.axes import message_with_field
 
-        raise typer.BadParameter(field_and_message(error)) from error
+        raise typer.BadParameter(message_with_field(error)) from error

@@ -38,12 +38,12 @@ def orbits(point: GivenPoint) -> None:
     unit = 1.0 if machine is None else machine.units.velocity
     table = Table("orbit", "P(m, n+, n-)", "phase", speed, "multipliers", "stable", box=None)
     for orbit in gear.orbits():
-        first, second = (_complex_text(value) for value in orbit.multipliers)
+        first, second = (_format_complex_number(value) for value in orbit.multipliers)
         label = f"({orbit.m}, {orbit.n_plus}, {orbit.n_minus})"
         stable = "yes" if orbit.stable else "no"
         table.add_row(orbit.name, label, f"{orbit.tau:.10f}", f"{orbit.v * unit:.10f}", f"{first}, {second}", stable)
     console.print(table)
 
 
-def _complex_text(value: complex) -> str:
+def _format_complex_number(value: complex) -> str:
     return f"{value.real:.10g}" if value.imag == 0 else f"{value.real:.10g}{value.imag:+.10g}i"

@@ -16,7 +16,7 @@ from rich.text import Text
 PLAIN_SECONDS = 10.0  # least number of seconds between two printed lines
 
 
-class Reporter(Protocol):
+class ProgressReporter(Protocol):
     """A display of the progress of a run: the number of computed cells, and the time left.
 
     The time left is the run's own estimate. If the run gives none, it follows from the speed so far.
@@ -49,7 +49,7 @@ class _CompilationHandler(logging.Handler):
 
 
 @contextmanager
-def compilation_messages() -> Iterator[None]:
+def print_compilation_messages() -> Iterator[None]:
     """Print messages about the compilation of kernels to stderr during this context."""
     log, told = logging.getLogger("rattle.numerics.compile"), _CompilationHandler(logging.INFO)
     level = log.level
@@ -62,7 +62,7 @@ def compilation_messages() -> Iterator[None]:
         log.setLevel(level)
 
 
-def create_reporter(cells: int, cells_done: int = 0, what: str = "cells") -> Reporter:
+def create_reporter(cells: int, cells_done: int = 0, what: str = "cells") -> ProgressReporter:
     """Return a reporter: it draws a progress bar if stderr is a terminal, and otherwise prints a line at intervals.
 
     cells: the number of all cells. cells_done: the number of cells that were computed before. what: the counted
@@ -70,14 +70,14 @@ def create_reporter(cells: int, cells_done: int = 0, what: str = "cells") -> Rep
 
     Returns
     -------
-    Reporter
+    ProgressReporter
         A context manager.
     """
     console = Console(stderr=True)
     return (_BarReporter if console.is_terminal else _LineReporter)(console, cells, cells_done, what)
 
 
-class _SpeedColumn(ProgressColumn):
+class _CellRateColumn(ProgressColumn):
     """A column of a progress bar with the number of cells per second."""
 
     def __init__(self, what: str) -> None:
@@ -106,7 +106,7 @@ class _BarReporter:
             TextColumn(f"{{task.completed:.0f}} of {{task.total:.0f}} {what}"),
             BarColumn(),
             TaskProgressColumn(),
-            _SpeedColumn(what),
+            _CellRateColumn(what),
             _TimeLeftColumn(),
             console=console,
             speed_estimate_period=60.0,

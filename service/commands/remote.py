@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from gear_rattle.service.commands.options import DEFAULT_URL, Url
-from gear_rattle.service.commands.survey_options import with_survey
+from gear_rattle.service.commands.survey_options import add_survey_options
 
 if TYPE_CHECKING:
     from gear_rattle.service.client import Client, Job
@@ -22,7 +22,7 @@ Force = Annotated[bool, typer.Option("--force", help="Compute it although an ide
 Watch = Annotated[bool, typer.Option("--watch", help="Wait until the survey or population ends.")]
 
 
-@with_survey
+@add_survey_options
 def submit(
     request: SurveyRequest,
     url: Url = DEFAULT_URL,
@@ -126,6 +126,6 @@ def follow_job(job: Job) -> None:
     typer.echo(f"{job.state}: {job.store_url}")
     if of_gears:
         from gear_rattle.service.commands.population_tables import print_population
-        from gear_rattle.workers.answers import population_in
+        from gear_rattle.workers.answers import read_population_in_dataset
 
-        print_population(population_in(job.open(), job.store_url))
+        print_population(read_population_in_dataset(job.open(), job.store_url))

@@ -9,13 +9,13 @@ import typer
 
 from gear_rattle.service.commands import options
 from gear_rattle.service.commands.filling import compute_store
-from gear_rattle.service.commands.survey_options import with_survey
+from gear_rattle.service.commands.survey_options import add_survey_options
 
 if TYPE_CHECKING:
     from gear_rattle.workers import SurveyRequest
 
 
-@with_survey
+@add_survey_options
 def run(
     request: SurveyRequest,
     out: Annotated[

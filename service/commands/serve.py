@@ -48,7 +48,7 @@ def serve(
     from gear_rattle.service.app import create_app
     from gear_rattle.service.commands.options import settings_of
     from gear_rattle.service.commands.signals import catch_stop_signals
-    from gear_rattle.service.jobs.opening import open_data
+    from gear_rattle.service.jobs.opening import open_service_data
     from gear_rattle.service.observability.logs import log_config
     from gear_rattle.service.web.server import run_server
 
@@ -63,7 +63,7 @@ def serve(
         insecure=insecure or None,
     )
     # Errors are found here and printed as one sentence; uvicorn would print a traceback.
-    with open_data(settings) as (_, database):
+    with open_service_data(settings) as (_, database):
         require_keys(settings, database)
     if settings.insecure:
         typer.echo(f"Everybody who reaches {settings.host} may use this service: no key is needed.", err=True)

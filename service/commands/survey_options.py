@@ -13,8 +13,8 @@ from gear_rattle.service.commands.options import (
     Budget,
     Command,
     Name,
-    number_options,
-    with_options,
+    add_command_options,
+    make_number_options,
 )
 from gear_rattle.service.parameters import added_parameters
 
@@ -35,7 +35,7 @@ def _axis_option(name: str) -> Any:
     return _annotated_option(str, f"{NUMBERS[name][0].rstrip('.')}: {EVENLY_SPACED}", metavar=AXIS, show_default=False)
 
 
-_MACHINE_OPTIONS = number_options(float)
+_MACHINE_OPTIONS = make_number_options(float)
 #: All options of a survey. Fields of `SurveyRequest` and of its initial conditions keep their names. Their defaults are
 #: repeated here, because `SurveyRequest` is slow to import.
 OPTIONS: dict[str, Any] = {
@@ -131,12 +131,12 @@ OPTIONS: dict[str, Any] = {
 DEFAULTS = {"count": 64, "seed": 0}
 
 
-def with_survey(command: Command) -> Command:
+def add_survey_options(command: Command) -> Command:
     """Give a command the options of a survey. The command's first argument is then the `SurveyRequest`."""
-    return with_options(command, OPTIONS, survey_request, **DEFAULTS)
+    return add_command_options(command, OPTIONS, request_from_options, **DEFAULTS)
 
 
-def survey_request(given: dict[str, Any]) -> SurveyRequest:
+def request_from_options(given: dict[str, Any]) -> SurveyRequest:
     """Return the request that the given options describe. given: {option: value}.
 
     Raises
@@ -147,9 +147,9 @@ def survey_request(given: dict[str, Any]) -> SurveyRequest:
     from pydantic import ValidationError
 
     from gear_rattle.workers import Axis, SurveyRequest
-    from gear_rattle.workers.survey.axes import field_and_message
+    from gear_rattle.workers.survey.axes import message_with_field
     from rattle import RattleError
-    from rattle.attractors import read_speed
+    from rattle.attractors import parse_speed_limit
 
     def take_fields(*names: str) -> dict[str, Any]:
         return {name: fields.pop(name) for name in names if name in fields}
@@ -171,9 +171,9 @@ def survey_request(given: dict[str, Any]) -> SurveyRequest:
         machine |= {name: Axis.parse(machine[name]).model_dump() for name in ("rpm", "eccentricity") if name in machine}
         machine |= {name: int(machine[name]) for name in ("teeth", "driven_teeth") if name in machine}
         texts = take_fields("beta", *added_parameters())
-        fields |= {name: _number_or_axis(f"--{name}", text) for name, text in texts.items()}
+        fields |= {name: _parse_number_or_axis(f"--{name}", text) for name, text in texts.items()}
         if "v_max" in sample:
-            sample["v_max"] = read_speed(sample["v_max"])
+            sample["v_max"] = parse_speed_limit(sample["v_max"])
         for each in added_parameters().values():
             if each.name in fields:
                 fields["model"] = each.model
@@ -191,12 +191,12 @@ def survey_request(given: dict[str, Any]) -> SurveyRequest:
             fields["refine"] = refined or True
         return SurveyRequest(**fields | {"initial_conditions": sample})
     except ValidationError as error:
-        raise typer.BadParameter(field_and_message(error)) from error
+        raise typer.BadParameter(message_with_field(error)) from error
     except RattleError as error:
         raise typer.BadParameter(str(error)) from error
 
 
-def _number_or_axis(option: str, text: str) -> float | Axis:
+def _parse_number_or_axis(option: str, text: str) -> float | Axis:
     from gear_rattle.workers import Axis
 
     if ":" in text:

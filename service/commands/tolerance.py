@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from gear_rattle.workers import PopulationRequest
 
 
-@options.with_numbers
+@options.add_number_options
 def tolerance(
     numbers: dict[str, str],
     out: Annotated[
@@ -81,15 +81,15 @@ def tolerance(
     asked: dict[str, Any] = {"gears": gears, "count": count, "share": share, "margin": margin, "judged": judged}
     asked |= {"pairs": pairs, "seed": seed, "name": name, "tile": tile}
     asked |= {} if budget is None else {"budget": budget}
-    request = _population_request(numbers, measured, correlation or [], shock, asked)
+    request = _build_population_request(numbers, measured, correlation or [], shock, asked)
     if out is None:
         _submit_population(request, url, key, force, watch)
         return
     compute_store(request, out, scheduler, workers)
 
-    from gear_rattle.workers.answers import population_of
+    from gear_rattle.workers.answers import read_finished_population
 
-    print_population(population_of(out))
+    print_population(read_finished_population(out))
 
 
 def _submit_population(request: PopulationRequest, url: str, key: str | None, force: bool, watch: bool) -> None:
@@ -102,7 +102,7 @@ def _submit_population(request: PopulationRequest, url: str, key: str | None, fo
             follow_job(job)
 
 
-def _population_request(
+def _build_population_request(
     numbers: dict[str, str],
     measured: Path | None,
     pairs: list[str],
@@ -114,15 +114,15 @@ def _population_request(
 
     import rattle
     from gear_rattle.workers import PopulationRequest
-    from gear_rattle.workers.populations.numbers import request_field_of
-    from gear_rattle.workers.survey.axes import field_and_message
-    from rattle.populations import Tolerances, distribution_of
+    from gear_rattle.workers.populations.numbers import convert_to_request_field
+    from gear_rattle.workers.survey.axes import message_with_field
+    from rattle.populations import Tolerances, parse_distribution
 
     def read_number_or_distribution(text: str) -> Any:
         try:
             return float(text)
         except ValueError:
-            return request_field_of(distribution_of(text))
+            return convert_to_request_field(parse_distribution(text))
 
     try:
         gear: dict[str, Any] = {
@@ -142,7 +142,7 @@ def _population_request(
                     f"with --measured only the numbers in {measured} vary: give every other number one value, and "
                     "leave --correlation out"
                 )
-            gear |= {name: request_field_of(each) for name, each in found.items()}
+            gear |= {name: convert_to_request_field(each) for name, each in found.items()}
         elif pairs:
             matrix = _correlation_matrix(Tolerances({**numbers}).names, pairs)
         given = {name: read_number_or_distribution(text) for name, text in shock.items() if text is not None}
@@ -152,7 +152,7 @@ def _population_request(
         fields = {"gear": gear, "correlation": rows, "shock": given or None, **other_fields}
         return PopulationRequest.model_validate(fields)
     except ValidationError as error:
-        raise typer.BadParameter(field_and_message(error)) from error
+        raise typer.BadParameter(message_with_field(error)) from error
     except rattle.RattleError as error:
         raise typer.BadParameter(str(error)) from error
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 if TYPE_CHECKING:
-    from gear_rattle.workers import Integrity
+    from gear_rattle.workers import StoreIntegrity
     from gear_rattle.workers.certificates import CertificatesIntegrity
 
 DAMAGED = 1  # exit status if a file is damaged or lost
@@ -27,13 +27,17 @@ def verify(
     only the damaged parts again.
     """
     from gear_rattle.workers import examine, place_of
-    from gear_rattle.workers.certificates import examine_certificates, examine_certificates_beside, holds_certificates
+    from gear_rattle.workers.certificates import (
+        examine_certificates,
+        examine_certificates_beside_survey,
+        is_certificate_store,
+    )
 
     place, damaged = place_of(store), list[str]()
-    if holds_certificates(place):
+    if is_certificate_store(place):
         certificates = [examine_certificates(place.path)]  # type: ignore[union-attr]  # a directory
     else:
-        found, certificates = examine(place, processes), examine_certificates_beside(place)
+        found, certificates = examine(place, processes), examine_certificates_beside_survey(place)
         _print_survey_integrity(found, str(place))
         damaged += [f"tile {tile}: {', '.join(names)}" for tile, names in found.damaged.items()]
         damaged += found.template
@@ -48,7 +52,7 @@ def verify(
         raise typer.Exit(DAMAGED)
 
 
-def _print_survey_integrity(found: Integrity, where: str) -> None:
+def _print_survey_integrity(found: StoreIntegrity, where: str) -> None:
     state = f"completed {found.completed}" if found.completed else "not completed"
     typer.echo(f"{where}: computed by version {found.version or 'unknown'}, {state}")
     if found.is_decoded:

@@ -12,7 +12,7 @@ from gear_rattle.service.database.database_lock import DatabaseLock, lock_databa
 from gear_rattle.service.database.engine import open_engine, url_without_password
 from gear_rattle.service.database.identity import NewJob
 from gear_rattle.service.database.keys import Keys
-from gear_rattle.service.database.schema import is_current, upgrade_schema
+from gear_rattle.service.database.schema import has_current_schema, upgrade_schema
 from gear_rattle.service.database.survey_rows import DoneTile, Surveys
 from gear_rattle.service.errors import DataDirectoryError
 
@@ -73,14 +73,14 @@ class Database(Surveys, Keys):
 
     def _lock_and_upgrade(self, exclusive: bool) -> None:
         # This check comes first, because it refuses a database of another program before anything is written.
-        current = is_current(self._reader)
+        current = has_current_schema(self._reader)
         if current and not exclusive:
             return
         self._lock = lock_database(self._reader)
         upgrade_schema(self._reader)
         if exclusive:
             self._set_writer(self._lock.writer)
-            with self._write() as (_, service):
+            with self._write_transaction() as (_, service):
                 service.epoch += 1
             self._epoch = service.epoch
         else:

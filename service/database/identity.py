@@ -45,12 +45,15 @@ class NewJob:
 def find_job_by_idempotency_key(session: Session, new: NewJob) -> JobRow | None:
     """Return the job that was submitted with the idempotency key of `new`; None if there is none.
 
-    Raises ConflictError if the body of that submission differs from that of `new`.
-
     Returns
     -------
     JobRow | None
         The job.
+
+    Raises
+    ------
+    ConflictError
+        If the body of that submission differs from that of `new`.
     """
     if new.stored_idempotency_key is None:
         return None

@@ -51,7 +51,7 @@ class Keys(Transactions):
         KeyRow
             The row, with its new id.
         """
-        with self._write() as (session, _):
+        with self._write_transaction() as (session, _):
             key = KeyRow(
                 id=secrets.token_hex(8),
                 name=name,
@@ -70,7 +70,7 @@ class Keys(Transactions):
 
     def revoke_key(self, key_id: str) -> KeyRow:
         """Revoke a key permanently; its surveys continue. Raises UnknownKeyError if there is no key with this id."""
-        with self._write() as (session, _):
+        with self._write_transaction() as (session, _):
             key = session.get(KeyRow, key_id) if "\0" not in key_id else None
             if key is None:
                 raise UnknownKeyError(key_id)
@@ -90,7 +90,7 @@ class Keys(Transactions):
 
         Delete all expired sessions, and the oldest sessions of the key, so that the key has at most MOST_SESSIONS.
         """
-        with self._write() as (session, _):
+        with self._write_transaction() as (session, _):
             session.execute(delete(SessionRow).where(SessionRow.expires <= timestamp()))
             older = select(SessionRow.hash).where(SessionRow.key == key_id).order_by(SessionRow.created.desc())
             surplus = session.scalars(older.offset(MOST_SESSIONS - 1)).all()
@@ -106,7 +106,7 @@ class Keys(Transactions):
 
     def end_session(self, session_hash: str) -> None:
         """Sign a browser out."""
-        with self._write() as (session, _):
+        with self._write_transaction() as (session, _):
             session.execute(delete(SessionRow).where(SessionRow.hash == session_hash))
 
     def live_identities(self, identities: Collection[Identity]) -> set[Identity]:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from sqlalchemy import Connection, Engine, Inspector, inspect
 
 from gear_rattle.service.database.engine import url_without_password
-from gear_rattle.service.database.tables import Table
+from gear_rattle.service.database.tables import TableBase
 from gear_rattle.service.errors import DataDirectoryError
 
 if TYPE_CHECKING:
@@ -16,10 +16,10 @@ if TYPE_CHECKING:
 VERSION_TABLE = "alembic_version"
 
 #: Names of the columns of each table in this version's schema.
-_COLUMNS = {name: set(table.columns.keys()) for name, table in Table.metadata.tables.items()}
+_COLUMNS = {name: set(table.columns.keys()) for name, table in TableBase.metadata.tables.items()}
 
 
-def is_current(engine: Engine) -> bool:
+def has_current_schema(engine: Engine) -> bool:
     """Return whether the database has the schema of this version. The database is not changed.
 
     Returns
@@ -62,12 +62,13 @@ def upgrade_schema(engine: Engine) -> None:
     from alembic import command
 
     if engine.dialect.name == "sqlite":
-        # WAL mode stays in the file, so the caller has checked with `is_current` that no other program owns the file.
+        # WAL mode stays in the file, so the caller has checked with `has_current_schema` that no other program owns the
+        # file.
         with engine.connect() as connection:
             connection.exec_driver_sql("COMMIT")
             connection.exec_driver_sql("PRAGMA journal_mode=WAL")
             connection.exec_driver_sql("BEGIN")
-    if is_current(engine):
+    if has_current_schema(engine):
         return
     with engine.execution_options(writes=True).begin() as connection:
         config = _alembic_config()

@@ -88,7 +88,7 @@ class Surveys(Transactions):
         QuotaError
             With this survey the owner would have more cells than its key allows.
         """
-        with self._write() as (session, service):
+        with self._write_transaction() as (session, service):
             known = find_job_by_idempotency_key(session, new) or (
                 has_results and find_identical_job(session, new, has_results)
             )
@@ -173,7 +173,7 @@ class Surveys(Transactions):
 
     def set_wait_messages(self, survey_id: str) -> None:
         """Write into the message of each other waiting survey that `survey_id` is computed; clear its own message."""
-        with self._write() as (session, _):
+        with self._write_transaction() as (session, _):
             if (job := _find_active_job(session, survey_id)) is None:
                 return
             others = update(JobRow).where(
@@ -192,7 +192,7 @@ class Surveys(Transactions):
 
     def set_content_hash(self, survey_id: str, content_hash: str) -> None:
         """Store the content hash of a survey that an earlier version of the service accepted but did not begin."""
-        with self._write() as (session, _):
+        with self._write_transaction() as (session, _):
             if job := _find_active_job(session, survey_id):
                 job.content_hash = content_hash
 
@@ -210,7 +210,7 @@ class Surveys(Transactions):
 
     def set_state(self, survey_id: str, state: State, message: str = "") -> bool:
         """Change the state of an active survey. If the survey has ended or is gone, do nothing and return False."""
-        with self._write() as (session, _):
+        with self._write_transaction() as (session, _):
             job = _find_active_job(session, survey_id)
             if job is None:
                 return False
@@ -225,14 +225,14 @@ class Surveys(Transactions):
 
     def describe(self, survey_id: str, name: str | None, notes: str | None) -> JobRow:
         """Give a survey another name or other notes. None leaves the present text unchanged."""
-        with self._write() as (session, _):
+        with self._write_transaction() as (session, _):
             job = _find_job(session, survey_id)
             job.name = job.name if name is None else _replace_unstorable_characters(name)
             job.notes = job.notes if notes is None else _replace_unstorable_characters(notes)
         self._on_change(survey_id)
         return job
 
-    def reopen(self, survey_id: str, owner: str | None, max_jobs: int) -> JobRow:
+    def queue_again(self, survey_id: str, owner: str | None, max_jobs: int) -> JobRow:
         """Queue an ended survey or population again; its recorded tiles are kept.
 
         Parameters
@@ -256,7 +256,7 @@ class Surveys(Transactions):
         ConflictError
             The survey is active, or is being deleted.
         """
-        with self._write() as (session, _):
+        with self._write_transaction() as (session, _):
             job = _find_job(session, survey_id)
             which = f"{job.kind.capitalize()} {survey_id}"
             if job.message == BEING_DELETED:
@@ -273,7 +273,7 @@ class Surveys(Transactions):
 
     def add_tile(self, survey_id: str, tile: DoneTile) -> None:
         """Record a written tile. Do nothing if the survey has been dismissed or deleted."""
-        with self._write() as (session, _):
+        with self._write_transaction() as (session, _):
             job = _find_active_job(session, survey_id)
             if job is None:
                 return
@@ -311,7 +311,7 @@ class Surveys(Transactions):
         int
             Number of deleted records.
         """
-        with self._write() as (session, _):
+        with self._write_transaction() as (session, _):
             number = _job_number(session, survey_id)
             lost = sorted(set(session.scalars(select(TileRow.index).where(TileRow.job == number))) - kept)
             for start in range(0, len(lost), MOST_IN_LIST):
@@ -354,7 +354,7 @@ class Surveys(Transactions):
         ConflictError
             The survey has not ended.
         """
-        with self._write() as (session, _):
+        with self._write_transaction() as (session, _):
             job = _find_ended_job(session, survey_id)
             job.state, job.message = State.DISMISSED, BEING_DELETED
             _add_state_event(session, job)
@@ -374,7 +374,7 @@ class Surveys(Transactions):
         ConflictError
             The survey has not ended.
         """
-        with self._write() as (session, service):
+        with self._write_transaction() as (session, service):
             job = _find_ended_job(session, survey_id)
             session.execute(delete(JobRow).where(JobRow.number == job.number))
             _adjust_job_count(service, job, -1)

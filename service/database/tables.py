@@ -45,11 +45,11 @@ def timestamp(later: float = 0.0) -> str:
     return (datetime.now(UTC) + timedelta(seconds=later)).isoformat(timespec="milliseconds")
 
 
-class Table(DeclarativeBase):
+class TableBase(DeclarativeBase):
     """Base class of all tables."""
 
 
-class JobRow(Table):
+class JobRow(TableBase):
     """A survey or a population: its request and its state."""
 
     __tablename__ = "jobs"
@@ -108,7 +108,7 @@ class JobRow(Table):
         return min(99, 100 * self.tiles_done // self.n_tiles)
 
 
-class TileRow(Table):
+class TileRow(TableBase):
     """A finished tile. Tiles without a row are not computed yet.
 
     failed: number of failed cells. failures: indices and messages of the first failed cells.
@@ -129,7 +129,7 @@ class TileRow(Table):
     )
 
 
-class EventRow(Table):
+class EventRow(TableBase):
     """An event of a job. The events of a job are numbered from 1 by `id`."""
 
     __tablename__ = "events"
@@ -141,7 +141,7 @@ class EventRow(Table):
     at: Mapped[str] = mapped_column(default=timestamp)
 
 
-class RepeatedKeyRow(Table):
+class RepeatedKeyRow(TableBase):
     """An idempotency key with which an existing survey was submitted again.
 
     The key of the first submission is in the survey's own row. Of the later keys, the latest
@@ -163,7 +163,7 @@ class Scope(StrEnum):
     SUBMIT = "submit"
 
 
-class KeyRow(Table):
+class KeyRow(TableBase):
     """An API key; only its hash is stored. Revoked keys are kept, because surveys name them as owners."""
 
     __tablename__ = "keys"
@@ -178,7 +178,7 @@ class KeyRow(Table):
     revoked: Mapped[str | None]
 
 
-class SessionRow(Table):
+class SessionRow(TableBase):
     """The session of a browser that is signed in with a key. hash: the hash of the token in the browser's cookie."""
 
     __tablename__ = "sessions"
@@ -189,7 +189,7 @@ class SessionRow(Table):
     expires: Mapped[str]
 
 
-class ServiceRow(Table):
+class ServiceRow(TableBase):
     """The single row that every writer locks first, so that a database has one writer at a time.
 
     epoch: a number that grows when a service opens the database. surveys, populations: how many surveys and how many

@@ -54,7 +54,7 @@ class Transactions:
             yield session
 
     @contextmanager
-    def _write(self) -> Iterator[tuple[Session, ServiceRow]]:
+    def _write_transaction(self) -> Iterator[tuple[Session, ServiceRow]]:
         """Yield a transaction that excludes other writers, so that no row that it reads can change before it writes.
 
         Yields
@@ -95,5 +95,5 @@ class Transactions:
 
     def remember_directory(self, identity: str) -> None:
         """Record the identity of the data directory that has the stores."""
-        with self._write() as (_, service):
+        with self._write_transaction() as (_, service):
             service.directory = identity

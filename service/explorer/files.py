@@ -4,7 +4,7 @@ import re
 from functools import cache
 from pathlib import Path
 
-from gear_rattle.service.web.documents import document_body
+from gear_rattle.service.web.documents import render_document_body
 
 ASSETS = Path(__file__).parent / "assets"
 TOUR = Path(__file__).parents[1] / "documents" / "tour.md"
@@ -19,7 +19,7 @@ def read_asset(name: str) -> str:
 @cache
 def help_html() -> str:
     """Return the help of the page as HTML."""
-    return document_body(TOUR)
+    return render_document_body(TOUR)
 
 
 @cache

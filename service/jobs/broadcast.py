@@ -48,7 +48,7 @@ def encode_events(rows: Sequence[EventRow]) -> list[EncodedEvent]:
     ]
 
 
-class Feed:
+class SurveyEventFeed:
     """The latest events of a survey that has listeners (open event streams). A feed belongs to one event loop."""
 
     def __init__(self, survey_id: str, read: Read, last: int) -> None:
@@ -111,12 +111,12 @@ class Feed:
                 await asyncio.sleep(READ_PAUSE)
 
 
-class Broadcast:
+class SurveyEventBroadcaster:
     """The feeds of all surveys that have listeners."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
-        self._feeds: dict[str, Feed] = {}
+        self._feeds: dict[str, SurveyEventFeed] = {}
         self._watchers: set[Callable[[str], None]] = set()
 
     def notify(self, survey_id: str) -> None:
@@ -140,7 +140,7 @@ class Broadcast:
                 self._watchers.discard(on_change)
 
     @contextmanager
-    def listen(self, survey_id: str, read: Read, last: int) -> Iterator[tuple[Feed, asyncio.Event]]:
+    def listen(self, survey_id: str, read: Read, last: int) -> Iterator[tuple[SurveyEventFeed, asyncio.Event]]:
         """Yield the feed of a survey, and an asyncio event that is set when the feed has new events.
 
         Parameters
@@ -154,14 +154,14 @@ class Broadcast:
 
         Yields
         ------
-        tuple[Feed, asyncio.Event]
+        tuple[SurveyEventFeed, asyncio.Event]
             The feed, and the asyncio event, which the listener must clear.
         """
         listener = asyncio.Event()
         with self._lock:
             feed = self._feeds.get(survey_id)
             if feed is None:
-                feed = self._feeds[survey_id] = Feed(survey_id, read, last)
+                feed = self._feeds[survey_id] = SurveyEventFeed(survey_id, read, last)
         feed.listeners.add(listener)
         try:
             yield feed, listener

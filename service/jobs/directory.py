@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 from filelock import FileLock, Timeout
 from sqlalchemy import URL
 
-from gear_rattle.service.errors import DataDirectoryError, DirectoryAwayError
+from gear_rattle.service.errors import DataDirectoryError, DirectoryMissingError
 from gear_rattle.workers.storage.location import CERTIFICATES, certificates_path
 
 if TYPE_CHECKING:
@@ -101,7 +101,7 @@ class DataDirectory:
 
         Raises
         ------
-        DirectoryAwayError
+        DirectoryMissingError
             The data directory is missing.
         """
         self.require_present()
@@ -133,7 +133,7 @@ class DataDirectory:
         with lock:
             yield
 
-    def identify(self, recorded: str | None = None) -> None:
+    def check_identity(self, recorded: str | None = None) -> None:
         """Check the identity of the locked directory, and give a new directory one. It is the text of IDENTITY_FILE.
 
         Parameters
@@ -164,11 +164,11 @@ class DataDirectory:
             raise DataDirectoryError(f"The data directory {self.path} cannot be used: {error}") from error
 
     def require_present(self) -> None:
-        """Check that the directory is still the one that `identify` has checked.
+        """Check that the directory is still the one that `check_identity` has checked.
 
         Raises
         ------
-        DirectoryAwayError
+        DirectoryMissingError
             The directory cannot be read, or has another identity, for example because its disk is no longer mounted.
         """
         try:
@@ -176,7 +176,7 @@ class DataDirectory:
         except OSError:  # the disk fails
             there = False
         if self.identity and not there:
-            raise DirectoryAwayError
+            raise DirectoryMissingError
 
     def _read_identity(self) -> str:
         try:

@@ -15,27 +15,27 @@ from sqlalchemy.exc import SQLAlchemyError
 
 from gear_rattle.service.database import Database, DoneTile
 from gear_rattle.service.database.tables import UNREADABLE, JobRow, State
-from gear_rattle.service.errors import ConflictError, DirectoryAwayError, ServiceError, UnavailableError
+from gear_rattle.service.errors import ConflictError, DirectoryMissingError, ServiceError, UnavailableError
 from gear_rattle.service.jobs.directory import DataDirectory
 from gear_rattle.service.jobs.turns import TurnScheduler
-from gear_rattle.service.observability.logs import log_survey_id
+from gear_rattle.service.observability.logs import add_survey_id_to_logs
 from gear_rattle.workers import (
     ClusterLostError,
     RunState,
     StoppedError,
     StorageError,
     complete_on_cluster,
-    compute_template_on,
+    compute_template_on_cluster,
     create_store,
     finish_store,
     is_incomplete,
-    request_of,
+    parse_request_document,
     run_tiles,
     tiles_done,
     tiles_of,
 )
-from gear_rattle.workers.kinds import position_of_cell
-from gear_rattle.workers.survey.axes import field_and_message
+from gear_rattle.workers.kinds import position_of_failed_cell
+from gear_rattle.workers.survey.axes import message_with_field
 from rattle import RattleError
 
 if TYPE_CHECKING:
@@ -139,7 +139,7 @@ class JobManager:
             There is no such survey.
         ConflictError
             The survey cannot be deleted, because its last tiles still run after some seconds, or it was queued again.
-        DirectoryAwayError
+        DirectoryMissingError
             The data directory is missing, so nothing can be deleted.
         """
         which = f"{self._database.job(survey_id).kind.capitalize()} {survey_id}"
@@ -183,13 +183,13 @@ class JobManager:
         if not job.is_readable:
             raise ConflictError(UNREADABLE)
         # Only the code version that completed a store can repair it.
-        if job.state == State.SUCCESSFUL and not _is_of_this_version(job):
+        if job.state == State.SUCCESSFUL and not _has_current_numbers(job):
             raise ConflictError(
                 f"{job.kind.capitalize()} {survey_id} was computed by another version, and only that version can "
                 "verify it. Submit it again."
             )
         with self._lock:  # so that no deletion comes between the check of the state and the new run
-            job = self._database.reopen(survey_id, owner, max_jobs)
+            job = self._database.queue_again(survey_id, owner, max_jobs)
             if self._current == survey_id:  # the dismissed run has not ended yet, and must end before the new run
                 self._dismissed.set()
         self.wake()
@@ -204,7 +204,7 @@ class JobManager:
                     self.cluster_state, pause = READY, FIRST_PAUSE
                     self._client = client
                     try:
-                        self._run_all(client)
+                        self._run_surveys(client)
                     finally:
                         self._client = None
             except Exception as error:
@@ -216,7 +216,7 @@ class JobManager:
                 self._stopping.wait(pause)
                 pause = min(2 * pause, LONGEST_PAUSE)
 
-    def _run_all(self, client: Client) -> None:
+    def _run_surveys(self, client: Client) -> None:
         """Compute surveys until the service stops or the cluster is lost."""
         pause = FIRST_PAUSE
         while not self._stopping.is_set():
@@ -226,17 +226,17 @@ class JobManager:
             if client.status != "running":
                 raise ClusterLostError("the connection to the dask scheduler is lost: the service opens it again")
             try:
-                found = self._run_next(client)
+                found = self._run_next_survey(client)
                 self.storage_state = OK
                 if not found:
                     self._wake.wait()
-            except (StorageError, DirectoryAwayError, SQLAlchemyError) as error:  # for example, the disk is full
+            except (StorageError, DirectoryMissingError, SQLAlchemyError) as error:  # for example, the disk is full
                 pause = FIRST_PAUSE if self.storage_state == OK else min(2 * pause, LONGEST_PAUSE)
                 log.warning("nothing can be stored, next try in %.0f s: %s", pause, error)
                 self.storage_state = f"unavailable: {error}"
                 self._wake.wait(pause)
 
-    def _run_next(self, client: Client) -> bool:
+    def _run_next_survey(self, client: Client) -> bool:
         """Compute the survey that has the next turn, until it pauses or ends. Return False if no survey is active."""
         active = self._database.active_surveys()
         job = self._turns.next_survey(active)
@@ -254,7 +254,7 @@ class JobManager:
             self._current = job.id
             self._dismissed.clear()
         try:
-            with log_survey_id(job.id):
+            with add_survey_id_to_logs(job.id):
                 self._run_and_record_failure(job.id, client)
         finally:
             self._predicted_ends = {}
@@ -265,11 +265,11 @@ class JobManager:
 
     def _run_and_record_failure(self, survey_id: str, client: Client) -> None:
         try:
-            with self._report_missing_directory():
+            with self._prefer_missing_directory_error():
                 self._compute_until_pause(survey_id, client)
         except StoppedError:
             return
-        except DirectoryAwayError as error:
+        except DirectoryMissingError as error:
             self._write_wait_message(survey_id, error)
             raise
         except (ClusterLostError, CommClosedError, SQLAlchemyError, UnavailableError):
@@ -285,14 +285,14 @@ class JobManager:
             self._database.set_state(survey_id, State.FAILED, str(error) or type(error).__name__)
 
     @contextmanager
-    def _report_missing_directory(self) -> Iterator[None]:
-        """Raise DirectoryAwayError in place of any error, such as a missing store, if the data directory is missing."""
+    def _prefer_missing_directory_error(self) -> Iterator[None]:
+        """If the data directory is missing, raise DirectoryMissingError in place of any error of the block."""
         try:
             yield
         except Exception as error:
             try:
                 self._directory.require_present()
-            except DirectoryAwayError as away:
+            except DirectoryMissingError as away:
                 raise away from error
             raise
 
@@ -369,7 +369,7 @@ class JobManager:
 
         # The cluster computes the template of the store, because the bifurcation curves in it may take minutes.
         def compute_template(request: AnyRequest, created: str | None) -> Template:
-            return compute_template_on(client, request, created, self._is_interrupted)
+            return compute_template_on_cluster(client, request, created, self._is_interrupted)
 
         create_store(request, path, compute_template)
         if job.content_hash != request.content_hash():
@@ -418,7 +418,7 @@ class JobManager:
         ends = self._predicted_ends.get(survey_id)
         return None if ends is None else max(ends - time.monotonic(), 0.0)
 
-    def thread_count(self) -> int:
+    def count_cluster_threads(self) -> int:
         """Return the number of threads of the cluster; 0 without a cluster, or if it does not answer within 2 s."""
         if (client := self._client) is None:
             return 0
@@ -459,12 +459,12 @@ class JobManager:
     def _record_tile(self, survey_id: str, request: AnyRequest, tile: TileRecord) -> None:
         self._on_tile(tile)
         first = tile.failed_cells[:MAX_FAILURES]
-        failures = [{**position_of_cell(request, i, j), "message": message} for i, j, message in first]
+        failures = [{**position_of_failed_cell(request, i, j), "message": message} for i, j, message in first]
         failed = len(tile.failed_cells)
         self._database.add_tile(survey_id, DoneTile(tile.index, tile.cells, tile.seconds, failed, failures))
 
 
-def _is_of_this_version(job: JobRow) -> bool:
+def _has_current_numbers(job: JobRow) -> bool:
     """Return whether this version would compute the same numbers for the job's request as are stored."""
     try:
         return _request_of(job).content_hash() == job.content_hash
@@ -476,9 +476,9 @@ def _request_of(job: JobRow) -> AnyRequest:
     if not job.is_readable:
         raise ServiceError(UNREADABLE)
     try:
-        return request_of(job.request)
+        return parse_request_document(job.request)
     except ValidationError as error:
         raise ServiceError(
-            f"The request of this {job.kind} is no longer valid in this version ({field_and_message(error)}). Submit a "
-            "corrected request."
+            f"The request of this {job.kind} is no longer valid in this version ({message_with_field(error)}). Submit "
+            "a corrected request."
         ) from error

@@ -12,7 +12,7 @@ from gear_rattle.service.settings import Settings
 
 
 @contextmanager
-def open_data(
+def open_service_data(
     settings: Settings, on_change: Callable[[str], None] = lambda _: None
 ) -> Iterator[tuple[DataDirectory, Database]]:
     """Yield the data directory and the job database, locked against other services.
@@ -42,8 +42,8 @@ def open_data(
     assert url is not None
     with directory.lock(), closing(Database(url, on_change, require=require)) as database:
         if inside or settings.store:
-            directory.identify()
+            directory.check_identity()
         else:  # the database is outside the data directory, the stores are inside: a wrong disk can separate them
-            directory.identify(database.directory_identity())
+            directory.check_identity(database.directory_identity())
             database.remember_directory(directory.identity)
         yield directory, database

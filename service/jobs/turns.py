@@ -52,16 +52,16 @@ class TurnScheduler:
         self._waits_since = {each.id: since.get(each.id, self._count) for each in active}
         if not active:
             return None
-        owner = min(active, key=lambda each: self._turns_of(each.owner).last).owner
+        owner = min(active, key=lambda each: self._turns_of_key(each.owner).last).owner
         mine = [each for each in active if each.owner == owner]
-        if self._turns_of(owner).is_smallest_next:
+        if self._turns_of_key(owner).is_smallest_next:
             return min(mine, key=lambda each: each.remaining_cells or math.inf)
         return min(mine, key=lambda each: self._waits_since[each.id])
 
     def begin_turn(self, survey: ActiveSurvey) -> None:
         """Record that a turn of a survey begins now."""
         self._count += 1
-        key = self._turns_of(survey.owner)
+        key = self._turns_of_key(survey.owner)
         key.last, key.is_smallest_next = self._count, not key.is_smallest_next
         self._waits_since[survey.id] = self._count
         self._began = self._clock()
@@ -71,5 +71,5 @@ class TurnScheduler:
         """True if the present turn has lasted for TURN_SECONDS."""
         return self._clock() - self._began >= TURN_SECONDS
 
-    def _turns_of(self, owner: str | None) -> _KeyTurns:
+    def _turns_of_key(self, owner: str | None) -> _KeyTurns:
         return self._keys.setdefault(owner, _KeyTurns())

@@ -2,7 +2,7 @@
 
 from alembic import context
 
-from gear_rattle.service.database.tables import Table
+from gear_rattle.service.database.tables import TableBase
 
-context.configure(connection=context.config.attributes["connection"], target_metadata=Table.metadata)
+context.configure(connection=context.config.attributes["connection"], target_metadata=TableBase.metadata)
 context.run_migrations()

@@ -29,7 +29,7 @@ log = logging.getLogger(__name__)
 
 
 @contextmanager
-def log_survey_id(survey_id: str) -> Iterator[None]:
+def add_survey_id_to_logs(survey_id: str) -> Iterator[None]:
     """Add a survey's id to every log record of this thread or task during this context."""
     token = _survey.set(survey_id)
     try:
@@ -126,7 +126,7 @@ def log_config(form: str) -> dict[str, Any]:
     }
 
 
-def adopt_handlers() -> None:
+def format_logs_of_libraries() -> None:
     """Give the log handlers of libraries this project's formatter: dask and Panel install handlers at import."""
     ours = next((each for each in logging.root.handlers if isinstance(each.formatter, PrintableFormatter)), None)
     if ours is None:

@@ -21,7 +21,7 @@ BUCKET_SECONDS = (0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0, 2.5, 5.0, 10.0,
 class ThreadCounter(Protocol):
     """An object, such as the job manager, that knows the number of the cluster's threads."""
 
-    def thread_count(self) -> int:
+    def count_cluster_threads(self) -> int:
         """Return the number of threads of the cluster; 0 without a cluster."""
 
 
@@ -96,5 +96,5 @@ class _ScrapedValues(Collector):
         accepted, _, _ = totals.get(State.ACCEPTED, (0, 0, 0))
         yield GaugeMetricFamily("rattle_queue_length", "Surveys that wait for their turn.", value=accepted)
         yield GaugeMetricFamily(
-            "rattle_workers", "Threads of the cluster that compute.", value=self._manager.thread_count()
+            "rattle_workers", "Threads of the cluster that compute.", value=self._manager.count_cluster_threads()
         )

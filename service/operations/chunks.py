@@ -7,13 +7,13 @@ from functools import lru_cache
 from pathlib import Path
 
 from gear_rattle.service.database.tables import State
-from gear_rattle.service.state import Front
+from gear_rattle.service.state import ApplicationState
 from gear_rattle.workers import Bucket, place_of
 from gear_rattle.workers.storage.manifest import manifest_of
 from gear_rattle.workers.survey.manifest import MANIFEST, ROOT, Manifest
 
 
-def is_expected_file(front: Front, survey_id: str, key: str) -> bool:
+def is_expected_file(front: ApplicationState, survey_id: str, key: str) -> bool:
     """Return whether a survey's store must have the file `key` now, so that its absence means damage.
 
     The store need not have the files of tiles that are not computed yet. The function blocks: call it in a thread.
@@ -30,7 +30,7 @@ def is_expected_file(front: Front, survey_id: str, key: str) -> bool:
         return False
     if key in manifest.files or key in (ROOT, MANIFEST):
         return True
-    tile = manifest.tile_of(key)
+    tile = manifest.tile_index_of(key)
     return tile is not None and front.database.has_tile(survey_id, tile)
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from anyio import BrokenWorkerProcess, CapacityLimiter, to_process
 
 from gear_rattle.service.errors import UnavailableError
-from gear_rattle.service.state import Front
+from gear_rattle.service.state import ApplicationState
 from rattle import RattleError
 from rattle.models import Capability, Model, require_capability
 
@@ -28,12 +28,12 @@ def _crisis_points(beta: float) -> np.ndarray:
 class CrisisCurves:
     """The crisis curves that pages and pictures request. The latest curves are kept, one for each half-backlash."""
 
-    def __init__(self, front: Front) -> None:
+    def __init__(self, front: ApplicationState) -> None:
         self._front = front
         self._found: dict[float, asyncio.Task[np.ndarray]] = {}
         self._limiter = CapacityLimiter(1)
 
-    async def crisis_of(self, model: Model) -> np.ndarray:
+    async def crisis_curve_of(self, model: Model) -> np.ndarray:
         """Return a model's crisis curve as points (δ, ε), shape (k, 2). Raises RattleError if it cannot be computed."""
         require_capability(Capability.CRISIS, model)
         beta = model.beta

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gear_rattle.service.operations.processes import compute_in_process
-from gear_rattle.service.state import Front
+from gear_rattle.service.state import ApplicationState
 from gear_rattle.workers.pictures.look import Pair
 from rattle import Limit, design_limit
 from rattle.models import Model
@@ -41,11 +41,11 @@ def search_design_limit(model: Model, delta: float, share: float) -> Limit:
 class DesignLimits:
     """The design limits that pages and pictures request. The latest limits are kept for later requests."""
 
-    def __init__(self, front: Front) -> None:
+    def __init__(self, front: ApplicationState) -> None:
         self._front = front
         self._known: dict[Key, dict[float, Limit]] = {}
 
-    async def limits_over(self, model: Model, delta: Pair, share: float) -> AsyncIterator[tuple[Array, Array]]:
+    async def limits_over_damping(self, model: Model, delta: Pair, share: float) -> AsyncIterator[tuple[Array, Array]]:
         """Compute the design limit over a range of damping. After each damping, yield all limits that are known so far.
 
         Yields

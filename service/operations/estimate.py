@@ -13,7 +13,7 @@ from starlette.concurrency import run_in_threadpool
 from gear_rattle.service.database.tables import JobRow
 from gear_rattle.service.operations.processes import compute_in_process
 from gear_rattle.service.operations.surveys import list_jobs
-from gear_rattle.service.state import Front
+from gear_rattle.service.state import ApplicationState
 from gear_rattle.workers import AnyRequest, Axis, PopulationRequest, SurveyRequest, TileShape, compute_tile, tiles_of
 from gear_rattle.workers.survey.values.schema import SAMPLED, Group
 from rattle.attractors import PERIODS, WATCH
@@ -42,7 +42,7 @@ class CostEstimate:
     is_upper_bound: bool = False
 
 
-async def estimate(front: Front, request: AnyRequest) -> CostEstimate:
+async def estimate(front: ApplicationState, request: AnyRequest) -> CostEstimate:
     """Estimate the cost of a survey from a similar survey among the newest ones, or by computing nine requested cells.
 
     The cost of a population is estimated by computing nine of its gears.
@@ -57,12 +57,12 @@ async def estimate(front: Front, request: AnyRequest) -> CostEstimate:
     UnavailableError
         The cost must be measured, and the measurement takes too long or cannot begin now.
     """
-    workers = await run_in_threadpool(front.manager.thread_count) or front.settings.workers
-    found = await run_in_threadpool(_seconds_by_similar_survey, front, request)
+    workers = await run_in_threadpool(front.manager.count_cluster_threads) or front.settings.workers
+    found = await run_in_threadpool(_predict_seconds_from_similar_survey, front, request)
     is_upper_bound = found is None and isinstance(request, SurveyRequest) and request.refine is not None
     if is_upper_bound:
         request = request.model_copy(update={"refine": None})
-        found = await run_in_threadpool(_seconds_by_similar_survey, front, request)
+        found = await run_in_threadpool(_predict_seconds_from_similar_survey, front, request)
     if found:
         seconds, basis = found
     else:
@@ -84,7 +84,7 @@ async def estimate(front: Front, request: AnyRequest) -> CostEstimate:
     )
 
 
-def _seconds_by_similar_survey(front: Front, request: AnyRequest) -> tuple[float, str] | None:
+def _predict_seconds_from_similar_survey(front: ApplicationState, request: AnyRequest) -> tuple[float, str] | None:
     """Predict the seconds per cell of a request from the seconds per cell of the most similar survey.
 
     Returns
@@ -123,7 +123,7 @@ def most_similar_survey(request: SurveyRequest, jobs: Iterable[JobRow]) -> JobRo
         and job.request.get("refine") == request.model_dump(mode="json")["refine"]
         and (other := SurveyRequest.model_validate(job.request))
         and _is_similar_model(request, other)
-        and _is_similar_sample(request, other)
+        and _have_similar_samples(request, other)
         and 1.0 / SIMILAR_FACTOR <= _sample_ratio(request, job) <= SIMILAR_FACTOR
     ]
     return min(like, key=lambda job: abs(math.log(_sample_ratio(request, job))), default=None)
@@ -139,13 +139,13 @@ def _sample_ratio(request: SurveyRequest, job: JobRow) -> float:
 
 def _is_similar_model(request: SurveyRequest, other: SurveyRequest) -> bool:
     """Return whether both surveys have the same model, with added parameters that differ at most by SIMILAR_FACTOR."""
-    ours, theirs = request.added_numbers, other.added_numbers
+    ours, theirs = request.added_parameter_values, other.added_parameter_values
     if ours.keys() != theirs.keys() or request.model != other.model:
         return False
     return all(1.0 / SIMILAR_FACTOR <= ours[name] / theirs[name] <= SIMILAR_FACTOR for name in ours)
 
 
-def _is_similar_sample(request: SurveyRequest, other: SurveyRequest) -> bool:
+def _have_similar_samples(request: SurveyRequest, other: SurveyRequest) -> bool:
     """Return whether both surveys have similar observation times, and equal budgets and boxes of initial conditions."""
     ratio = max(request.delta.start, STRONG_DAMPING) / max(other.delta.start, STRONG_DAMPING)
     sample, its = request.initial_conditions, other.initial_conditions

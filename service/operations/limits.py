@@ -9,7 +9,7 @@ from gear_rattle.workers.certificates import require_proof_extra
 from rattle import MissingExtraError
 
 
-def check_limits(request: AnyRequest, settings: Settings) -> None:
+def require_within_service_limits(request: AnyRequest, settings: Settings) -> None:
     """Refuse a request that exceeds the limits of this service, or requests proofs that the service cannot make.
 
     The check takes no time, however large the survey is.

@@ -37,7 +37,7 @@ diagram = model.diagram({start}, {end}, steps, count)
 diagram_figure(diagram)"""
 
 
-def notebook_of(gear: AnyGear, machine: Machine | None, ends: tuple[Pair, Pair]) -> dict[str, Any]:
+def create_notebook(gear: AnyGear, machine: Machine | None, ends: tuple[Pair, Pair]) -> dict[str, Any]:
     """Return a notebook (nbformat 4.5) that computes attractors, basins and a bifurcation diagram.
 
     machine: the machine with the parameters of `gear`; None for dimensionless numbers. ends: the points (δ, ε) where

@@ -9,11 +9,11 @@ import numpy as np
 from gear_rattle.service.errors import ServiceError, UnavailableError
 from gear_rattle.service.operations.crises import CrisisCurves
 from gear_rattle.service.operations.design_limits import DesignLimits
-from gear_rattle.service.operations.windows import WindowCache, clip_to_plane, is_coarse
-from gear_rattle.service.state import Front
+from gear_rattle.service.operations.windows import WindowCache, clip_to_plane, has_too_coarse_cells
+from gear_rattle.service.state import ApplicationState
 from gear_rattle.workers import ClusterLostError, SurveyError, SurveyRequest
-from gear_rattle.workers.pictures.look import CRISIS, LIMIT, FinerCells, OverlayData, PictureLook, is_survey_only
-from gear_rattle.workers.pictures.planes import drawn_numbers
+from gear_rattle.workers.pictures.look import CRISIS, LIMIT, FinerCells, OverlayData, PictureLook, needs_whole_survey
+from gear_rattle.workers.pictures.planes import values_to_draw
 from rattle import RattleError
 from rattle.models import Model
 
@@ -42,10 +42,10 @@ class PictureOptions:
 class Overlays:
     """The overlays of all maps of an application: crisis curves, design limits, and finer windows."""
 
-    def __init__(self, front: Front) -> None:
+    def __init__(self, front: ApplicationState) -> None:
         self.crises, self.limits, self.windows = CrisisCurves(front), DesignLimits(front), WindowCache(front)
 
-    async def overlays_of(self, request: SurveyRequest, options: PictureOptions) -> OverlayData:
+    async def compute_overlays(self, request: SurveyRequest, options: PictureOptions) -> OverlayData:
         """Return the overlays of a map. request: the request of the survey or slice that the map shows.
 
         A crisis curve or a finer window that does not exist for this map is left out. Raises RattleError if the
@@ -67,7 +67,7 @@ class Overlays:
 
     async def _crisis_line(self, model: Model) -> Line | None:
         try:
-            return await self.crises.crisis_of(model)
+            return await self.crises.crisis_curve_of(model)
         except ServiceError:
             raise
         except RattleError:  # the model has no crisis curve, or it was not found
@@ -75,15 +75,22 @@ class Overlays:
 
     async def _design_limit_line_and_band(self, request: SurveyRequest, share: float) -> tuple[Line, Band]:
         span = request.delta.start, request.delta.stop
-        found = [each async for each in self.limits.limits_over(request.gear_model, span, share)]
+        found = [each async for each in self.limits.limits_over_damping(request.gear_model, span, share)]
         delta, limits = found[-1]  # the last result has all dampings
-        return limit_line(delta, limits), limit_band(delta, limits)
+        return design_limit_line(delta, limits), limit_band(delta, limits)
 
     async def _compute_finer_window(self, request: SurveyRequest, options: PictureOptions) -> FinerCells | None:
         look, pixels = options.look, options.pixels
-        if look.delta is None or look.epsilon is None or pixels is None or is_survey_only(options.variable, request):
+        if (
+            look.delta is None
+            or look.epsilon is None
+            or pixels is None
+            or needs_whole_survey(options.variable, request)
+        ):
             return None
-        if not is_coarse(request.delta.values(), request.epsilon.values(), (look.delta, look.epsilon), pixels):
+        if not has_too_coarse_cells(
+            request.delta.values(), request.epsilon.values(), (look.delta, look.epsilon), pixels
+        ):
             return None
         window = clip_to_plane(look.delta, look.epsilon)
         try:
@@ -93,11 +100,11 @@ class Overlays:
             raise UnavailableError("The workers were lost while the window was computed. Try again soon.") from error
         except SurveyError:  # the window lies outside the plane, or is too narrow: the survey's own cells are drawn
             return None
-        return FinerCells(frame.delta, frame.epsilon, drawn_numbers(frame.values))
+        return FinerCells(frame.delta, frame.epsilon, values_to_draw(frame.values))
 
 
-def limit_line(delta: np.ndarray, limits: np.ndarray) -> Line:
-    """Return the design limits of `DesignLimits.limits_over` as a line (δ, ε), shape (k, 2).
+def design_limit_line(delta: np.ndarray, limits: np.ndarray) -> Line:
+    """Return the design limits of `DesignLimits.limits_over_damping` as a line (δ, ε), shape (k, 2).
 
     Returns
     -------

@@ -32,7 +32,7 @@ def curves_document(model: Model, delta: Pair, epsilon: Pair) -> dict[str, Any]:
                     "delta": point.delta,
                     "epsilon": point.epsilon,
                     "curves": point.curves,
-                    "tangency": [{"curves": pair, "order": json_number(p)} for pair, p in point.tangency.items()],
+                    "tangency": [{"curves": pair, "order": finite_or_none(p)} for pair, p in point.tangency.items()],
                 }
                 for point in model.codimension_two()
             ],
@@ -53,7 +53,7 @@ def _curve_document(name: str, model: Model, delta: Pair, epsilon: Pair) -> dict
 def _curve_arrays(curve: Curve) -> dict[str, Any]:
     columns = {name: getattr(curve, name).tolist() for name in ("delta", "epsilon", "tau", "v", "arclength", "piece")}
     return columns | {
-        "multipliers": [[_complex_document(z) for z in pair] for pair in curve.multipliers.T],
+        "multipliers": [[_document_of_complex_number(z) for z in pair] for pair in curve.multipliers.T],
         "folds": curve.folds,
         "ends": [{"index": end.index, "reason": end.reason} for end in curve.ends],
     }
@@ -78,9 +78,9 @@ def orbits_document(gear: AnyGear) -> dict[str, Any]:
                 "m": orbit.m,
                 "n_plus": orbit.n_plus,
                 "n_minus": orbit.n_minus,
-                "tau": json_number(orbit.tau),
-                "v": json_number(orbit.v),
-                "multipliers": [_complex_document(value) for value in orbit.multipliers],
+                "tau": finite_or_none(orbit.tau),
+                "v": finite_or_none(orbit.v),
+                "multipliers": [_document_of_complex_number(value) for value in orbit.multipliers],
                 "stable": orbit.stable,
             }
             for orbit in orbits
@@ -96,13 +96,13 @@ def intensities(
 
 
 def _optional_json_number(value: float | None) -> float | None:
-    return None if value is None else json_number(value)
+    return None if value is None else finite_or_none(value)
 
 
-def _complex_document(value: complex) -> dict[str, float | None]:
-    return {"re": json_number(value.real), "im": json_number(value.imag)}
+def _document_of_complex_number(value: complex) -> dict[str, float | None]:
+    return {"re": finite_or_none(value.real), "im": finite_or_none(value.imag)}
 
 
-def json_number(value: float) -> float | None:
+def finite_or_none(value: float) -> float | None:
     """Return a number that JSON can hold; None for NaN and infinity, which occur where extreme parameters overflow."""
     return float(value) if math.isfinite(value) else None

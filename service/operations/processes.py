@@ -9,14 +9,14 @@ import anyio
 from anyio import BrokenWorkerProcess, to_process
 
 from gear_rattle.service.errors import UnavailableError
-from gear_rattle.service.state import Front
+from gear_rattle.service.state import ApplicationState
 
 Result = TypeVar("Result")
 Arguments = TypeVarTuple("Arguments")
 
 
 async def compute_in_process(
-    front: Front,
+    front: ApplicationState,
     compute: Callable[[*Arguments], Result],
     *arguments: *Arguments,
     model: str,
@@ -36,7 +36,7 @@ async def compute_in_process(
 
     Raises
     ------
-    KernelsError
+    KernelsNotReadyError
         The kernels are still being compiled, or too many requests wait for kernels.
     UnavailableError
         Too many requests wait, the computation takes too long, its process died, or the service ends.

@@ -12,10 +12,10 @@ from gear_rattle.service.access.keys import Caller
 from gear_rattle.service.database import NewJob
 from gear_rattle.service.database.tables import UNREADABLE, JobKind, JobRow, State
 from gear_rattle.service.errors import ForbiddenError
-from gear_rattle.service.operations.limits import check_limits
-from gear_rattle.service.state import Front
+from gear_rattle.service.operations.limits import require_within_service_limits
+from gear_rattle.service.state import ApplicationState
 from gear_rattle.workers import AnyRequest, PopulationRequest
-from gear_rattle.workers.survey.axes import Name, StrictRecord, require_visible
+from gear_rattle.workers.survey.axes import Name, StrictRecord, require_visible_text
 
 MAX_FAILURES = 100  # an answer lists at most this many failed cells
 LONGEST_NOTES = 10_000  # notes have at most this many characters
@@ -24,13 +24,13 @@ JOINERS = "\u200c\u200d"  # invisible characters that some scripts and emoji nee
 
 
 def _require_visible_notes(text: str) -> str:
-    return require_visible("text of the notes", text, besides=WHITE_SPACE + JOINERS)
+    return require_visible_text("text of the notes", text, besides=WHITE_SPACE + JOINERS)
 
 
 Notes = Annotated[str, Field(max_length=LONGEST_NOTES), AfterValidator(_require_visible_notes)]
 
 
-class Description(StrictRecord):
+class SurveyDescription(StrictRecord):
     """The name and the notes of a survey. Fields that are left out do not change."""
 
     name: Name | None = None
@@ -38,7 +38,11 @@ class Description(StrictRecord):
 
 
 def submit_survey(
-    front: Front, caller: Caller, request: AnyRequest, idempotency_key: str | None = None, force: bool = False
+    front: ApplicationState,
+    caller: Caller,
+    request: AnyRequest,
+    idempotency_key: str | None = None,
+    force: bool = False,
 ) -> JobRow:
     """Accept a survey or a population, unless an identical one exists or its idempotency key was used before.
 
@@ -56,10 +60,10 @@ def submit_survey(
         See `gear_rattle.service.database.Surveys.accept`.
     LimitError
         The request exceeds a limit of this service.
-    DirectoryAwayError
+    DirectoryMissingError
         The data directory is missing.
     """
-    check_limits(request, front.settings)
+    require_within_service_limits(request, front.settings)
     front.directory.require_present()
     job = front.database.accept(
         NewJob(
@@ -81,13 +85,13 @@ def submit_survey(
 
 
 def list_jobs(
-    front: Front, limit: int, before: int | None = None, kind: JobKind = JobKind.SURVEY
+    front: ApplicationState, limit: int, before: int | None = None, kind: JobKind = JobKind.SURVEY
 ) -> tuple[Sequence[JobRow], int]:
     """Return at most `limit` jobs of a kind, newest first, and the number of all jobs of this kind.
 
     Parameters
     ----------
-    front : Front
+    front : ApplicationState
         The service.
     limit : int
         Largest number of jobs to return.
@@ -104,22 +108,24 @@ def list_jobs(
     return front.database.jobs(limit, before, kind)
 
 
-def find_job(front: Front, survey_id: str, kind: JobKind | None = None) -> JobRow:
+def find_job(front: ApplicationState, survey_id: str, kind: JobKind | None = None) -> JobRow:
     """Return the job with this id. Raises UnknownSurveyError if no job of this kind (None: of any kind) has this id."""
     return front.database.job(survey_id, kind)
 
 
-def first_failures(front: Front, job: JobRow) -> list[dict[str, Any]]:
+def first_failures(front: ApplicationState, job: JobRow) -> list[dict[str, Any]]:
     """Return the first failed cells of a survey or a population, with their messages."""
     return front.database.failures(job.id, MAX_FAILURES) if job.cells_failed else []
 
 
-def written_tiles(front: Front, survey_id: str) -> set[int]:
+def written_tiles(front: ApplicationState, survey_id: str) -> set[int]:
     """Return the indices of the tiles that are written. Raises UnknownSurveyError if there is no such survey."""
     return front.database.tiles_done(survey_id)
 
 
-def remove_survey(front: Front, caller: Caller, survey_id: str, kind: JobKind = JobKind.SURVEY) -> JobRow | None:
+def remove_survey(
+    front: ApplicationState, caller: Caller, survey_id: str, kind: JobKind = JobKind.SURVEY
+) -> JobRow | None:
     """Dismiss a survey or population that waits or runs, or delete one that has ended.
 
     Returns
@@ -133,7 +139,7 @@ def remove_survey(front: Front, caller: Caller, survey_id: str, kind: JobKind = 
         There is no such survey.
     ForbiddenError
         The survey was submitted with another key.
-    ConflictError, DirectoryAwayError
+    ConflictError, DirectoryMissingError
         See `gear_rattle.service.jobs.manager.JobManager.dismiss_or_delete`.
     """
     require_owner(front, caller, survey_id, kind)
@@ -142,7 +148,9 @@ def remove_survey(front: Front, caller: Caller, survey_id: str, kind: JobKind = 
     return front.manager.dismiss_or_delete(survey_id)
 
 
-def describe_survey(front: Front, caller: Caller, survey_id: str, given: Description) -> JobRow:
+def set_survey_name_and_notes(
+    front: ApplicationState, caller: Caller, survey_id: str, given: SurveyDescription
+) -> JobRow:
     """Give a survey another name or other notes. Its content and its store do not change.
 
     Returns
@@ -161,7 +169,7 @@ def describe_survey(front: Front, caller: Caller, survey_id: str, given: Descrip
     return front.database.describe(survey_id, given.name, given.notes)
 
 
-def verify_survey(front: Front, caller: Caller, survey_id: str, kind: JobKind = JobKind.SURVEY) -> JobRow:
+def verify_survey(front: ApplicationState, caller: Caller, survey_id: str, kind: JobKind = JobKind.SURVEY) -> JobRow:
     """Queue an ended survey or population again, to check all its tiles and compute damaged or missing ones.
 
     Returns
@@ -182,14 +190,14 @@ def verify_survey(front: Front, caller: Caller, survey_id: str, kind: JobKind = 
     return front.manager.verify(survey_id, caller.owner, front.settings.max_jobs)
 
 
-def require_owner(front: Front, caller: Caller, survey_id: str, kind: JobKind = JobKind.SURVEY) -> None:
+def require_owner(front: ApplicationState, caller: Caller, survey_id: str, kind: JobKind = JobKind.SURVEY) -> None:
     """Raise ForbiddenError if a survey or population was submitted with another key than the caller's."""
     if not caller.is_owner_of(front.database.job(survey_id, kind)):
         which = f"{kind.capitalize()} {survey_id}"
         raise ForbiddenError(f"{which} was not submitted with this API key. Use the key that submitted it.")
 
 
-def current_caller(front: Front, caller: Caller) -> Caller | None:
+def current_caller(front: ApplicationState, caller: Caller) -> Caller | None:
     """Return the caller with the present scopes of its key; None after sign-out, or if the key was revoked.
 
     The function reads the database: call it in a thread.

@@ -16,8 +16,8 @@ import numpy as np
 
 from gear_rattle.service.errors import UnavailableError
 from gear_rattle.service.jobs.manager import STARTING
-from gear_rattle.service.state import Front
-from gear_rattle.workers import Frame, SurveyRequest, Window, map_quantity, refined_frames, window_survey
+from gear_rattle.service.state import ApplicationState
+from gear_rattle.workers import SurveyRequest, Window, WindowFrame, quantity_of_map, refined_frames, request_for_window
 from gear_rattle.workers.pictures.look import Pair
 
 START_CHECK_SECONDS = 0.2  # seconds between two checks whether the cluster has started
@@ -33,7 +33,9 @@ def clip_to_plane(delta: Pair, epsilon: Pair) -> Window:
     return Window((max(delta[0], LEAST_DELTA * delta[1]), delta[1]), (max(epsilon[0], 0.0), epsilon[1]))
 
 
-def is_coarse(delta: np.ndarray, epsilon: np.ndarray, window: tuple[Pair, Pair], pixels: tuple[int, int]) -> bool:
+def has_too_coarse_cells(
+    delta: np.ndarray, epsilon: np.ndarray, window: tuple[Pair, Pair], pixels: tuple[int, int]
+) -> bool:
     """Return whether a cell of a survey is wider or higher in the window than MOST_PIXELS_PER_CELL pixels.
 
     delta, epsilon: the axes of the survey. pixels: width and height of the window in pixels.
@@ -56,13 +58,13 @@ class WindowCache:
     One object serves all pages and pictures of a service.
     """
 
-    def __init__(self, front: Front) -> None:
+    def __init__(self, front: ApplicationState) -> None:
         self._front = front
-        self._kept: OrderedDict[Key, Frame] = OrderedDict()
+        self._kept: OrderedDict[Key, WindowFrame] = OrderedDict()
 
     async def frames(
         self, request: SurveyRequest, variable: str, index: int, window: Window, pixels: tuple[int, int]
-    ) -> AsyncGenerator[Frame, None]:
+    ) -> AsyncGenerator[WindowFrame, None]:
         """Yield the frames that `refine_window` computes, and keep the complete frame, which is the last one."""
         async with aclosing(refine_window(self._front, request, variable, index, window, pixels)) as frames:
             async for frame in frames:
@@ -72,7 +74,7 @@ class WindowCache:
 
     async def last_frame(
         self, request: SurveyRequest, variable: str, index: int, window: Window, pixels: tuple[int, int]
-    ) -> Frame:
+    ) -> WindowFrame:
         """Return the last frame of a window, which is complete, from memory or by computing it (`refine_window`)."""
         found = self._kept.get(self._window_key(request, variable, index, window, pixels))
         if found is None:
@@ -86,7 +88,7 @@ class WindowCache:
     def _window_key(request: SurveyRequest, variable: str, index: int, window: Window, pixels: tuple[int, int]) -> Key:
         return request.model_dump_json(), variable, index, window, pixels
 
-    def _keep_frame(self, key: Key, frame: Frame) -> None:
+    def _keep_frame(self, key: Key, frame: WindowFrame) -> None:
         self._kept[key] = frame
         self._kept.move_to_end(key)
         while len(self._kept) > KEPT_WINDOWS or sum(each.values.size for each in self._kept.values()) > KEPT_CELLS:
@@ -94,18 +96,18 @@ class WindowCache:
 
 
 async def refine_window(
-    front: Front, request: SurveyRequest, variable: str, index: int, window: Window, pixels: tuple[int, int]
-) -> AsyncGenerator[Frame, None]:
+    front: ApplicationState, request: SurveyRequest, variable: str, index: int, window: Window, pixels: tuple[int, int]
+) -> AsyncGenerator[WindowFrame, None]:
     """Compute a map of a window of the plane in finer and finer frames. pixels: resolution along (delta, epsilon).
 
-    The values are equal to the bit to those of the survey `workers.window_survey(request, window, pixels)`. Quantities
-    in closed form come at once at full resolution. A consumer that is slower than the computation gets the newest frame
-    only. Closing the generator (``aclose``, or cancelling the task) cancels tasks that have not begun. At most
-    `Settings.max_windows` windows are computed at once.
+    The values are equal to the bit to those of the survey `workers.request_for_window(request, window, pixels)`.
+    Quantities in closed form come at once at full resolution. A consumer that is slower than the computation gets the
+    newest frame only. Closing the generator (``aclose``, or cancelling the task) cancels tasks that have not begun. At
+    most `Settings.max_windows` windows are computed at once.
 
     Yields
     ------
-    Frame
+    WindowFrame
         The map so far; the last frame is complete.
 
     Raises
@@ -117,8 +119,8 @@ async def refine_window(
     UnavailableError
         There are no workers, or too many windows wait to be computed.
     """
-    map_quantity(variable, index, request)
-    survey = await asyncio.to_thread(window_survey, request, window, pixels)
+    quantity_of_map(variable, index, request)
+    survey = await asyncio.to_thread(request_for_window, request, window, pixels)
     while front.manager.cluster_state == STARTING:  # if the cluster does not start, `borrow_client` raises an error
         await asyncio.sleep(START_CHECK_SECONDS)
     if front.window_limiter.statistics().tasks_waiting >= front.settings.max_points_waiting:
@@ -139,22 +141,22 @@ async def refine_window(
 class _RefinementThread:
     """A thread that waits for frames of a window from the workers, and passes them to the event loop."""
 
-    def __init__(self, front: Front, survey: SurveyRequest, variable: str, index: int) -> None:
+    def __init__(self, front: ApplicationState, survey: SurveyRequest, variable: str, index: int) -> None:
         self._loop = asyncio.get_running_loop()
-        self._found: asyncio.Queue[Frame | Exception | None] = asyncio.Queue()
+        self._found: asyncio.Queue[WindowFrame | Exception | None] = asyncio.Queue()
         self._stopping = threading.Event()
-        work = partial(self._pass_frames, front, survey, variable, index)
+        work = partial(self._compute_frames, front, survey, variable, index)
         threading.Thread(target=work, name="window", daemon=True).start()
 
     def stop(self) -> None:
         """Ask the thread to end soon, without waiting for it."""
         self._stopping.set()
 
-    async def wait_for_newest_frame(self) -> Frame | None:
+    async def wait_for_newest_frame(self) -> WindowFrame | None:
         """Wait for a further frame, and return the newest; None after the last frame. Raises an error of the thread."""
         found = await self._found.get()
-        while isinstance(found, Frame) and not self._found.empty():
-            if not isinstance(later := self._found.get_nowait(), Frame):
+        while isinstance(found, WindowFrame) and not self._found.empty():
+            if not isinstance(later := self._found.get_nowait(), WindowFrame):
                 self._found.put_nowait(later)
                 break
             found = later
@@ -162,7 +164,7 @@ class _RefinementThread:
             raise found
         return found
 
-    def _pass_frames(self, front: Front, survey: SurveyRequest, variable: str, index: int) -> None:
+    def _compute_frames(self, front: ApplicationState, survey: SurveyRequest, variable: str, index: int) -> None:
         end: Exception | None = None
         try:
             with (
@@ -175,6 +177,6 @@ class _RefinementThread:
             end = error
         self._pass_to_loop(end)
 
-    def _pass_to_loop(self, found: Frame | Exception | None) -> None:
+    def _pass_to_loop(self, found: WindowFrame | Exception | None) -> None:
         with suppress(RuntimeError):  # the loop is closed: the service has ended
             self._loop.call_soon_threadsafe(self._found.put_nowait, found)

@@ -12,9 +12,9 @@ from starlette.exceptions import HTTPException
 
 from gear_rattle.service.database.tables import UNREADABLE, JobRow, State
 from gear_rattle.service.errors import ConflictError, MissingError
-from gear_rattle.service.routes.documents import SurveyId, path_of
+from gear_rattle.service.routes.documents import SurveyId, path_of_job
 from gear_rattle.service.routes.store import FILES, KEY, file_response
-from gear_rattle.service.state import Front, FrontState
+from gear_rattle.service.state import ApplicationState, FrontState
 from gear_rattle.service.web.conditional import HOUR, NOT_MODIFIED, REVALIDATE, json_answer
 from gear_rattle.service.web.problems import declare_problems
 from gear_rattle.workers.certificates import CERTIFICATES, REFUSED
@@ -54,10 +54,10 @@ def show_certificates(request: Request, front: FrontState, survey_id: SurveyId) 
     Both numbers are 0 until all tiles are computed, and grow afterwards.
     """
     job, out = _certificate_store(front, survey_id)
-    here = f"{path_of(survey_id)}/certificates"
+    here = f"{path_of_job(survey_id)}/certificates"
     links = CertificateLinks(
         self=here,
-        survey=path_of(survey_id),
+        survey=path_of_job(survey_id),
         store=f"{here}/store",
         certificates=f"{here}/store/{CERTIFICATES}",
         refused=f"{here}/store/{REFUSED}",
@@ -95,7 +95,7 @@ async def read_certificates(
     return response
 
 
-def _certificate_store(front: Front, survey_id: str) -> tuple[JobRow, pathlib.Path]:
+def _certificate_store(front: ApplicationState, survey_id: str) -> tuple[JobRow, pathlib.Path]:
     job, store = front.job_and_store(survey_id)
     if not job.is_readable:
         raise ConflictError(UNREADABLE)

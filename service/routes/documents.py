@@ -50,7 +50,7 @@ class Survey(JobDocument):
     @classmethod
     def from_job(cls, job: JobRow) -> Survey:
         """Return the document of a job."""
-        return cls(**status_fields(job), notes=job.notes, links=_links(job))
+        return cls(**job_document_fields(job), notes=job.notes, links=_links(job))
 
 
 class SurveyDetail(Survey):
@@ -60,10 +60,10 @@ class SurveyDetail(Survey):
     failures: list[dict[str, Any]] = Field(description="the first 100 failed cells: indices and message")
 
     @classmethod
-    def with_failures(cls, job: JobRow, failures: list[dict[str, Any]]) -> SurveyDetail:
+    def from_job_and_failures(cls, job: JobRow, failures: list[dict[str, Any]]) -> SurveyDetail:
         """Return the document of a job with its failed cells."""
         asked = readable_request(job)
-        return cls(**status_fields(job), notes=job.notes, links=_links(job), request=asked, failures=failures)
+        return cls(**job_document_fields(job), notes=job.notes, links=_links(job), request=asked, failures=failures)
 
 
 class SurveyList(BaseModel):
@@ -79,7 +79,7 @@ SurveyId = Annotated[
 ]
 
 
-def path_of(survey_id: str, kind: JobKind = JobKind.SURVEY) -> str:
+def path_of_job(survey_id: str, kind: JobKind = JobKind.SURVEY) -> str:
     """Return the URL path of a survey or population, with the path prefix under which a proxy serves this service."""
     return public_path(f"/v1/{'surveys' if kind == JobKind.SURVEY else 'populations'}/{survey_id}")
 
@@ -90,12 +90,12 @@ def readable_request(job: JobRow) -> dict[str, Any]:
 
 
 def _links(job: JobRow) -> Links:
-    here = path_of(job.id)
+    here = path_of_job(job.id)
     asked = f"{here}/certificates" if readable_request(job).get("certify") else None
     return Links(self=here, events=f"{here}/events", store=f"{here}/store", map=f"{here}/map.png", certificates=asked)
 
 
-def status_fields(job: JobRow) -> dict[str, Any]:
+def job_document_fields(job: JobRow) -> dict[str, Any]:
     """Return the fields of `JobDocument` for a job."""
     state, message = job.shown_status
     return {

@@ -15,7 +15,7 @@ from starlette.concurrency import run_in_threadpool
 
 from gear_rattle.service.errors import MissingError
 from gear_rattle.service.routes.documents import SurveyId
-from gear_rattle.service.state import Front, FrontState
+from gear_rattle.service.state import ApplicationState, FrontState
 from gear_rattle.service.web.conditional import NOT_MODIFIED, REVALIDATE, is_not_modified, weak_etag
 from gear_rattle.service.web.problems import declare_problems
 from gear_rattle.workers import Bucket, open_survey
@@ -78,7 +78,7 @@ async def csv(request: Request, front: FrontState, survey_id: SurveyId, form: Ro
 
     Codes, such as those of regions, are numbers. A cell with `status` 0 is not computed yet.
     """
-    store, headers = await _store_and_headers(front, survey_id, "csv" if form is RowForm.CELLS else f"{form}.csv")
+    store, headers = await _find_store_and_headers(front, survey_id, "csv" if form is RowForm.CELLS else f"{form}.csv")
     if is_not_modified(request, headers):
         return Response(status_code=304, headers=headers)
     lines = await run_in_threadpool(_open_csv_lines, store, form)
@@ -87,13 +87,13 @@ async def csv(request: Request, front: FrontState, survey_id: SurveyId, form: Ro
 
 async def _file_response(
     request: Request,
-    front: Front,
+    front: ApplicationState,
     survey_id: str,
     ending: str,
     media_type: str,
     write: Callable[[Path | Bucket], IO[bytes]],
 ) -> Response:
-    store, headers = await _store_and_headers(front, survey_id, ending)
+    store, headers = await _find_store_and_headers(front, survey_id, ending)
     if is_not_modified(request, headers):
         return Response(status_code=304, headers=headers)
     with front.interruptible_work():
@@ -108,7 +108,9 @@ async def _file_response(
     )
 
 
-async def _store_and_headers(front: Front, survey_id: str, ending: str) -> tuple[Path | Bucket, dict[str, str]]:
+async def _find_store_and_headers(
+    front: ApplicationState, survey_id: str, ending: str
+) -> tuple[Path | Bucket, dict[str, str]]:
     job, store = await run_in_threadpool(front.job_with_results, survey_id)
     return store, {
         "ETag": weak_etag(job.id, job.last_event, ending),
@@ -118,19 +120,19 @@ async def _store_and_headers(front: Front, survey_id: str, ending: str) -> tuple
 
 
 def _write_netcdf(store: Path | Bucket) -> IO[bytes]:
-    from gear_rattle.workers.storage.export import require_readable, write_netcdf  # loads xarray
+    from gear_rattle.workers.storage.export import require_readable_variables, write_netcdf  # loads xarray
     from gear_rattle.workers.storage.store import open_groups
 
     with open_survey(store, as_stored=True) as dataset:
-        require_readable(dataset)
+        require_readable_variables(dataset)
         return write_netcdf(dataset, open_groups(store))
 
 
 def _write_parquet(store: Path | Bucket, form: RowForm) -> IO[bytes]:
-    from gear_rattle.workers.storage.export import require_readable, table_names, write_parquet
+    from gear_rattle.workers.storage.export import names_of_column_variables, require_readable_variables, write_parquet
 
     with open_survey(store, as_stored=True) as dataset:
-        require_readable(dataset, table_names(dataset, form))
+        require_readable_variables(dataset, names_of_column_variables(dataset, form))
         try:
             return write_parquet(dataset, form)
         except MissingExtraError as error:
@@ -144,12 +146,12 @@ def _read_blocks(file: IO[bytes]) -> Iterator[bytes]:
 
 
 def _open_csv_lines(store: Path | Bucket, form: RowForm) -> Iterator[str]:
-    from gear_rattle.workers.storage.export import csv_lines, require_readable, table_names
+    from gear_rattle.workers.storage.export import csv_lines, names_of_column_variables, require_readable_variables
 
     # The survey is opened before the answer begins, so that errors become problem documents.
     dataset = open_survey(store, as_stored=True)
     try:
-        require_readable(dataset, table_names(dataset, form))
+        require_readable_variables(dataset, names_of_column_variables(dataset, form))
     except BaseException:
         dataset.close()
         raise

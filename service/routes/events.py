@@ -20,7 +20,7 @@ from gear_rattle.service.errors import UnknownSurveyError
 from gear_rattle.service.jobs.broadcast import encode_events
 from gear_rattle.service.operations.surveys import find_job
 from gear_rattle.service.routes.documents import SurveyId
-from gear_rattle.service.state import Front, FrontState
+from gear_rattle.service.state import ApplicationState, FrontState
 from gear_rattle.service.web import examples
 from gear_rattle.service.web.problems import declare_problems
 
@@ -63,7 +63,9 @@ async def follow(
     return await event_stream(front, caller, survey_id, JobKind.SURVEY, last_event_id)
 
 
-async def event_stream(front: Front, caller: Caller, survey_id: str, kind: JobKind, last_event_id: int) -> Response:
+async def event_stream(
+    front: ApplicationState, caller: Caller, survey_id: str, kind: JobKind, last_event_id: int
+) -> Response:
     """Return the stream of a job's events after `last_event_id`.
 
     If the job has ended and has no event after `last_event_id`, return status 204.
@@ -75,7 +77,7 @@ async def event_stream(front: Front, caller: Caller, survey_id: str, kind: JobKi
     return _RevocableStream(
         front.revocations,
         caller,
-        _encoded_events(front, survey_id, min(last_event_id, job.last_event), job.last_event, closing),
+        _stream_encoded_events(front, survey_id, min(last_event_id, job.last_event), job.last_event, closing),
         shutdown_event=closing,
         shutdown_grace_period=GRACE_SECONDS,
         ping=front.settings.heartbeat_seconds,
@@ -97,8 +99,8 @@ class _RevocableStream(EventSourceResponse):
             await send({"type": "http.response.body", "body": b"", "more_body": False})
 
 
-async def _encoded_events(
-    front: Front, survey_id: str, seen: int, last: int, closing: anyio.Event
+async def _stream_encoded_events(
+    front: ApplicationState, survey_id: str, seen: int, last: int, closing: anyio.Event
 ) -> AsyncIterator[bytes]:
     read = front.database.events
     with front.broadcast.listen(survey_id, read, last) as (feed, wake_event):

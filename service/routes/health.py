@@ -7,9 +7,9 @@ from pydantic import BaseModel, Field
 
 import rattle
 from gear_rattle.service.database.tables import ACTIVE, State
-from gear_rattle.service.errors import DirectoryAwayError, KernelsError, UnavailableError
+from gear_rattle.service.errors import DirectoryMissingError, KernelsNotReadyError, UnavailableError
 from gear_rattle.service.jobs.manager import OK, READY, STARTING
-from gear_rattle.service.state import Front, FrontState
+from gear_rattle.service.state import ApplicationState, FrontState
 
 router = APIRouter(prefix="/v1", tags=["service"])
 COMPILING_STATUS = "warming"
@@ -32,22 +32,22 @@ class ReadyDocument(BaseModel):
     status: str = Field(description="ready")
 
 
-def _storage_state(front: Front) -> str:
+def _storage_state(front: ApplicationState) -> str:
     try:
         front.directory.require_present()
-    except DirectoryAwayError as error:
+    except DirectoryMissingError as error:
         return f"unavailable: {error}"
     return front.manager.storage_state
 
 
-def _job_count_or_none(front: Front, state: State) -> int | None:
+def _job_count_or_none(front: ApplicationState, state: State) -> int | None:
     try:
         return front.database.count_jobs(state)
-    except DirectoryAwayError:
+    except DirectoryMissingError:
         return None
 
 
-def _service_status(front: Front, storage: str) -> str:
+def _service_status(front: ApplicationState, storage: str) -> str:
     cluster = front.manager.cluster_state
     if cluster not in (READY, STARTING) or storage != OK:
         return "degraded"
@@ -87,7 +87,7 @@ def ready(front: FrontState) -> ReadyDocument:
     stored. Load balancers and scripts that wait for the service use this route.
     """
     if front.kernels.is_compiling:
-        raise KernelsError
+        raise KernelsNotReadyError
     if (front.manager.cluster_state, _storage_state(front)) != (READY, OK):
         raise UnavailableError("The service is not ready: GET /v1/health says why. Try again in a few seconds.")
     return ReadyDocument(status=READY)

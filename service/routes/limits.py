@@ -7,9 +7,9 @@ from typing import Annotated, Any, Literal, get_args
 from fastapi import APIRouter, Depends, Query
 from pydantic import BaseModel, Field, ValidationError, ValidatorFunctionWrapHandler, WrapValidator
 
-from gear_rattle.service.operations.points import json_number
+from gear_rattle.service.operations.points import finite_or_none
 from gear_rattle.service.operations.processes import compute_in_process
-from gear_rattle.service.routes.model.added import with_queries
+from gear_rattle.service.routes.model.added import with_query_parameters
 from gear_rattle.service.routes.model.machine import (
     ADDED_QUERIES,
     ALONG_LINE_OF_ACTION,
@@ -17,7 +17,7 @@ from gear_rattle.service.routes.model.machine import (
     DRIVE,
     ECCENTRICITY,
     INERTIA,
-    positive_query,
+    annotate_positive_query,
 )
 from gear_rattle.service.routes.model.points import MostImpacts, SampleSeed, require_few_samples
 from gear_rattle.service.state import FrontState
@@ -85,17 +85,17 @@ class LimitsDocument(BaseModel):
     limits: list[LimitDocument]
 
 
-@with_queries(ADDED_QUERIES)
+@with_query_parameters(ADDED_QUERIES)
 async def numbers_of_query(
-    delta: Annotated[float | None, positive_query("damping", 0.6)] = None,
-    epsilon: Annotated[float | None, positive_query("eccentricity", zero=True)] = None,
-    beta: Annotated[float | None, positive_query("half-backlash, by default 0.6")] = None,
-    inertia: Annotated[float | None, positive_query(f"a machine instead: {INERTIA}")] = None,
-    drag: Annotated[float | None, positive_query(DRAG)] = None,
-    backlash: Annotated[float | None, positive_query(ALONG_LINE_OF_ACTION)] = None,
-    eccentricity: Annotated[float | None, positive_query(ECCENTRICITY, zero=True)] = None,
-    radius: Annotated[float | None, positive_query("m, of the base circle")] = None,
-    rpm: Annotated[float | None, positive_query("revolutions per minute")] = None,
+    delta: Annotated[float | None, annotate_positive_query("damping", 0.6)] = None,
+    epsilon: Annotated[float | None, annotate_positive_query("eccentricity", zero=True)] = None,
+    beta: Annotated[float | None, annotate_positive_query("half-backlash, by default 0.6")] = None,
+    inertia: Annotated[float | None, annotate_positive_query(f"a machine instead: {INERTIA}")] = None,
+    drag: Annotated[float | None, annotate_positive_query(DRAG)] = None,
+    backlash: Annotated[float | None, annotate_positive_query(ALONG_LINE_OF_ACTION)] = None,
+    eccentricity: Annotated[float | None, annotate_positive_query(ECCENTRICITY, zero=True)] = None,
+    radius: Annotated[float | None, annotate_positive_query("m, of the base circle")] = None,
+    rpm: Annotated[float | None, annotate_positive_query("revolutions per minute")] = None,
     drive: Annotated[Literal["torque", "speed"] | None, Query(description=DRIVE)] = None,
     **more: float | None,
 ) -> dict[str, Any]:
@@ -123,8 +123,8 @@ async def limits(
         list[Annotated[float, Field(gt=0, allow_inf_nan=False)]] | None,
         Query(max_length=MOST_VALUES, description="values of that number; repeat the parameter for each"),
     ] = None,
-    low: Annotated[float | None, positive_query("least searched value", zero=True)] = None,
-    high: Annotated[float | None, positive_query("largest searched value")] = None,
+    low: Annotated[float | None, annotate_positive_query("least searched value", zero=True)] = None,
+    high: Annotated[float | None, annotate_positive_query("largest searched value")] = None,
     count: Annotated[int, Query(ge=1, description="initial conditions", examples=[64])] = 1024,
     budget: MostImpacts = BUDGET,
     seed: SampleSeed = 0,
@@ -142,7 +142,7 @@ async def limits(
     between = None if low is None or high is None else (low, high)
     found = await compute_in_process(
         front,
-        compute_limits,
+        compute_design_limits,
         *(given, of, share, over, values, between, count, seed, budget),
         model=model_of_numbers(given).name,
         what="The limits",
@@ -154,7 +154,7 @@ async def limits(
     )
 
 
-def compute_limits(
+def compute_design_limits(
     given: dict[str, Any],
     of: str,
     share: float,
@@ -177,4 +177,4 @@ def compute_limits(
 
 
 def _limit_document(at: float | None, found: Limit) -> LimitDocument:
-    return LimitDocument(at=at, **{name: json_number(value) for name, value in found._asdict().items()})
+    return LimitDocument(at=at, **{name: finite_or_none(value) for name, value in found._asdict().items()})

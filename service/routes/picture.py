@@ -20,7 +20,7 @@ from gear_rattle.service.errors import LimitError, UnavailableError
 from gear_rattle.service.operations.notebook import PACKAGE
 from gear_rattle.service.operations.overlaid import Overlays, PictureOptions
 from gear_rattle.service.routes.documents import SurveyId
-from gear_rattle.service.state import Front, FrontState
+from gear_rattle.service.state import ApplicationState, FrontState
 from gear_rattle.service.web.conditional import NOT_MODIFIED, REVALIDATE, is_not_modified, weak_etag
 from gear_rattle.service.web.problems import declare_problems
 from gear_rattle.workers import QUANTITIES, Bucket, SurveyRequest, open_survey
@@ -45,7 +45,7 @@ from rattle.populations import MOST_SHARE
 router = APIRouter(prefix="/v1/surveys", tags=["results"])
 
 PNG, SVG, PDF = "image/png", "image/svg+xml", "application/pdf"
-MAPS = [*(quantity.name for quantity in QUANTITIES if quantity.per_cell), LARGEST, SHARE]
+MAPS = [*(quantity.name for quantity in QUANTITIES if quantity.is_per_cell), LARGEST, SHARE]
 #: Least width of a window, as a share of the magnitude of its larger end, so that the labels of its ticks differ.
 LEAST_WIDTH_SHARE = 1e-10
 LARGEST_END = 1e100  # ends of windows and of the colours' range are at most this large
@@ -210,7 +210,7 @@ async def sheet(request: Request, front: FrontState, survey_id: SurveyId, option
 
 
 async def _picture_response(
-    request: Request, front: Front, survey_id: str, options: PictureOptions, form: Form, media: str
+    request: Request, front: ApplicationState, survey_id: str, options: PictureOptions, form: Form, media: str
 ) -> Response:
     job, store = await run_in_threadpool(front.job_with_results, survey_id)
     if options.has_caption:
@@ -231,13 +231,15 @@ async def _picture_response(
     return Response(drawn, media_type=media, headers=headers)
 
 
-async def _compute_overlays(front: Front, overlaid: Overlays, job: JobRow, options: PictureOptions) -> OverlayData:
+async def _compute_overlays(
+    front: ApplicationState, overlaid: Overlays, job: JobRow, options: PictureOptions
+) -> OverlayData:
     """Compute the overlays of a map before it is drawn. Raises RattleError for a wrong slice or if an overlay fails."""
     whole = SurveyRequest.model_validate(job.request)
     require_slice({name: axis.num for name, axis in whole.third_axis.items()}, options.slice)
     survey = whole.slice_request(whole.slice_index(options.slice or 0))
     await front.kernels.wait_until_compiled(survey.gear_model.name, patience=math.inf)
-    return await overlaid.overlays_of(survey, options)
+    return await overlaid.compute_overlays(survey, options)
 
 
 async def _await_while_connected(request: Request, work: Coroutine[Any, Any, OverlayData]) -> OverlayData:
@@ -257,12 +259,12 @@ def _caption_text(job: JobRow, address: str) -> str:
 
 
 def _draw_map(store: Path | Bucket, options: PictureOptions, form: Form, overlays: OverlayData) -> bytes:
-    from gear_rattle.workers.pictures.largest import open_maps
+    from gear_rattle.workers.pictures.largest import open_survey_for_map
     from gear_rattle.workers.pictures.levels import level_opener
     from gear_rattle.workers.pictures.maps import map_picture  # loads matplotlib, which takes a second
 
     opened = partial(open_survey, store)
     with_families = SHARE if options.look.family is not None else options.variable
-    with open_maps(opened, with_families, options.slice) as dataset:
+    with open_survey_for_map(opened, with_families, options.slice) as dataset:
         levels = level_opener(opened, options.slice, has_added_node(store, LEVELS))
         return map_picture(dataset, options.variable, options.index, levels, options.look, form, overlays)

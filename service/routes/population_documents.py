@@ -7,8 +7,8 @@ from typing import Any
 from pydantic import BaseModel, Field
 
 from gear_rattle.service.database.tables import JobKind, JobRow
-from gear_rattle.service.operations.points import json_number
-from gear_rattle.service.routes.documents import JobDocument, path_of, readable_request, status_fields
+from gear_rattle.service.operations.points import finite_or_none
+from gear_rattle.service.routes.documents import JobDocument, job_document_fields, path_of_job, readable_request
 from rattle import Estimate, Population, RattleError
 
 
@@ -29,7 +29,7 @@ class PopulationDocument(JobDocument):
     @classmethod
     def from_job(cls, job: JobRow) -> PopulationDocument:
         """Return the document of a job."""
-        return cls(**status_fields(job), links=_links(job))
+        return cls(**job_document_fields(job), links=_links(job))
 
 
 class PopulationDetail(PopulationDocument):
@@ -39,9 +39,9 @@ class PopulationDetail(PopulationDocument):
     failures: list[dict[str, Any]] = Field(description="the first 100 failed gears: row and message")
 
     @classmethod
-    def with_failures(cls, job: JobRow, failures: list[dict[str, Any]]) -> PopulationDetail:
+    def from_job_and_failures(cls, job: JobRow, failures: list[dict[str, Any]]) -> PopulationDetail:
         """Return the document of a job with its failed gears."""
-        return cls(**status_fields(job), links=_links(job), request=readable_request(job), failures=failures)
+        return cls(**job_document_fields(job), links=_links(job), request=readable_request(job), failures=failures)
 
 
 class PopulationList(BaseModel):
@@ -73,7 +73,7 @@ class Interval(BaseModel):
     @classmethod
     def from_estimate(cls, found: Estimate) -> Interval:
         """Return the document of a number with its interval."""
-        return cls(**{name: json_number(value) for name, value in found._asdict().items()})
+        return cls(**{name: finite_or_none(value) for name, value in found._asdict().items()})
 
 
 class IndexDocument(BaseModel):
@@ -130,7 +130,7 @@ def answers_document(found: Population) -> Answers:
         intensity={str(q): Interval.from_estimate(each) for q, each in intensity.items()} or None,
         quiet_indices=_sobol_indices_of(found, "quiet"),
         energy_indices=_sobol_indices_of(found, "energy"),
-        worst=[WorstGearDocument(**each._asdict() | {"energy": json_number(each.energy)}) for each in found.worst()],
+        worst=[WorstGearDocument(**each._asdict() | {"energy": finite_or_none(each.energy)}) for each in found.worst()],
     )
 
 
@@ -147,5 +147,5 @@ def _sobol_indices_of(found: Population, of: str) -> dict[str, IndexDocument] | 
 
 
 def _links(job: JobRow) -> PopulationLinks:
-    here = path_of(job.id, JobKind.POPULATION)
+    here = path_of_job(job.id, JobKind.POPULATION)
     return PopulationLinks(self=here, events=f"{here}/events", store=f"{here}/store", answers=f"{here}/answers")

@@ -15,7 +15,7 @@ from gear_rattle.service.database.tables import JobKind, JobRow, State
 from gear_rattle.service.errors import MissingError
 from gear_rattle.service.operations.estimate import estimate
 from gear_rattle.service.operations.surveys import find_job, first_failures, remove_survey, submit_survey, verify_survey
-from gear_rattle.service.routes.documents import path_of
+from gear_rattle.service.routes.documents import path_of_job
 from gear_rattle.service.routes.events import LARGEST_ID, event_stream
 from gear_rattle.service.routes.population_documents import (
     Answers,
@@ -30,11 +30,11 @@ from gear_rattle.service.routes.surveys import (
     RETRY_SECONDS,
     Cursor,
     IdempotencyKey,
-    page_of,
+    page_of_jobs,
     require_json,
     set_job_headers,
 )
-from gear_rattle.service.state import Front, FrontState
+from gear_rattle.service.state import ApplicationState, FrontState
 from gear_rattle.service.web import examples
 from gear_rattle.service.web.conditional import NOT_MODIFIED, REVALIDATE, is_not_modified, json_answer, weak_etag
 from gear_rattle.service.web.problems import declare_problems
@@ -103,7 +103,7 @@ def list_populations(
     cursor: Cursor = None,
 ) -> Response:
     """List populations, newest first."""
-    page, count, following = page_of(front, KIND, limit, cursor)
+    page, count, following = page_of_jobs(front, KIND, limit, cursor)
     shown = [PopulationDocument.from_job(job) for job in page]
     return json_answer(request, PopulationList(populations=shown, count=count, next=following))
 
@@ -131,7 +131,7 @@ def verify_population(
 ) -> PopulationDetail:
     """Verify a population, as `POST /v1/surveys/{survey_id}/verify` does for a survey."""
     job = verify_survey(front, caller, population_id, KIND)
-    response.headers["Location"] = path_of(job.id, KIND)
+    response.headers["Location"] = path_of_job(job.id, KIND)
     response.headers["Retry-After"] = RETRY_SECONDS
     return _population_detail(front, job)
 
@@ -209,10 +209,10 @@ async def answers(request: Request, front: FrontState, population_id: Population
 
 
 def _read_answers(store: FilePath | Bucket) -> str:
-    from gear_rattle.workers.answers import population_of  # loads zarr
+    from gear_rattle.workers.answers import read_finished_population  # loads zarr
 
-    return answers_document(population_of(store)).model_dump_json()
+    return answers_document(read_finished_population(store)).model_dump_json()
 
 
-def _population_detail(front: Front, job: JobRow) -> PopulationDetail:
-    return PopulationDetail.with_failures(job, first_failures(front, job))
+def _population_detail(front: ApplicationState, job: JobRow) -> PopulationDetail:
+    return PopulationDetail.from_job_and_failures(job, first_failures(front, job))

@@ -15,8 +15,8 @@ from starlette.types import Scope
 from gear_rattle.service.database.tables import JobKind, State
 from gear_rattle.service.errors import MissingError
 from gear_rattle.service.operations.chunks import is_expected_file
-from gear_rattle.service.routes.documents import SurveyId, path_of
-from gear_rattle.service.state import Front, FrontState
+from gear_rattle.service.routes.documents import SurveyId, path_of_job
+from gear_rattle.service.state import ApplicationState, FrontState
 from gear_rattle.service.web.conditional import HOUR, NOT_MODIFIED, REVALIDATE
 from gear_rattle.service.web.objects import object_response
 from gear_rattle.service.web.problems import declare_problems
@@ -69,7 +69,7 @@ async def read(
     return await stored_file(front, survey_id, JobKind.SURVEY, key, request)
 
 
-async def stored_file(front: Front, survey_id: str, kind: JobKind, key: str, request: Request) -> Response:
+async def stored_file(front: ApplicationState, survey_id: str, kind: JobKind, key: str, request: Request) -> Response:
     """Return a file of a survey's or a population's store.
 
     Raises MissingError or HTTPException (404) if there is no such file, DamageError if a written file cannot be read.
@@ -91,7 +91,7 @@ async def stored_file(front: Front, survey_id: str, kind: JobKind, key: str, req
         except (HTTPException, OSError):
             raise DamageError(
                 f"{key} of {kind} {survey_id} was computed but cannot be read now. "
-                f"POST {path_of(survey_id, kind)}/verify computes damaged or lost files again."
+                f"POST {path_of_job(survey_id, kind)}/verify computes damaged or lost files again."
             ) from error
     if response.status_code == 200 and key.endswith("zarr.json"):
         response.headers["content-type"] = "application/json"

@@ -12,17 +12,24 @@ from starlette.exceptions import HTTPException
 from gear_rattle.service.access.middleware import CallerState
 from gear_rattle.service.database.tables import JobKind, JobRow, State
 from gear_rattle.service.operations.surveys import (
-    Description,
-    describe_survey,
+    SurveyDescription,
     find_job,
     first_failures,
     list_jobs,
     remove_survey,
+    set_survey_name_and_notes,
     submit_survey,
     verify_survey,
 )
-from gear_rattle.service.routes.documents import Survey, SurveyDetail, SurveyId, SurveyList, path_of, readable_request
-from gear_rattle.service.state import Front, FrontState
+from gear_rattle.service.routes.documents import (
+    Survey,
+    SurveyDetail,
+    SurveyId,
+    SurveyList,
+    path_of_job,
+    readable_request,
+)
+from gear_rattle.service.state import ApplicationState, FrontState
 from gear_rattle.service.web import examples
 from gear_rattle.service.web.conditional import NOT_MODIFIED, json_answer
 from gear_rattle.service.web.problems import ADVICE, declare_problems
@@ -41,14 +48,16 @@ Cursor = Annotated[
 
 def set_job_headers(response: Response, job: JobRow, kind: JobKind) -> None:
     """Set the header Location to the path of a job. If the job has ended, set status 200, else set Retry-After."""
-    response.headers["Location"] = path_of(job.id, kind)
+    response.headers["Location"] = path_of_job(job.id, kind)
     if State(job.state).is_final:
         response.status_code = 200
     else:
         response.headers["Retry-After"] = RETRY_SECONDS
 
 
-def page_of(front: Front, kind: JobKind, limit: int, cursor: int | None) -> tuple[Sequence[JobRow], int, str | None]:
+def page_of_jobs(
+    front: ApplicationState, kind: JobKind, limit: int, cursor: int | None
+) -> tuple[Sequence[JobRow], int, str | None]:
     """Return a page of the list of jobs, newest first, the number of all jobs, and the cursor of the next page."""
     jobs, count = list_jobs(front, limit + 1, cursor, kind)
     page = jobs[:limit]
@@ -113,7 +122,7 @@ def list_surveys(
     cursor: Cursor = None,
 ) -> Response:
     """List surveys, newest first."""
-    page, count, following = page_of(front, JobKind.SURVEY, limit, cursor)
+    page, count, following = page_of_jobs(front, JobKind.SURVEY, limit, cursor)
     document = SurveyList(surveys=[Survey.from_job(job) for job in page], count=count, next=following)
     return json_answer(request, document)
 
@@ -145,7 +154,7 @@ def verify(front: FrontState, caller: CallerState, response: Response, survey_id
     are kept, and can be read all the time.
     """
     job = verify_survey(front, caller, survey_id)
-    response.headers["Location"] = path_of(job.id)
+    response.headers["Location"] = path_of_job(job.id)
     response.headers["Retry-After"] = RETRY_SECONDS
     return _survey_detail(front, job)
 
@@ -160,14 +169,14 @@ def describe(
     front: FrontState,
     caller: CallerState,
     survey_id: SurveyId,
-    body: Annotated[Description, Body(examples=[examples.DESCRIPTION])],
+    body: Annotated[SurveyDescription, Body(examples=[examples.DESCRIPTION])],
 ) -> SurveyDetail:
     """Give a survey another name or other notes. This needs the key that submitted the survey.
 
     Fields that are left out do not change. The store keeps the name of the submission. Surveys with different names can
     be identical.
     """
-    return _survey_detail(front, describe_survey(front, caller, survey_id, body))
+    return _survey_detail(front, set_survey_name_and_notes(front, caller, survey_id, body))
 
 
 @router.delete(
@@ -186,5 +195,5 @@ def remove(front: FrontState, caller: CallerState, survey_id: SurveyId) -> Respo
     return Response(status_code=204) if dismissed is None else _survey_detail(front, dismissed)
 
 
-def _survey_detail(front: Front, job: JobRow) -> SurveyDetail:
-    return SurveyDetail.with_failures(job, first_failures(front, job))
+def _survey_detail(front: ApplicationState, job: JobRow) -> SurveyDetail:
+    return SurveyDetail.from_job_and_failures(job, first_failures(front, job))

@@ -48,15 +48,15 @@ def _markdown_app(directory: Path) -> Router:
     documents = {f"/{each.relative_to(directory).as_posix()}": each for each in directory.rglob("*.md")}
 
     def respond_with(document: Path) -> Callable[[Request], HTMLResponse]:
-        return lambda _request: HTMLResponse(document_page(document))
+        return lambda _request: HTMLResponse(render_document(document))
 
     pages = [Route(path, respond_with(document)) for path, document in {"/": directory / INDEX, **documents}.items()]
     return Router([*pages, Mount("/", StaticFiles(directory=directory))])
 
 
-def document_page(document: Path) -> str:
+def render_document(document: Path) -> str:
     """Convert a Markdown document to an HTML page."""
-    return PAGE.format(title=escape(_title(document)), root=public_path(""), body=document_body(document))
+    return PAGE.format(title=escape(_title(document)), root=public_path(""), body=render_document_body(document))
 
 
 def _title(document: Path) -> str:
@@ -64,7 +64,7 @@ def _title(document: Path) -> str:
     return next(iter(re.findall(r"^# (.+)$", document.read_text(encoding="utf-8"), re.MULTILINE)), "gear-rattle")
 
 
-def document_body(document: Path) -> str:
+def render_document_body(document: Path) -> str:
     """Convert a Markdown document to HTML for the body of a page."""
 
     def list_pages(tree: re.Match[str]) -> str:

@@ -21,7 +21,7 @@ def public_path(path: str) -> str:
     return _root.get() + path
 
 
-def route_path(scope: Scope) -> str:
+def path_without_prefix(scope: Scope) -> str:
     """Return the path of a request without the prefix of the proxy, as routes declare it."""
     path, root = str(scope["path"]), str(scope.get("root_path", ""))
     return path.removeprefix(root) if path.startswith(f"{root}/") else path

@@ -24,7 +24,7 @@ from gear_rattle.service import errors
 from gear_rattle.service.web.examples import ANSWERS
 from gear_rattle.workers import ClusterLostError, StorageError, SurveyError
 from gear_rattle.workers.errors import DamageError
-from gear_rattle.workers.survey.axes import field_message
+from gear_rattle.workers.survey.axes import wrong_field_message
 from rattle import ParameterError, RattleError
 
 MEDIA_TYPE = "application/problem+json"
@@ -144,7 +144,7 @@ def problem_response(
     return Response(body, status, dict(headers or {}), MEDIA_TYPE)
 
 
-def install_handlers(app: FastAPI) -> None:
+def install_error_handlers(app: FastAPI) -> None:
     """Make ``app`` answer all errors with problem documents."""
     app.add_exception_handler(RequestValidationError, _on_validation_error)
     app.add_exception_handler(HTTPException, _on_http_exception)
@@ -172,7 +172,8 @@ def _generate_openapi_with_problem(generate: Callable[[], dict[str, Any]]) -> di
 def field_errors_of(details: Iterable[Mapping[str, Any]]) -> list[FieldError]:
     """Return the refused fields of a pydantic error, with this project's messages."""
     return [
-        FieldError(field=".".join(str(part) for part in item["loc"]), message=field_message(item)) for item in details
+        FieldError(field=".".join(str(part) for part in item["loc"]), message=wrong_field_message(item))
+        for item in details
     ]
 
 

@@ -152,7 +152,7 @@ def _end_with_signals(app: FastAPI) -> None:
         uvicorns = signal.getsignal(number)
 
         def stop(received: int, frame: FrameType | None) -> None:
-            deadline = threading.Timer(STOP_SECONDS, _kill_all)
+            deadline = threading.Timer(STOP_SECONDS, _kill_process_and_children)
             deadline.daemon = True
             deadline.start()
             loop.call_soon_threadsafe(app.state.front.end)
@@ -165,7 +165,7 @@ def _end_with_signals(app: FastAPI) -> None:
         replace_handler(number)
 
 
-def _kill_all() -> None:
+def _kill_process_and_children() -> None:
     """Kill this process and its children, except the resource tracker.
 
     Nothing is lost: tiles are written whole, and the database has committed.

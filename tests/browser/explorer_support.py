@@ -28,10 +28,10 @@ COARSE = f"""
 
     @patch("gear_rattle.service.operations.windows")
     def small(windows):
-        whole = windows.window_survey
+        whole = windows.request_for_window
         def some(request, window, pixels):
             return whole(request, window, tuple(min(each, {WINDOW}) for each in pixels))
-        windows.window_survey = some
+        windows.request_for_window = some
 """
 SURVEY: dict[str, Any] = {
     "name": "small",

@@ -22,7 +22,7 @@ from gear_rattle.service.database.tables import Scope
 from gear_rattle.service.errors import UnavailableError
 from gear_rattle.service.operations import processes
 from gear_rattle.service.settings import Settings
-from gear_rattle.service.state import Front
+from gear_rattle.service.state import ApplicationState
 from gear_rattle.workers import SurveyRequest, compute_tile, create_store, tiles_of
 
 HERE = "http://127.0.0.1:8000"
@@ -93,9 +93,9 @@ def local_client(app: FastAPI) -> TestClient:
     return TestClient(app, HERE, raise_server_exceptions=False, client=("127.0.0.1", 50000))
 
 
-def front_of(client: TestClient) -> Front:
+def front_of(client: TestClient) -> ApplicationState:
     """Return the state that the routes of this application share."""
-    front: Front = client.app.state.front
+    front: ApplicationState = client.app.state.front
     return front
 
 
@@ -111,7 +111,7 @@ def submit(client: TestClient, headers: dict[str, str], **changes: Any) -> str:
     return str(response.json()["id"])
 
 
-def compute(front: Front, survey_id: str, request: SurveyRequest, tiles: slice = slice(None)) -> None:
+def compute(front: ApplicationState, survey_id: str, request: SurveyRequest, tiles: slice = slice(None)) -> None:
     """Compute tiles of an accepted survey, as its workers would."""
     store = front.directory.store(survey_id)
     create_store(request, store)

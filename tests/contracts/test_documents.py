@@ -20,7 +20,7 @@ import rattle
 from gear_rattle.workers import SurveyRequest
 from rattle import crisis, curves, inelastic, stiff
 from rattle.attractors import classify
-from rattle.attractors.speeds import PAPER_SPEED, sampled_speed
+from rattle.attractors.speeds import PAPER_SPEED, highest_sampled_speed
 from rattle.continuation.curve_continuation import Curve
 from rattle.stiff import StiffGear
 
@@ -96,7 +96,7 @@ QUICK = [
     Claim("labels.md", "At δ = 0.001 that is # periods.", lambda: [classify.WATCH / 0.001]),
     Claim("labels.md", "at most `budget` impacts on Σ⁺ (# by default", lambda: [classify.BUDGET]),
     Claim("labels.md", "v_max is # in the paper's plane", lambda: [PAPER_SPEED]),
-    Claim("labels.md", "at (0.6, 0.1, 0.6) that is #.", lambda: [sampled_speed("natural", 0.6, 0.1, 0.6)]),
+    Claim("labels.md", "at (0.6, 0.1, 0.6) that is #.", lambda: [highest_sampled_speed("natural", 0.6, 0.1, 0.6)]),
     Claim(
         "labels.md", "the first # attractors of a cell, # where δ begins below 0.1", lambda: [slots(0.4), slots(0.05)]
     ),

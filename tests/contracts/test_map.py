@@ -71,7 +71,7 @@ sys.path += TESTS
 from service_support import BODY, IN_A_THREAD, compute, front_end, front_of, no_cluster
 from waiting import HANG, eventually
 from gear_rattle.service.app import create_app
-from gear_rattle.service.commands.survey_options import OPTIONS, survey_request
+from gear_rattle.service.commands.survey_options import OPTIONS, request_from_options
 from gear_rattle.service.explorer.common.address import View, pin_of
 from gear_rattle.service.explorer.places.example import REQUEST
 from gear_rattle.service.explorer.point import parts
@@ -117,7 +117,7 @@ with front_end(data, points=IN_A_THREAD) as client:
     assert client.get("/v1/curves", params={"wear": 0.5}).json()["curves"] == []
 assert "wear" in OPTIONS
 options = {"delta": "0.4:0.5:2", "epsilon": "0.1:0.2:2", "wear": "0.1:0.5:3"}
-assert (survey_request(options).model, survey_request(options).third_axis_name) == ("worn", "wear")
+assert (request_from_options(options).model, request_from_options(options).third_axis_name) == ("worn", "wear")
 pin = pin_of(0.4, 0.1, model)
 assert "wear" in View(pins=(pin,)).query() and pin.model == model
 

@@ -178,8 +178,8 @@ PROTECTIONS = (
         "a tile apart goes on after the cell that killed it",
         f"{WORKERS}::test_a_poison_cell_is_the_only_one_lost",
         "workers/cluster/isolation.py",
-        '({_cause_of_death(child.returncode)})"\n                first, deaths = first + 1, 0\n',
-        '({_cause_of_death(child.returncode)})"\n                first, deaths = first, 0\n',
+        '({_describe_process_death(child.returncode)})"\n                first, deaths = first + 1, 0\n',
+        '({_describe_process_death(child.returncode)})"\n                first, deaths = first, 0\n',
     ),
     _one(
         "a cell that raises fails alone",
@@ -220,12 +220,12 @@ PROTECTIONS = (
         (
             Edit(
                 "workers/cluster/in_flight.py",
-                "            raise self.lost_error() from error\n        raise error",
+                "            raise self.lost_scheduler_error() from error\n        raise error",
                 "            return None\n        raise error",
             ),
             Edit(
                 "workers/cluster/in_flight.py",
-                "            raise self.lost_error() from error\n        now",
+                "            raise self.lost_scheduler_error() from error\n        now",
                 "            return 0\n        now",
             ),
         ),
@@ -439,7 +439,7 @@ PROTECTIONS = (
         "a data directory that is away is not the survey's fault",
         f"{DIRECTORY}::test_a_survey_waits_for_its_directory",
         "service/jobs/manager.py",
-        "            with self._report_missing_directory():\n",
+        "            with self._prefer_missing_directory_error():\n",
         "            if True:\n",
     ),
     _one(
@@ -600,7 +600,7 @@ PROTECTIONS = (
         "a session ends by signing out",
         f"{LOGIN}::test_the_cookie_is_a_session_of_its_own_and_not_the_key",
         "service/access/login.py",
-        "await run_in_threadpool(request.app.state.front.database.end_session, hash_of(session))",
+        "await run_in_threadpool(request.app.state.front.database.end_session, hash_secret(session))",
         "pass",
     ),
     _one(
@@ -628,7 +628,7 @@ PROTECTIONS = (
         "a compressed body is refused",
         f"{ACCESS}::test_a_compressed_body_is_refused_in_words",
         "service/access/middleware.py",
-        "                _require_uncompressed(headers)\n",
+        "                _require_uncompressed_body(headers)\n",
         "",
     ),
     _one(
@@ -656,7 +656,7 @@ PROTECTIONS = (
         "a request from another machine needs a key",
         f"{ORIGINS}::test_on_loopback_no_key_is_asked_but_of_those_who_are_not_there",
         "service/access/middleware.py",
-        "(self._settings.insecure or is_local(scope, headers))",
+        "(self._settings.insecure or is_local_request(scope, headers))",
         "True",
     ),
     _one(
@@ -670,7 +670,7 @@ PROTECTIONS = (
         "a name that was pointed here is refused",
         f"{ORIGINS}::test_a_name_that_was_pointed_here_is_refused",
         "service/access/middleware.py",
-        "            require_own_name(headers, self._settings.host, self._settings.allowed_hosts)\n",
+        "            require_own_host(headers, self._settings.host, self._settings.allowed_hosts)\n",
         "",
     ),
     _one(

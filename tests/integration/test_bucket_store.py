@@ -25,7 +25,7 @@ from gear_rattle.workers import (
     create_store,
     examine,
     finish_store,
-    join_survey,
+    join_attractors_of_survey,
     open_survey,
     place_of,
     tiles_done,
@@ -95,7 +95,7 @@ def test_families_are_joined_in_it(url: str, monkeypatch: pytest.MonkeyPatch) ->
     create_store(request, url)
     for tile in tiles_of(request):
         write_tile(request, url, tile, compute_tile(request, tile)[0])
-    join_survey(request, url)
+    join_attractors_of_survey(request, url)
     finish_store(url)
     assert examine(url).is_whole
     assert not [key for key in documents(place_of(url)) if "joining" in key]

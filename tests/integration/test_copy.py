@@ -127,14 +127,18 @@ def test_a_copy_as_netcdf_holds_the_numbers_and_checksums(survey: Path, tmp_path
 def test_an_interrupted_copy_is_no_store_and_is_continued(
     survey: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    target, read, count = tmp_path / "copy.zarr", gear_rattle.workers.storage.copy._read_whole, iter(range(10**6))
+    target, read, count = (
+        tmp_path / "copy.zarr",
+        gear_rattle.workers.storage.copy._read_with_known_digest,
+        iter(range(10**6)),
+    )
 
     def dying(*given: object) -> bytes:
         if next(count) == 20:
             raise StorageError("the power is gone")
         return read(*given)  # type: ignore[arg-type]
 
-    monkeypatch.setattr(gear_rattle.workers.storage.copy, "_read_whole", dying)
+    monkeypatch.setattr(gear_rattle.workers.storage.copy, "_read_with_known_digest", dying)
     with pytest.raises(StorageError, match="the power is gone"):
         copy_store(survey, target)
     with pytest.raises(SurveyError):

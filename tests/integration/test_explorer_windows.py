@@ -26,17 +26,17 @@ from gear_rattle.service.errors import UnavailableError
 from gear_rattle.service.operations import windows as service_windows
 from gear_rattle.service.operations.windows import WindowCache, refine_window
 from gear_rattle.service.settings import Settings
-from gear_rattle.service.state import Front
+from gear_rattle.service.state import ApplicationState
 from gear_rattle.workers import (
     ClusterLostError,
-    Frame,
     SurveyError,
     SurveyRequest,
     Window,
-    compute_part,
+    WindowFrame,
+    compute_window_part,
     connect,
     embedded_cluster,
-    window_survey,
+    request_for_window,
 )
 from rattle import RattleError
 
@@ -77,9 +77,9 @@ def gate(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     """Create a file; while it exists, every part of WINDOW waits, except those of the coarsest level."""
     gate = tmp_path / "gate"
     gate.touch()
-    survey = window_survey(REQUEST, WINDOW, PIXELS)
+    survey = request_for_window(REQUEST, WINDOW, PIXELS)
     coarsest = {*survey.delta.values()[::32]}, {*survey.epsilon.values()[::32]}
-    monkeypatch.setattr(gear_rattle.workers.cluster.refinement, "compute_part", partial(behind, gate, coarsest))
+    monkeypatch.setattr(gear_rattle.workers.cluster.refinement, "compute_window_part", partial(behind, gate, coarsest))
     yield gate
     gate.unlink(missing_ok=True)
 
@@ -90,7 +90,7 @@ def behind(
     """Compute the coarsest part of a window at once, and further parts once the gate is open."""
     if not all(known.issuperset(values) for known, values in zip(coarsest, axes, strict=True)):
         wait_for(gate.exists)
-    return compute_part(survey, variable, index, *axes)
+    return compute_window_part(survey, variable, index, *axes)
 
 
 def wait_for(blocked: Callable[[], bool]) -> None:
@@ -100,18 +100,20 @@ def wait_for(blocked: Callable[[], bool]) -> None:
 
 
 @asynccontextmanager
-async def service(data: Path, open_cluster: Callable[[], Any], **settings: Any) -> AsyncIterator[tuple[Front, Any]]:
+async def service(
+    data: Path, open_cluster: Callable[[], Any], **settings: Any
+) -> AsyncIterator[tuple[ApplicationState, Any]]:
     """Yield the state of the routes and a client of the application, once the cluster is ready."""
     app = create_app(Settings(data=data, **settings), open_cluster)
     async with app.router.lifespan_context(app):
-        front: Front = app.state.front
+        front: ApplicationState = app.state.front
         await eventually(lambda: front.manager.cluster_state == "ready")
         transport = httpx.ASGITransport(app, client=("127.0.0.1", 50000))
         async with httpx.AsyncClient(transport=transport, base_url=HERE) as http:
             yield front, http
 
 
-def run(data: Path, cluster: Client, body: Callable[[Front, Any], Awaitable[None]], **settings: Any) -> None:
+def run(data: Path, cluster: Client, body: Callable[[ApplicationState, Any], Awaitable[None]], **settings: Any) -> None:
     """Run a test in an event loop, with a service that uses the cluster of the module."""
 
     @contextmanager
@@ -125,12 +127,12 @@ def run(data: Path, cluster: Client, body: Callable[[Front, Any], Awaitable[None
     asyncio.run(main())
 
 
-def shown(front: Front, variable: str, index: int = 0) -> Any:
+def shown(front: ApplicationState, variable: str, index: int = 0) -> Any:
     """Return the frames of the window."""
     return refine_window(front, REQUEST, variable, index, WINDOW, PIXELS)
 
 
-async def all_frames(front: Front, variable: str, index: int = 0) -> list[Frame]:
+async def all_frames(front: ApplicationState, variable: str, index: int = 0) -> list[WindowFrame]:
     return [frame async for frame in shown(front, variable, index)]
 
 
@@ -153,10 +155,10 @@ def test_frames_become_the_survey_of_the_window(
 ) -> None:
     monkeypatch.setattr(gear_rattle.workers.cluster.refinement, "FRAME_SECONDS", 0.0)  # a frame after every part
 
-    async def body(front: Front, _: Any) -> None:
-        survey = window_survey(REQUEST, WINDOW, PIXELS)
+    async def body(front: ApplicationState, _: Any) -> None:
+        survey = request_for_window(REQUEST, WINDOW, PIXELS)
         delta, epsilon = survey.delta.values(), survey.epsilon.values()
-        expected = compute_part(survey, variable, index, delta, epsilon).values
+        expected = compute_window_part(survey, variable, index, delta, epsilon).values
         at_once = variable in ("region", "orbit_velocity")
         if at_once:
             gate.unlink()
@@ -186,7 +188,7 @@ def test_a_window_goes_before_what_waits_for_the_workers(tmp_path: Path, cluster
     first.touch()
     others.touch()
 
-    async def body(front: Front, _: Any) -> None:
+    async def body(front: ApplicationState, _: Any) -> None:
         submit = partial(cluster.submit, wait_for, pure=False)
         begun = [submit(first.exists, workers=[worker]) for worker in cluster.nthreads()]
         await eventually(lambda: sum(map(len, cluster.processing().values())) == THREADS)
@@ -208,7 +210,7 @@ def test_a_window_goes_before_what_waits_for_the_workers(tmp_path: Path, cluster
 
 
 def test_a_survey_stays_as_it_is_beside_a_window(tmp_path: Path, cluster: Client, faults: Faults) -> None:
-    async def body(front: Front, http: Any) -> None:
+    async def body(front: ApplicationState, http: Any) -> None:
         faults.hold(REQUEST.n_tiles - 1)
         answer = await http.post("/v1/surveys", json=REQUEST.model_dump(mode="json"))
         survey_id = answer.json()["id"]
@@ -232,7 +234,7 @@ def test_closing_gives_up_what_is_not_begun_and_the_loop_runs_on(
         gear_rattle.workers.cluster.refinement, "PART_SECONDS", 0
     )  # parts of one cell each, so many that some must wait
 
-    async def body(front: Front, _: Any) -> None:
+    async def body(front: ApplicationState, _: Any) -> None:
         async with aclosing(shown(front, "lyapunov_max")) as frames:
             assert (await anext(frames)).done < 0.5
             second = asyncio.ensure_future(anext(frames))
@@ -258,7 +260,7 @@ def test_closing_gives_up_what_is_not_begun_and_the_loop_runs_on(
 def test_a_picture_of_a_window_has_its_finer_cells_computed_once(
     tmp_path: Path, cluster: Client, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    async def body(front: Front, http: Any) -> None:
+    async def body(front: ApplicationState, http: Any) -> None:
         here = (await http.post("/v1/surveys", json=REQUEST.model_dump(mode="json"))).json()["links"]["self"]
         await eventually(lambda: front.database.job(here.rpartition("/")[2]).state == "successful")
         (left, right), (bottom, top) = WINDOW
@@ -287,7 +289,7 @@ def test_so_many_windows_are_kept_and_so_many_cells() -> None:
     windows = WindowCache(None)  # type: ignore[arg-type]  # which is asked for nothing
 
     def keep(number: int, cells: int) -> None:
-        frame = Frame(np.zeros(1), np.zeros(1), np.zeros((1, cells)), 1.0, 0)
+        frame = WindowFrame(np.zeros(1), np.zeros(1), np.zeros((1, cells)), 1.0, 0)
         windows._keep_frame(("", "region", number, WINDOW, PIXELS), frame)
 
     for number in range(2 * service_windows.KEPT_WINDOWS):
@@ -298,7 +300,7 @@ def test_so_many_windows_are_kept_and_so_many_cells() -> None:
 
 
 def test_so_many_at_once_and_so_many_wait(tmp_path: Path, cluster: Client) -> None:
-    async def body(front: Front, _: Any) -> None:
+    async def body(front: ApplicationState, _: Any) -> None:
         async with aclosing(shown(front, "lyapunov_max")) as first:
             await anext(first)
             second = asyncio.create_task(all_frames(front, "region"))
@@ -312,7 +314,7 @@ def test_so_many_at_once_and_so_many_wait(tmp_path: Path, cluster: Client) -> No
 
 
 def test_what_cannot_be_computed(tmp_path: Path, cluster: Client) -> None:
-    async def body(front: Front, _: Any) -> None:
+    async def body(front: ApplicationState, _: Any) -> None:
         with pytest.raises(SurveyError, match="weather"):
             await all_frames(front, "weather")
         with pytest.raises(SurveyError, match="zoom out"):

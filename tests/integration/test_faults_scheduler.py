@@ -14,7 +14,7 @@ from faults import REQUEST, Faults
 from service_processes import ROOT, assert_bit_identical, client_of, free_port, serial_run, server
 from service_support import IdleClient, local_client
 from waiting import wait_until
-from written import compute_and_write
+from written import compute_and_write_tile
 
 from gear_rattle.service.app import create_app
 from gear_rattle.service.jobs import manager
@@ -68,10 +68,12 @@ def test_another_cluster_goes_on_where_one_was_lost(
             if len(computed) > MIDDLE and computed.total() == len(computed):
                 client.status = "closed"
                 raise error
-            on_tile(compute_and_write(request, str(path), tile))
+            on_tile(compute_and_write_tile(request, str(path), tile))
 
     monkeypatch.setattr(manager, "run_tiles", run_tiles)
-    monkeypatch.setattr(manager, "compute_template_on", lambda _, request, created, __: template_of(request, created))
+    monkeypatch.setattr(
+        manager, "compute_template_on_cluster", lambda _, request, created, __: template_of(request, created)
+    )
     monkeypatch.setattr(manager, "FIRST_PAUSE", 0.01)
     app = create_app(Settings(data=tmp_path, explorer=False, preload=False), cluster.opened)
     with local_client(app) as client:

@@ -15,7 +15,7 @@ from faults import REQUEST, Faults
 from service_processes import assert_bit_identical, client_of, finish, free_port, server
 from typer.testing import CliRunner, Result
 from waiting import wait_until
-from written import compute_and_write
+from written import compute_and_write_tile
 
 from gear_rattle.service.cli import app
 from gear_rattle.service.errors import ResponseError
@@ -147,7 +147,7 @@ def store(tmp_path: Path) -> Path:
     path = tmp_path / "survey.zarr"
     create_store(REQUEST, path)
     for tile in tiles_of(REQUEST):
-        compute_and_write(REQUEST, str(path), tile)
+        compute_and_write_tile(REQUEST, str(path), tile)
     finish_store(path)
     return path
 

@@ -22,7 +22,7 @@ import gear_rattle.workers.cluster.submission
 from gear_rattle.workers import (
     SurveyError,
     TileRecord,
-    compute_template_on,
+    compute_template_on_cluster,
     create_store,
     embedded_cluster,
     finish_store,
@@ -285,7 +285,7 @@ def snapshot(path: Path) -> dict[str, bytes]:
 def test_curves_whose_processes_are_killed_are_traced_again(faults: Faults, client: Client) -> None:
     """A process that ends because its survey was dismissed may just have been given the curves of the next one."""
     request = REQUEST.model_copy(update={"seed": 102})
-    assert compute_template_on(client, request, CREATED, lambda: False) == template_of(request, CREATED)
+    assert compute_template_on_cluster(client, request, CREATED, lambda: False) == template_of(request, CREATED)
     assert faults.notes("curves").total() == 3
 
 
@@ -295,7 +295,7 @@ def test_curves_that_kill_their_processes_fail_the_survey(
 ) -> None:
     monkeypatch.setattr(gear_rattle.workers.cluster.runner, "ATTEMPTS", 1)
     with pytest.raises(SurveyError, match="the process that creates the empty store was killed"):
-        compute_template_on(client, REQUEST.model_copy(update={"seed": 10**6}), None, lambda: False)
+        compute_template_on_cluster(client, REQUEST.model_copy(update={"seed": 10**6}), None, lambda: False)
     assert faults.notes("curves").total() == 2
     wait_until(lambda: len(client.nthreads()) == 2)
 

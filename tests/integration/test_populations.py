@@ -13,7 +13,7 @@ from written import write_tile
 
 from gear_rattle.service.client import Job
 from gear_rattle.workers import PopulationRequest, compute_tile, create_store, finish_store, tiles_of
-from gear_rattle.workers.answers import population_of
+from gear_rattle.workers.answers import read_finished_population
 
 FIELDS: dict[str, Any] = {
     "gear": {"delta": 0.6, "epsilon": {"distribution": "uniform", "low": 0.08, "high": 0.18}},
@@ -67,7 +67,7 @@ def test_a_service_that_was_killed_goes_on(whole: Path, tmp_path: Path) -> None:
         with server(data, port):
             found = job.wait().answers()
             assert found["gears"] == 120
-            assert found["quiet"] == dict(population_of(whole).quiet._asdict())
+            assert found["quiet"] == dict(read_finished_population(whole).quiet._asdict())
             assert chunks(_store(data, job)) == chunks(whole)
             with job.open() as opened:
                 assert dict(opened.sizes) == {"gear": 120, "sample": 8}

@@ -12,7 +12,7 @@ from gear_rattle.workers import (
     create_store,
     examine,
     finish_store,
-    run_tiles_here,
+    run_tiles_in_this_process,
     tiles_of,
 )
 
@@ -33,9 +33,9 @@ def assert_the_same(store: Path, processes: int, status: int, said: str) -> None
 def test_several_processes_find_what_one_finds(tmp_path: Path) -> None:
     store, tiles = tmp_path / "survey.zarr", tiles_of(REQUEST)
     create_store(REQUEST, store)
-    run_tiles_here(REQUEST, store, tiles[:2], lambda _: None, lambda: False)
+    run_tiles_in_this_process(REQUEST, store, tiles[:2], lambda _: None, lambda: False)
     assert_the_same(store, 50, 0, "12 tiles, 2 whole, 0 damaged, 10 not computed yet")  # more processes than tiles
-    run_tiles_here(REQUEST, store, tiles[2:], lambda _: None, lambda: False)
+    run_tiles_in_this_process(REQUEST, store, tiles[2:], lambda _: None, lambda: False)
     finish_store(store)
     for column in (1, 2, 3):  # in parts of different processes
         flipped = store / f"status/c/1/{column}"
@@ -49,7 +49,7 @@ def test_several_processes_find_what_one_finds(tmp_path: Path) -> None:
 def test_an_error_of_a_process_is_the_error_of_the_command(tmp_path: Path) -> None:
     store = tmp_path / "survey.zarr"
     create_store(REQUEST, store)
-    run_tiles_here(REQUEST, store, tiles_of(REQUEST)[:1], lambda _: None, lambda: False)
+    run_tiles_in_this_process(REQUEST, store, tiles_of(REQUEST)[:1], lambda _: None, lambda: False)
     unreadable = store / "status/c/0/0"
     unreadable.unlink()
     unreadable.symlink_to(unreadable)  # the system refuses to follow it

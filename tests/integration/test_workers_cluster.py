@@ -24,7 +24,7 @@ from distributed import Client, Worker
 from distributed.scheduler import TaskGroup
 from intruders import certificates, listening
 from waiting import HANG, wait_until
-from written import compute_and_write
+from written import compute_and_write_tile
 
 import gear_rattle.workers.certificates
 import gear_rattle.workers.cluster.cluster
@@ -46,7 +46,7 @@ from gear_rattle.workers import (
     create_store,
     embedded_cluster,
     finish_store,
-    join_survey,
+    join_attractors_of_survey,
     lacks_families,
     open_survey,
     run_tiles,
@@ -90,7 +90,7 @@ def serial(tmp_path_factory: pytest.TempPathFactory) -> xr.Dataset:
     path = tmp_path_factory.mktemp("serial") / "survey.zarr"
     create_store(REQUEST, path)
     for tile in TILES:
-        compute_and_write(REQUEST, str(path), tile)
+        compute_and_write_tile(REQUEST, str(path), tile)
     return open_survey(path).load()
 
 
@@ -349,7 +349,7 @@ def test_families_are_joined_on_the_cluster(cluster: Client, tmp_path: Path, mon
         complete_on_cluster(cluster, request, there, lambda: True)
     assert lacks_families(request, there)
     complete_on_cluster(cluster, request, there, lambda: False)
-    join_survey(request, here)
+    join_attractors_of_survey(request, here)
     assert not lacks_families(request, there)
     files = [path.relative_to(here) for path in here.rglob("*") if path.is_file()]
     assert [file for file in files if (here / file).read_bytes() != (there / file).read_bytes()] == []

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 import rattle
 from gear_rattle.service.explorer.common.address import FURTHER, LIMITS, OVERLAYS, THEMES, EnteredMachine, View
-from gear_rattle.service.explorer.common.point_state import TABS, PointState, Tolerance
+from gear_rattle.service.explorer.common.point_state import TABS, PointTabsState, Tolerance
 from gear_rattle.service.explorer.design import axes
 from gear_rattle.workers.pictures.look import USUAL_SHARE
 
@@ -50,7 +50,7 @@ machines = st.builds(
 ).filter(is_machine)
 shares = st.floats(0.0, 1.0)
 states = st.builds(
-    PointState,
+    PointTabsState,
     attractor=st.none() | st.integers(0, 999),
     start=st.none() | st.tuples(st.floats(0.0, 1.0, exclude_max=True), st.floats(1e-6, 10.0)),
     direction=st.sampled_from(("epsilon", "delta")),
@@ -59,7 +59,7 @@ states = st.builds(
     tolerance=st.none() | st.builds(Tolerance, shares, shares, shares),
     at=st.none() | shares,
     tab=st.none() | st.sampled_from(TABS),
-).map(PointState.with_changes)
+).map(PointTabsState.with_changes)
 views = st.builds(
     View,
     survey=words,
@@ -107,7 +107,7 @@ def test_no_address_is_an_error(query: dict[str, list[bytes]]) -> None:
 @given(st.floats(1e-4, 1e4), st.floats(1e-12, 1e-6))
 def test_labels_of_a_narrow_axis_are_exact(middle: float, relative: float) -> None:
     low, high = middle * (1 - relative), middle * (1 + relative)
-    found = axes.label_offset((low, high))
+    found = axes.tick_label_offset((low, high))
     assert found is not None
     offset, power = found
     assert abs(offset - middle) <= high - low
@@ -117,8 +117,8 @@ def test_labels_of_a_narrow_axis_are_exact(middle: float, relative: float) -> No
 
 
 def test_wide_axes_have_no_offset() -> None:
-    assert axes.label_offset((0.4, 1.0)) is None
-    assert axes.label_offset((0.0, 1e-9)) is None
+    assert axes.tick_label_offset((0.4, 1.0)) is None
+    assert axes.tick_label_offset((0.0, 1e-9)) is None
 
 
 @pytest.mark.parametrize("name", ["delta", "point", "limits"])

@@ -12,10 +12,10 @@ from depth import deep, either
 
 import rattle
 from rattle.continuation.arclength import MOST_POINTS, ContinuationProblem
-from rattle.continuation.curve_continuation import PlaneWindow, pieces_in_window
+from rattle.continuation.curve_continuation import PlaneWindow, trace_pieces_in_window
 from rattle.curves import bifurcation_curve, trace
 from rattle.errors import ParameterError, RattleError
-from rattle.impacting.bifurcations.branches import beyond, branch, doubled, fate
+from rattle.impacting.bifurcations.branches import beyond, branch, continue_to, doubled
 from rattle.impacting.bifurcations.cascade import cascade
 from rattle.impacting.orbits.periodic import PeriodicOrbit, periodic_orbit
 
@@ -317,14 +317,14 @@ def test_a_bad_window(bad):
 @pytest.mark.parametrize("target", [("x", 0.1), (np.nan, 0.1), (-0.6, 0.1), (0.6, -0.1), ([0.6], 0.1), (0.6, np.inf)])
 def test_a_bad_target(target):
     with pytest.raises(ParameterError):
-        fate(orbits()[0], *target)
+        continue_to(orbits()[0], *target)
 
 
 def test_something_else_than_a_motion_or_an_event():
     orbit, event = orbits()[0], curves_of_events()[0][0]
     for call in (
         lambda: branch(event),
-        lambda: fate(None, 0.6, 0.1),
+        lambda: continue_to(None, 0.6, 0.1),
         lambda: doubled(orbit),
         lambda: beyond(orbit),
         lambda: bifurcation_curve(orbit),
@@ -341,7 +341,7 @@ def test_spans_beyond_the_plane_and_tiny_ones():
         tiny = branch(orbit, "epsilon", (orbit.epsilon - 1e-10, orbit.epsilon + 1e-10))
         assert set(tiny.ends) == {"span"}
         assert np.ptp(tiny.epsilon) <= 2.1e-10
-        same = fate(orbit, orbit.delta, orbit.epsilon)
+        same = continue_to(orbit, orbit.delta, orbit.epsilon)
         assert isinstance(same, PeriodicOrbit)
         assert same.times == pytest.approx(orbit.times, abs=1e-12)
 
@@ -352,7 +352,7 @@ def test_a_curve_of_too_many_points_says_so():
     def equations(x):
         return np.stack([x[..., 0], x[..., 2] - 0.5 - 0.4 * np.sin(2 * np.pi * waves * x[..., 1])], axis=-1)
 
-    (piece,) = pieces_in_window(
+    (piece,) = trace_pieces_in_window(
         ContinuationProblem(equations),
         [np.array([0.0, 0.5, 0.5])],
         PlaneWindow((0.0, 1.0), (0.0, 1.0)),

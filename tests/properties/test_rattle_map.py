@@ -23,7 +23,7 @@ speeds = st.floats(1e-4, 12.0)
 @settings(max_examples=either(100, 300))
 @given(points, phases, speeds)
 def test_determinant_in_energy_coordinates_is_the_damping_over_the_flight(gear, tau, v):
-    found = impact_map.impact_tangent(tau, v, gear.delta, gear.epsilon, gear.beta, DRIFT, True)
+    found = impact_map.apply_impact_map_with_tangent(tau, v, gear.delta, gear.epsilon, gear.beta, DRIFT, True)
     status, _, v1, time, *_, j00, j01, j10, j11, log_det = found
     assert status == 0
     assert log_det == pytest.approx(-gear.delta * time, abs=1e-9 / min(v, v1, 1.0))

@@ -9,7 +9,7 @@ import xarray as xr
 from depth import deep, either
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from written import compute_and_write
+from written import compute_and_write_tile
 
 import rattle
 from gear_rattle.workers import Axis, SurveyRequest, create_store, open_survey, tiles_done
@@ -32,7 +32,7 @@ def run(request: SurveyRequest, path: Path, order: list[int] | None = None) -> x
     create_store(request, path)
     tiles = tiles_of(request)
     for index in order or range(len(tiles)):
-        compute_and_write(request, str(path), tiles[index])
+        compute_and_write_tile(request, str(path), tiles[index])
     return open_survey(path, as_stored=True).load()
 
 
@@ -91,7 +91,7 @@ def test_a_tile_done_twice_and_a_resumed_run_do_not_show(tmp_path: Path, whole: 
     path, request = tmp_path / "survey.zarr", survey(2, 2)
     create_store(request, path)
     for tile in (tiles_of(request)[i] for i in (4, 0, 4)):
-        compute_and_write(request, str(path), tile)
+        compute_and_write_tile(request, str(path), tile)
     assert tiles_done(request, path) == {0, 4}
     missing = sorted(set(range(request.n_tiles)) - tiles_done(request, path))
     assert_bits(run(request, path, missing), whole)

@@ -20,8 +20,8 @@ import numpy as np
 import rattle
 from rattle.impacting.orbits.equations import Itinerary
 from rattle.impacting.orbits.periodic import PeriodicOrbit, orbit_of
-from rattle.orbits.periodic_motions import Periodic, solve_at_parameters
-from rattle.proof.check import Refused, check
+from rattle.orbits.periodic_motions import PeriodicMotion, solve_at_parameters
+from rattle.proof.check import Refusal, check
 from rattle.stiff import StiffGear
 from rattle.stiff.orbits.equations import StiffItinerary
 from rattle.stiff.orbits.periodic import StiffOrbit
@@ -29,10 +29,10 @@ from rattle.stiff.orbits.periodic import orbit_of as stiff_orbit_of
 
 MOVED = 1e-6
 MOST = 8  # impacts
-Claim = tuple[Periodic, str]  # a motion, and a certificate that is not the finder's
+Claim = tuple[PeriodicMotion, str]  # a motion, and a certificate that is not the finder's
 
 
-def motions(rng: np.random.Generator, stiff: bool) -> Iterator[Periodic]:
+def motions(rng: np.random.Generator, stiff: bool) -> Iterator[PeriodicMotion]:
     """True motions, stable or not, at random points of the plane."""
     while True:
         delta, epsilon = rng.uniform(0.4, 1.0), rng.uniform(0.02, 0.3)
@@ -47,13 +47,13 @@ def motions(rng: np.random.Generator, stiff: bool) -> Iterator[Periodic]:
                 continue
 
 
-def certificate(orbit: Periodic) -> dict:
+def certificate(orbit: PeriodicMotion) -> dict:
     """The document of a motion, whether its pieces happen or not."""
     with patch("rattle.proof.flights.extrema", lambda *_: ()):
         return rattle.certify(orbit).document()
 
 
-def moved(orbit: Periodic, rng: np.random.Generator) -> Claim:
+def moved(orbit: PeriodicMotion, rng: np.random.Generator) -> Claim:
     """All times moved by 1e-6."""
     by = rng.normal(size=orbit.times.size)
     by *= MOVED / np.abs(by).max()
@@ -63,7 +63,7 @@ def moved(orbit: Periodic, rng: np.random.Generator) -> Claim:
     return replace(orbit, times=orbit.times + by), json.dumps({**document, "times": times})
 
 
-def mislabelled(orbit: Periodic, rng: np.random.Generator) -> Claim:
+def mislabelled(orbit: PeriodicMotion, rng: np.random.Generator) -> Claim:
     """More forcing periods, another wall, an impact left out, or the same motion twice."""
     document, walls = certificate(orbit), orbit.walls
     each, which = len(document["times"]) // len(walls), int(rng.integers(4))
@@ -95,7 +95,7 @@ def relabelled(document: dict, walls: tuple[int, ...], m: int | None = None) -> 
     return {**document, "walls": list(walls), "label": label}
 
 
-def elsewhere(orbit: Periodic, rng: np.random.Generator) -> Claim:
+def elsewhere(orbit: PeriodicMotion, rng: np.random.Generator) -> Claim:
     """The motion of a point of the plane 1e-6 away."""
     name = ("delta", "epsilon")[int(rng.integers(2))]
     value = getattr(orbit, name) + MOVED * (1 if rng.random() < 0.5 else -1)
@@ -104,7 +104,7 @@ def elsewhere(orbit: Periodic, rng: np.random.Generator) -> Claim:
     return replace(orbit, **{name: value}), json.dumps({**document, "parameters": parameters})
 
 
-def called_attracting(orbit: Periodic, _rng: np.random.Generator) -> Claim | None:
+def called_attracting(orbit: PeriodicMotion, _rng: np.random.Generator) -> Claim | None:
     """A saddle with the multipliers of an attractor; None of what attracts."""
     if orbit.stable:
         return None
@@ -185,7 +185,7 @@ def answers(claim: Claim) -> tuple[str, str]:
         finder = str(why)
     try:
         check(document)
-    except Refused as why:
+    except Refusal as why:
         return finder, str(why)
     return finder, ""
 

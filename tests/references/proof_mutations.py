@@ -76,8 +76,8 @@ MUTATIONS = {
     ),
     "a steady motion with a wrong sign": (
         "stiff",
-        "self.steady_mean + a * cosine + b * sine",
-        "self.steady_mean + a * cosine - b * sine",
+        "self.mean_steady_penetration + a * cosine + b * sine",
+        "self.mean_steady_penetration + a * cosine - b * sine",
     ),
     "a contact that turns unseen": ("stiff", "if not (slope > 0 or slope < 0):", "if slope > 0 and slope < 0:"),
     "a contact without its mean value bound": (

@@ -6,7 +6,7 @@ import numpy as np
 import panel_march
 from compiled import compiled
 
-from rattle.flight.first_impact import guess_first_impact, safe_impact
+from rattle.flight.first_impact import first_impact_by_safe_search, guess_first_impact
 from rattle.flight.forcing import DRIFT, TWO_PI
 from rattle.flight.law import flight_from_phase
 
@@ -124,7 +124,7 @@ def compare(n, seed, regime, near_share, march_every, time_error):
         wall, tau, w, delta, epsilon, beta = random_flight(regime, np.random.random() < near_share)
         flight = flight_from_phase(tau, w, delta, epsilon, DRIFT)
         proved, target, s, _w1, _l, _s1, _c1 = guess_first_impact(wall, tau, flight, beta)
-        found = safe_impact(wall, tau, flight, beta)
+        found = first_impact_by_safe_search(wall, tau, flight, beta)
         status, safe_s, safe_target, w1 = found[0], found[1], found[2], found[3]
         seen[FLIGHTS] += 1
         seen[NO_IMPACT] += status != 0

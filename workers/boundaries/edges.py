@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from gear_rattle.workers.boundaries.labels import labels_on_curve
-from gear_rattle.workers.survey.crossings import Crossings
+from gear_rattle.workers.survey.crossings import CurveCrossings
 from rattle import FamilyTable
 from rattle.attractors import CHAOTIC
 from rattle.families import Rectangle
@@ -39,7 +39,7 @@ class ComponentEdges(NamedTuple):
 
 
 def find_edges_in_part(
-    part: Rectangle, columns: int, cell: np.ndarray, component: np.ndarray, crossings: Sequence[Crossings]
+    part: Rectangle, columns: int, cell: np.ndarray, component: np.ndarray, crossings: Sequence[CurveCrossings]
 ) -> ComponentEdges:
     """Return the edges between the cells of a part of a grid and the next cells along δ and ε.
 
@@ -100,11 +100,11 @@ def count_edges(
     for part in parts:
         np.add.at(number, family[part.component], part.number)
         np.add.at(on, family[part.component], part.on)
-    concerned = np.array([_has_label_of_curve(table, name) for name in names]).reshape(len(names), n)
+    concerned = np.array([_families_with_label_of_curve(table, name) for name in names]).reshape(len(names), n)
     return FamilyEdges(tuple(names), number, np.where(concerned.T, on, 0))
 
 
-def _has_label_of_curve(table: FamilyTable, name: str) -> np.ndarray:
+def _families_with_label_of_curve(table: FamilyTable, name: str) -> np.ndarray:
     """Return for each family whether a curve makes or ends motions with the family's label; False for chaos."""
     known = labels_on_curve(name)
     labels = zip(*(column.tolist() for column in table[:4]), strict=True)

@@ -1,9 +1,9 @@
 """Explain the boundaries of a survey: find the bifurcation curve between every two neighbouring cells that differ.
 
 The curves of the period-one motions are tried first. If two neighbours differ by a motion that none of these curves
-makes or ends, the motion is followed from one cell to the other (`rattle.impacting.bifurcations.branches.fate`) until
-it meets a saddle-node, flip or graze. If several pairs differ by a motion of the same label, a curve is traced from
-that point, which may explain further pairs.
+makes or ends, the motion is followed from one cell to the other (`rattle.impacting.bifurcations.branches.continue_to`)
+until it meets a saddle-node, flip or graze. If several pairs differ by a motion of the same label, a curve is traced
+from that point, which may explain further pairs.
 """
 
 from collections import Counter
@@ -14,9 +14,26 @@ import numpy as np
 import xarray as xr
 
 from gear_rattle.workers.boundaries.labels import QUIET_LABEL, Label, labels_at_bifurcation, labels_on_curve
-from gear_rattle.workers.boundaries.pairs import KINDS, CellAttractor, CellGrid, Pairs, are_pairs_crossed, label_name
+from gear_rattle.workers.boundaries.pairs import (
+    KINDS,
+    CellAttractor,
+    CellGrid,
+    DifferingPairs,
+    are_pairs_crossed,
+    label_text,
+)
 from gear_rattle.workers.errors import SurveyError
-from rattle import REGIONS, Event, PeriodicOrbit, RattleError, curves, fate, period_one, periodic_orbit, quiet_limit
+from rattle import (
+    REGIONS,
+    Event,
+    PeriodicOrbit,
+    RattleError,
+    continue_to,
+    curves,
+    period_one,
+    periodic_orbit,
+    quiet_limit,
+)
 from rattle.curves import Curve
 from rattle.models import DEFAULT_MODEL, MODELS, Capability, missing_capability_error
 
@@ -32,7 +49,7 @@ ORBITS = ("A", "B", "C", "D")
 
 
 @dataclass(frozen=True)
-class KnownCurve:
+class ExplainingCurve:
     """A bifurcation curve, and the pairs of neighbouring cells that it explains.
 
     labels: the labels of the attractors that the curve may make or end. bounds_regions: whether the curve divides
@@ -62,7 +79,7 @@ class UnexplainedPairs:
 
 
 @dataclass(frozen=True)
-class Explanation:
+class BoundaryExplanation:
     """The explanation of a survey's boundaries.
 
     pairs: the n pairs of neighbouring cells that differ. known: the curves, sorted by the number of pairs that each
@@ -74,8 +91,8 @@ class Explanation:
     whether a known curve or such a bifurcation lies between the cells of a pair.
     """
 
-    pairs: Pairs
-    known: tuple[KnownCurve, ...]
+    pairs: DifferingPairs
+    known: tuple[ExplainingCurve, ...]
     region_explained: np.ndarray
     attractors_explained: np.ndarray
     sampling: np.ndarray
@@ -84,7 +101,9 @@ class Explanation:
     crossed: np.ndarray
 
 
-def explain(dataset: xr.Dataset, most_curves: int = MOST_CURVES, families: xr.Dataset | None = None) -> Explanation:
+def explain(
+    dataset: xr.Dataset, most_curves: int = MOST_CURVES, families: xr.Dataset | None = None
+) -> BoundaryExplanation:
     """Explain the boundaries between the cells of an open survey, finished or not.
 
     Parameters
@@ -96,7 +115,7 @@ def explain(dataset: xr.Dataset, most_curves: int = MOST_CURVES, families: xr.Da
 
     Returns
     -------
-    Explanation
+    BoundaryExplanation
         Curves by falling number of explained pairs, and the pairs that no curve explains.
 
     Raises
@@ -109,7 +128,7 @@ def explain(dataset: xr.Dataset, most_curves: int = MOST_CURVES, families: xr.Da
         raise SurveyError(str(missing_capability_error(Capability.BOUNDARIES, model)))
     search = _CurveSearch(CellGrid(dataset, families), most_curves)
     why = dict(search.run())
-    region = search.is_region_explained()
+    region = search.pairs_with_explained_regions()
     every = range(len(search.pairs))
     sampling = np.array([not search.changes[n] for n in every], bool) & search.pairs.attractors
     attractors = np.array([not search.unexplained_labels(n) for n in every], bool) & search.pairs.attractors & ~sampling
@@ -117,14 +136,14 @@ def explain(dataset: xr.Dataset, most_curves: int = MOST_CURVES, families: xr.Da
     met = np.array(sorted(search.met), np.int64)
     met = met[~crossing[met]]
     crossing[met] = True
-    return Explanation(
+    return BoundaryExplanation(
         search.pairs,
         tuple(sorted(search.curves_with_counts(), key=lambda item: -item.explains)),
         region,
         attractors,
         sampling,
         met.size,
-        _group_unexplained(search, why, region, attractors | sampling),
+        _group_unexplained_pairs(search, why, region, attractors | sampling),
         crossing,
     )
 
@@ -138,8 +157,8 @@ class _CurveSearch:
 
     grid: CellGrid
     most_curves: int
-    pairs: Pairs = field(init=False)
-    known: list[KnownCurve] = field(default_factory=list)
+    pairs: DifferingPairs = field(init=False)
+    known: list[ExplainingCurve] = field(default_factory=list)
     met: dict[int, frozenset[Label]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -159,17 +178,17 @@ class _CurveSearch:
     def run(self) -> Iterator[tuple[int, str]]:
         """Compute curves for all pairs. Yield (pair number, reason) for each difference that no curve explains."""
         for n in range(len(self.pairs)):
-            if self.pairs.region[n] and not self.is_region_explained()[n]:
+            if self.pairs.region[n] and not self.pairs_with_explained_regions()[n]:
                 for orbit, target in self._period_one_changes(n):
                     self._follow_motion(n, orbit, target, should_trace=True)
-                if not self.is_region_explained()[n]:
+                if not self.pairs_with_explained_regions()[n]:
                     yield n, "the region's boundary could not be followed"
             for label in self.unexplained_labels(n):
                 reason = self._explain_label(n, label)
                 if reason:
                     yield n, reason
 
-    def curves_with_counts(self) -> Iterator[KnownCurve]:
+    def curves_with_counts(self) -> Iterator[ExplainingCurve]:
         """Yield the curves, each with the number of pairs that it explains."""
         for item in self.known:
             here = np.flatnonzero(item.crosses)
@@ -177,7 +196,7 @@ class _CurveSearch:
             region = self.pairs.region[here] & item.bounds_regions
             yield replace(item, explains=int(np.sum(own | region)))
 
-    def is_region_explained(self) -> np.ndarray:
+    def pairs_with_explained_regions(self) -> np.ndarray:
         """Return for each pair (n,) whether its regions differ and a curve between its cells bounds regions."""
         bounds = [item.crosses for item in self.known if item.bounds_regions]
         return self.pairs.region & np.any(bounds, axis=0)
@@ -218,7 +237,7 @@ class _CurveSearch:
             )
         if label[0] == CHAOTIC:
             return "chaos begins or ends by itself: a crisis, or a transient longer than the observation time"
-        here, there, attractor = self._ordered_pair(n, label)
+        here, there, attractor = self._ordered_pair_with_attractor(n, label)
         try:
             start = periodic_orbit(*self.grid.point(here), attractor.tau, attractor.v, label[2], self.grid.beta)
         except RattleError:
@@ -230,7 +249,7 @@ class _CurveSearch:
             return "the motion could not be followed"
         return None if label not in self.unexplained_labels(n) else f"{found.kind} of another motion on the way"
 
-    def _ordered_pair(self, n: int, label: Label) -> tuple[np.ndarray, np.ndarray, CellAttractor]:
+    def _ordered_pair_with_attractor(self, n: int, label: Label) -> tuple[np.ndarray, np.ndarray, CellAttractor]:
         """Return both cells of the n-th pair, and an attractor with the label.
 
         Returns
@@ -283,7 +302,7 @@ class _CurveSearch:
         PeriodicOrbit | Event | None
             The motion at the target, or the bifurcation that it meets; None if the motion could not be followed.
         """
-        found = fate(orbit, *target)
+        found = continue_to(orbit, *target)
         if isinstance(found, Event):
             self.met[n] = self.met.get(n, frozenset()) | _labels_at_event(found)
             should_trace = should_trace and found.itinerary.n <= LONGEST_TRACED
@@ -293,14 +312,16 @@ class _CurveSearch:
         return found
 
     def _add_curve(self, curve: Curve, labels: frozenset[Label], bounds_regions: bool) -> None:
-        self.known.append(KnownCurve(curve, labels, bounds_regions, are_pairs_crossed(curve, self.grid, self.pairs)))
+        self.known.append(
+            ExplainingCurve(curve, labels, bounds_regions, are_pairs_crossed(curve, self.grid, self.pairs))
+        )
 
 
 def _labels_at_event(event: Event) -> frozenset[Label]:
     return labels_at_bifurcation(event.itinerary.walls, event.itinerary.m, event.impact, event.kind == "PD")
 
 
-def _changed_labels(grid: CellGrid, pairs: Pairs, n: int) -> list[Label]:
+def _changed_labels(grid: CellGrid, pairs: DifferingPairs, n: int) -> list[Label]:
     """Return the labels of which the two cells of the n-th pair have different numbers of attractors.
 
     If the survey has families, a label whose families are the same in both cells is left out.
@@ -319,7 +340,7 @@ def _changed_labels(grid: CellGrid, pairs: Pairs, n: int) -> list[Label]:
     return sorted(changed if told is None else changed & told)
 
 
-def _group_unexplained(
+def _group_unexplained_pairs(
     search: _CurveSearch, why: dict[int, str], region: np.ndarray, attractors: np.ndarray
 ) -> tuple[UnexplainedPairs, ...]:
     """Return the unexplained pairs, grouped by change and reason, largest group first.
@@ -338,7 +359,7 @@ def _group_unexplained(
         if pairs.region[n] and not region[n]:
             change = "region " + " | ".join(REGIONS[grid.region[i, j]] for i, j in (pairs.first[n], pairs.second[n]))
         else:
-            change = " and ".join(label_name(label) for label in search.unexplained_labels(n))
+            change = " and ".join(label_text(label) for label in search.unexplained_labels(n))
         groups.setdefault((change, why.get(n, "")), []).append(n)
     found = [
         UnexplainedPairs(

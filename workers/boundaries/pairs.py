@@ -18,7 +18,7 @@ UNDECIDED = KINDS.index("undecided")
 
 
 @dataclass(frozen=True)
-class Pairs:
+class DifferingPairs:
     """The pairs of neighbouring cells that differ.
 
     first, second (n, 2): the indices (i, j) along ε and δ of both cells of each pair; the second cell follows the first
@@ -76,14 +76,14 @@ class CellGrid:
                 f"{Group.ATTRACTORS}"
             )
 
-    def differing_pairs(self) -> Pairs:
+    def differing_pairs(self) -> DifferingPairs:
         """Return the pairs of computed neighbours that differ in their region or in their attractors.
 
         Attractors are compared only if neither cell has undecided samples, because these may hide an attractor.
 
         Returns
         -------
-        Pairs
+        DifferingPairs
             The pairs, first those of neighbours along δ.
         """
         found = []
@@ -100,7 +100,7 @@ class CellGrid:
             found.append((np.column_stack([i, j]), np.array(step), region[i, j], sets[i, j]))
         first = np.concatenate([at for at, *_ in found])
         second = np.concatenate([at + step for at, step, *_ in found])
-        return Pairs(first, second, *(np.concatenate([item[k] for item in found]) for k in (2, 3)))
+        return DifferingPairs(first, second, *(np.concatenate([item[k] for item in found]) for k in (2, 3)))
 
     def _has_undecided_sample(self) -> np.ndarray:
         """Return for each cell (m, n) whether it has an undecided sample, so that its attractors are not all known."""
@@ -163,7 +163,7 @@ class _CellFamilies:
         return listed | self.entered.get((i, j), set()) | ({0} if is_quiet else set())
 
 
-def are_pairs_crossed(curve: Curve, grid: CellGrid, pairs: Pairs) -> np.ndarray:
+def are_pairs_crossed(curve: Curve, grid: CellGrid, pairs: DifferingPairs) -> np.ndarray:
     """Return for each pair (n,) whether a curve passes between its cells, from exact crossings with the grid lines."""
     found = np.zeros(len(pairs), bool)
     beside = pairs.first[:, 0] == pairs.second[:, 0]
@@ -179,7 +179,7 @@ def are_pairs_crossed(curve: Curve, grid: CellGrid, pairs: Pairs) -> np.ndarray:
     return found
 
 
-def label_name(label: Label) -> str:
+def label_text(label: Label) -> str:
     """Return a label as text, for example "P(1,1,0)" or "chaotic"."""
     kind, m, n_plus, n_minus = label
     return f"P({m},{n_plus},{n_minus})" if KINDS[kind] == "periodic" else KINDS[kind]

@@ -353,7 +353,7 @@ def connect(url: str) -> Iterator[Client]:
                 "settings of TLS"
             ) from error
         try:
-            versions = require_compatible(client)
+            versions = require_compatible_workers(client)
             client.subscribe_topic(REFUSED_TOPIC, lambda event: logger.warning("%s", event[1]))
             client.register_plugin(create_version_check(versions, __name__, REFUSED_TOPIC))
         except SurveyError:
@@ -363,7 +363,7 @@ def connect(url: str) -> Iterator[Client]:
         yield client
 
 
-def require_compatible(client: Client) -> dict[str, str | None]:
+def require_compatible_workers(client: Client) -> dict[str, str | None]:
     """Require that all workers have the same versions of Python and packages as this process.
 
     Returns
@@ -430,7 +430,7 @@ def _address_of(url: str) -> str:
         ) from error
 
 
-def end_processes(client: Client, addresses: list[str]) -> None:
+def kill_workers(client: Client, addresses: list[str]) -> None:
     """Kill workers, even during a task, and wait until they are gone, but at most END_SECONDS.
 
     Workers without a nanny are spared, because nothing restarts them.
@@ -455,7 +455,7 @@ def end_tasks(client: Client, futures: list[Future]) -> None:
         client.cancel(futures)  # otherwise dask would repeat the tasks of killed workers on other workers
     except OSError:  # the scheduler is gone
         return
-    end_processes(client, [address for address, busy in processing.items() if busy and keys.issuperset(busy)])
+    kill_workers(client, [address for address, busy in processing.items() if busy and keys.issuperset(busy)])
 
 
 def end_tasks_and_wait(client: Client, futures: list[Future]) -> None:
@@ -472,7 +472,7 @@ def end_tasks_and_wait(client: Client, futures: list[Future]) -> None:
         at_work = list[str]()
         with suppress(Empty):  # a frozen worker does not answer, but it computes nothing either
             at_work = [address for address, here in answers.get(timeout=END_SECONDS).items() if here]
-        end_processes(client, at_work)
+        kill_workers(client, at_work)
         quiet = 0 if at_work else quiet + 1
         time.sleep(LOOK_SECONDS)
 

@@ -56,7 +56,7 @@ class RunState:
             return []
         new = [tile for tile in tiles if tile.index not in self.seconds_per_cell]
         self._cells_per_tile = min(max(LEAST_MEASURED // max(len(tiles), 1), 1), MOST_PER_TILE)
-        return spread_evenly(new, columns)[: MOST_MEASURED_TILES - len(self.seconds_per_cell)]
+        return sort_tiles_evenly(new, columns)[: MOST_MEASURED_TILES - len(self.seconds_per_cell)]
 
     def record_measured_cell(self, tile: AnyTile) -> bool:
         """Record a tile's cost after one of its cells was measured. Return whether to measure another of its cells."""
@@ -109,7 +109,7 @@ class RunState:
         if len(tiles) + len(self.seconds_per_cell) < MANY:
             return list(tiles)
         return sorted(
-            spread_evenly(tiles, columns),
+            sort_tiles_evenly(tiles, columns),
             key=lambda tile: (tile.index not in self.partial, -self._expected[tile.index]),
         )
 
@@ -135,7 +135,7 @@ class RunState:
         return max((others + math.fsum(lefts)) / threads, max(lefts, default=0.0))
 
 
-def spread_evenly(tiles: Iterable[AnyTile], columns: int) -> list[AnyTile]:
+def sort_tiles_evenly(tiles: Iterable[AnyTile], columns: int) -> list[AnyTile]:
     """Sort tiles so that the first n tiles, for any n, spread over the plane. columns: number of columns of tiles.
 
     The order is that of ordered dithering: tiles with even row and column numbers come first, then the three groups of

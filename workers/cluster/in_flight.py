@@ -26,7 +26,7 @@ Result = TypeVar("Result")
 
 
 @dataclass(frozen=True)
-class Task(Generic[Work]):
+class ClusterTask(Generic[Work]):
     """A submitted task. work: item that the task computes, such as a tile. began: time.monotonic() at submission."""
 
     future: Future
@@ -45,10 +45,10 @@ class SubmittedTasks(ABC, Generic[Work, Result]):
         self._submitted = 0
         self._ended: SimpleQueue[tuple[Future, Any, BaseException | None]] = SimpleQueue()
         self._workers_seen = time.monotonic()
-        self.in_flight: dict[Key, Task[Work]] = {}
+        self.in_flight: dict[Key, ClusterTask[Work]] = {}
 
     @abstractmethod
-    def handle_error(self, task: Task[Work], error: BaseException) -> None:
+    def handle_error(self, task: ClusterTask[Work], error: BaseException) -> None:
         """Respond to a failed task, for example submit its work again, or raise an error."""
 
     def count_threads(self, patience: float) -> int:
@@ -67,7 +67,7 @@ class SubmittedTasks(ABC, Generic[Work, Result]):
         try:
             threads = sum(self._client.nthreads().values())
         except Exception as error:  # a client that was closed meanwhile raises errors of several types
-            raise self.lost_error() from error
+            raise self.lost_scheduler_error() from error
         now = time.monotonic()
         if threads:
             self._workers_seen = now
@@ -85,16 +85,16 @@ class SubmittedTasks(ABC, Generic[Work, Result]):
         try:
             future = self._client.submit(function, *arguments, key=key, pure=False, **options)
         except Exception as error:
-            raise self.lost_error() from error
-        self.in_flight[key] = Task(future, work, time.monotonic())
+            raise self.lost_scheduler_error() from error
+        self.in_flight[key] = ClusterTask(future, work, time.monotonic())
         future.add_done_callback(partial(self._loop.add_callback, self._queue_result))
 
-    def next_result(self, seconds: float) -> tuple[Task[Work], Result] | None:
+    def next_result(self, seconds: float) -> tuple[ClusterTask[Work], Result] | None:
         """Wait until a task ends, and return the task with its result. A failed task is passed to `handle_error`.
 
         Returns
         -------
-        tuple[Task[Work], Result] | None
+        tuple[ClusterTask[Work], Result] | None
             None if no task ends within `seconds`, if `forget_tasks` has removed the ended task, or if it failed and
             `handle_error` raised no error.
 
@@ -116,7 +116,7 @@ class SubmittedTasks(ABC, Generic[Work, Result]):
             self.handle_error(task, future.exception())
             return None
         if isinstance(error, CANCELLED | OSError):  # no other code cancels tasks, so the scheduler is gone
-            raise self.lost_error() from error
+            raise self.lost_scheduler_error() from error
         raise error
 
     async def _queue_result(self, future: Future) -> None:
@@ -142,6 +142,6 @@ class SubmittedTasks(ABC, Generic[Work, Result]):
                 del self.in_flight[key]
                 task.future.release()
 
-    def lost_error(self) -> ClusterLostError:
+    def lost_scheduler_error(self) -> ClusterLostError:
         """Return the error for a lost scheduler."""
         return ClusterLostError(self._lost_message)

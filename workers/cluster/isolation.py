@@ -14,7 +14,7 @@ import time
 from collections.abc import Iterator
 from typing import IO
 
-from gear_rattle.workers.kinds import AnyRequest, AnyTile, cell_outcomes, compute_tile
+from gear_rattle.workers.kinds import AnyRequest, AnyTile, compute_tile, evaluate_cells_one_by_one
 from gear_rattle.workers.survey.tiles import CellOutcome, TileArrays, TileRecord
 from rattle.numerics import environment
 
@@ -22,7 +22,7 @@ from rattle.numerics import environment
 ATTEMPTS = 2
 #: The most processor time of a cell, in seconds: a hundred times the time of the slowest known cell.
 CELL_SECONDS = 600
-_START = f"from {__name__} import serve_cells; serve_cells()"
+_START = f"from {__name__} import compute_cells_from_stdin; compute_cells_from_stdin()"
 
 
 def compute_tile_isolated(request: AnyRequest, tile: AnyTile, memory: int | None) -> tuple[TileArrays, TileRecord]:
@@ -67,7 +67,7 @@ def _compute_outcomes(request: AnyRequest, tile: AnyTile, memory: int | None) ->
         elif first < tile.n_cells:
             deaths += 1
             if deaths == ATTEMPTS:
-                yield f"killed its process {ATTEMPTS} times ({_cause_of_death(child.returncode)})"
+                yield f"killed its process {ATTEMPTS} times ({_describe_process_death(child.returncode)})"
                 first, deaths = first + 1, 0
 
 
@@ -102,11 +102,11 @@ def _receive_outcomes(stream: IO[bytes]) -> Iterator[CellOutcome]:
         yield received
 
 
-def _cause_of_death(code: int) -> str:
+def _describe_process_death(code: int) -> str:
     return signal.Signals(-code).name if code < 0 else f"exit status {code}"
 
 
-def serve_cells() -> None:
+def compute_cells_from_stdin() -> None:
     """Compute the cells that stdin names, and write each outcome to stdout: the main function of the process."""
     out = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # text that a library prints goes to stderr, so that stdout has outcomes only
@@ -117,16 +117,16 @@ def serve_cells() -> None:
         resource.setrlimit(resource.RLIMIT_DATA, (memory, memory))
     _send_pickled(out, None)
     try:
-        _limit_next_cell()
-        for outcome in cell_outcomes(request, tile, first, failing=(MemoryError,)):
+        _limit_processor_time_of_cell()
+        for outcome in evaluate_cells_one_by_one(request, tile, first, failing=(MemoryError,)):
             _send_pickled(out, outcome)
-            _limit_next_cell()
+            _limit_processor_time_of_cell()
     except Exception as error:
         _send_pickled(out, error)
     os._exit(0)
 
 
-def _limit_next_cell() -> None:
+def _limit_processor_time_of_cell() -> None:
     """Let the system kill this process after CELL_SECONDS more of processor time; nothing else interrupts a kernel."""
     _, most = resource.getrlimit(resource.RLIMIT_CPU)
     limit = int(time.process_time()) + CELL_SECONDS

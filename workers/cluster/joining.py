@@ -8,7 +8,7 @@ from typing import Any
 from distributed import Client, KilledWorker
 
 from gear_rattle.workers.cluster.cluster import end_tasks_and_wait
-from gear_rattle.workers.cluster.in_flight import SubmittedTasks, Task
+from gear_rattle.workers.cluster.in_flight import ClusterTask, SubmittedTasks
 from gear_rattle.workers.cluster.submission import LOST, WORKERLESS_SECONDS
 from gear_rattle.workers.errors import StoppedError, SurveyError
 from gear_rattle.workers.survey.request import SurveyRequest
@@ -84,7 +84,7 @@ class CompletionTasks(SubmittedTasks[_TaskAttempt, Any]):
         """Return the number of tasks of a batch: several for each thread, so that the threads are seldom idle."""
         return TASKS_PER_THREAD * max(self.count_threads(WORKERLESS_SECONDS), 1)
 
-    def handle_error(self, task: Task[_TaskAttempt], error: BaseException) -> None:
+    def handle_error(self, task: ClusterTask[_TaskAttempt], error: BaseException) -> None:
         """Queue a task again if it killed its worker, for at most ATTEMPTS attempts. Raise any other error."""
         self.forget_tasks(task.work.__eq__)
         if not isinstance(error, KilledWorker):

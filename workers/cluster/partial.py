@@ -39,7 +39,7 @@ class PartialTile:
         return bool(self.done.all())
 
 
-def is_divisible(request: AnyRequest, cells: int) -> bool:
+def is_tile_divisible(request: AnyRequest, cells: int) -> bool:
     """Return whether a tile with this number of cells may take long, and can be computed in parts.
 
     Tiles of quantities in closed form take no time. Tiles of a refined survey cannot be divided, because the leaves
@@ -48,7 +48,7 @@ def is_divisible(request: AnyRequest, cells: int) -> bool:
     Returns
     -------
     bool
-        True if `compute_partly` may be used.
+        True if `compute_tile_partly` may be used.
     """
     if cells < FEW:
         return False
@@ -57,7 +57,7 @@ def is_divisible(request: AnyRequest, cells: int) -> bool:
     return request.refine is None and bool({*SAMPLED, Group.BASINS} & set(request.quantities))
 
 
-def compute_partly(
+def compute_tile_partly(
     request: AnyRequest, tile: AnyTile, before: PartialTile | None, seconds: float, expected: float = math.inf
 ) -> PartialTile:
     """Compute further cells of a tile for some seconds.
@@ -88,7 +88,7 @@ def compute_partly(
     while True:
         left = max(seconds - (time.perf_counter() - began), 0.0)
         most = int(min(max(left / part.slowest, 1.0), part.done.size)) if part.slowest else 1
-        part = _compute_group(part, request, tile, *_next_group(part.done, most))
+        part = _compute_group(part, request, tile, *_next_group_of_cells(part.done, most))
         if part.is_whole or time.perf_counter() - began >= seconds:
             return part
 
@@ -98,7 +98,7 @@ def _empty_part(tile: AnyTile) -> PartialTile:
     return PartialTile({}, np.zeros((1, *shape)[-2:], bool), TileRecord(tile.index, 0, (), 0, 0.0), 0.0)
 
 
-def _next_group(done: np.ndarray, most: int) -> tuple[slice, slice]:
+def _next_group_of_cells(done: np.ndarray, most: int) -> tuple[slice, slice]:
     """Return the rows and columns of the next group: at most `most` adjacent cells that are not computed yet."""
     rows, columns = done.shape
     for i, j in ((rows // 2, columns // 2), (0, 0), (0, -1), (-1, 0), (-1, -1)):

@@ -5,8 +5,15 @@ from collections.abc import Callable, Generator, Iterator
 
 from distributed import Client, KilledWorker
 
-from gear_rattle.workers.cluster.in_flight import SubmittedTasks, Task
-from gear_rattle.workers.cluster.window import Frame, PartValues, WindowGrid, WindowPart, compute_part, map_quantity
+from gear_rattle.workers.cluster.in_flight import ClusterTask, SubmittedTasks
+from gear_rattle.workers.cluster.window import (
+    WindowFrame,
+    WindowGrid,
+    WindowPart,
+    WindowPartValues,
+    compute_window_part,
+    quantity_of_map,
+)
 from gear_rattle.workers.errors import SurveyError
 from gear_rattle.workers.survey.request import SurveyRequest
 
@@ -23,12 +30,12 @@ LOST = "the workers are gone, or are being restarted: try again in a few seconds
 
 def refined_frames(
     client: Client, survey: SurveyRequest, variable: str, index: int, should_stop: Callable[[], bool]
-) -> Generator[Frame, None, None]:
+) -> Generator[WindowFrame, None, None]:
     """Compute a map of a window on a cluster, and yield frames of increasing resolution.
 
-    survey: the window's request, from `window_survey`. index: number of the map, from 0, if the variable has a map for
-    each orbit or slot; else 0. The generator blocks between frames, so it needs a thread of its own. When it ends or is
-    closed, parts that already run may remain on the cluster for about half a second.
+    survey: the window's request, from `request_for_window`. index: number of the map, from 0, if the variable has a map
+    for each orbit or slot; else 0. The generator blocks between frames, so it needs a thread of its own. When it ends
+    or is closed, parts that already run may remain on the cluster for about half a second.
 
     Parameters
     ----------
@@ -37,7 +44,7 @@ def refined_frames(
 
     Yields
     ------
-    Frame
+    WindowFrame
         The map so far; the last one is complete.
 
     Raises
@@ -48,7 +55,7 @@ def refined_frames(
         The survey has no such map, or a part of the map cannot be computed.
     """
     work = _WindowTasks(client, survey, variable, index)
-    quantity = map_quantity(variable, index, survey)
+    quantity = quantity_of_map(variable, index, survey)
     grid = WindowGrid(survey, quantity)
     try:
         for level in grid.levels:
@@ -69,7 +76,7 @@ def refined_frames(
         work.forget_tasks(lambda _: True)
 
 
-class _WindowTasks(SubmittedTasks[WindowPart, PartValues]):
+class _WindowTasks(SubmittedTasks[WindowPart, WindowPartValues]):
     """The parts of a window that are submitted to the cluster and have not ended."""
 
     def __init__(self, client: Client, survey: SurveyRequest, variable: str, index: int) -> None:
@@ -94,7 +101,7 @@ class _WindowTasks(SubmittedTasks[WindowPart, PartValues]):
 
     def run(
         self, parts: Iterator[WindowPart], should_stop: Callable[[], bool]
-    ) -> Iterator[tuple[WindowPart, PartValues]]:
+    ) -> Iterator[tuple[WindowPart, WindowPartValues]]:
         """Compute parts on the cluster, and yield each part with its values as soon as its task ends."""
         left = next(parts, None)
         self._cells, self._seconds = 0, 0.0  # measured anew on each level, because its cells may take longer
@@ -102,7 +109,7 @@ class _WindowTasks(SubmittedTasks[WindowPart, PartValues]):
             room = PARTS_PER_THREAD * self.count_threads(WORKERLESS_SECONDS) - len(self.in_flight)
             while left and room > 0:
                 axes = self._delta[left.delta], self._epsilon[left.epsilon]
-                self.submit_task(left, compute_part, *self._map, *axes, priority=PRIORITY)
+                self.submit_task(left, compute_window_part, *self._map, *axes, priority=PRIORITY)
                 left, room = next(parts, None), room - 1
             if ended := self.next_result(POLL_SECONDS):
                 task, values = ended
@@ -111,7 +118,7 @@ class _WindowTasks(SubmittedTasks[WindowPart, PartValues]):
                 self._seconds += values.seconds
                 yield task.work, values
 
-    def handle_error(self, _: Task[WindowPart], error: BaseException) -> None:
+    def handle_error(self, _: ClusterTask[WindowPart], error: BaseException) -> None:
         """Raise an error for the failed part. No part is repeated, because viewers of a window would wait too long."""
         if isinstance(error, KilledWorker):
             raise SurveyError("a worker died while it computed this window: choose another window") from error

@@ -28,7 +28,7 @@ from gear_rattle.workers.cluster.cluster import end_tasks, end_tasks_and_wait
 from gear_rattle.workers.cluster.costs import RunState
 from gear_rattle.workers.cluster.isolation import compute_tile_isolated
 from gear_rattle.workers.cluster.joining import CompletionTasks
-from gear_rattle.workers.cluster.partial import PART_SECONDS, PartialTile, compute_partly, is_divisible
+from gear_rattle.workers.cluster.partial import PART_SECONDS, PartialTile, compute_tile_partly, is_tile_divisible
 from gear_rattle.workers.cluster.submission import Submission
 from gear_rattle.workers.completion import complete
 from gear_rattle.workers.errors import ClusterLostError, StoppedError, SurveyError
@@ -36,7 +36,7 @@ from gear_rattle.workers.kinds import AnyRequest, AnyTile, compute_tile, templat
 from gear_rattle.workers.populations.tiles import GearTile
 from gear_rattle.workers.storage.location import Place, place_of
 from gear_rattle.workers.storage.manifest import tile_recorder
-from gear_rattle.workers.storage.store import prepare_for_tiles, require_aligned, write_tile
+from gear_rattle.workers.storage.store import remove_outdated_results, require_aligned_tiles, write_tile
 from gear_rattle.workers.survey.request import SurveyRequest
 from gear_rattle.workers.survey.template import Template
 from gear_rattle.workers.survey.tiles import GRACE_SECONDS, POLL_SECONDS, Tile, TileRecord
@@ -49,7 +49,7 @@ if TYPE_CHECKING:
 ATTEMPTS = 3
 
 
-def compute_and_write(request: AnyRequest, path: str, tile: AnyTile, isolated: bool = False) -> TileRecord:
+def compute_and_write_tile(request: AnyRequest, path: str, tile: AnyTile, isolated: bool = False) -> TileRecord:
     """Compute a tile and write it to the store. isolated: compute it in a process of its own."""
     if isolated:
         values, record = compute_tile_isolated(request, tile, get_worker().memory_manager.memory_limit)
@@ -78,19 +78,21 @@ def advance_tile(
     TileRecord | PartialTile
         The record if the tile is written, else its computed part.
     """
-    if isolated or not is_divisible(request, tile.n_cells):
-        return compute_and_write(request, path, tile, isolated)
-    if not (loaded := _kernel_load_marks(request)):
-        compute_partly(request, tile, None, 0.0)  # computes one cell, so that no measured time includes loading kernels
+    if isolated or not is_tile_divisible(request, tile.n_cells):
+        return compute_and_write_tile(request, path, tile, isolated)
+    if not (loaded := _kernels_loaded_list(request)):
+        compute_tile_partly(
+            request, tile, None, 0.0
+        )  # computes one cell, so that no measured time includes loading kernels
         loaded.append(True)
-    part = compute_partly(request, tile, before, seconds, expected)
+    part = compute_tile_partly(request, tile, before, seconds, expected)
     if not part.is_whole:
         return part
     return replace(part.record, files=write_tile(request, path, tile, part.values))
 
 
 @lru_cache(maxsize=16)
-def _kernel_load_marks(_request: AnyRequest) -> list[bool]:
+def _kernels_loaded_list(_request: AnyRequest) -> list[bool]:
     """Return the list in which this process notes that it has loaded the kernels of a request.
 
     Returns
@@ -105,7 +107,7 @@ def _always_false() -> bool:
     return False
 
 
-def compute_template_on(
+def compute_template_on_cluster(
     client: Client, request: AnyRequest, created: str | None, should_stop: Callable[[], bool]
 ) -> Template:
     """Compute the files of an empty store with `template_of` on a cluster, because some curves take minutes to trace.
@@ -189,7 +191,7 @@ def complete_on_cluster(
         complete(request, place, joining.run_for_each, joining.batch_size(), on_proved, should_pause)
 
 
-def certify_on(
+def certify_on_cluster(
     client: Client,
     survey: Dataset,
     out: Path,
@@ -252,15 +254,15 @@ def run_tiles(
         The request asks for certificates, but the workers lack the extra packages for proofs.
     """
     tiles = list(tiles)
-    require_aligned(request, tiles)
+    require_aligned_tiles(request, tiles)
     place = place_of(where)
     with place.lock_for_writing():
         if tiles:
-            prepare_for_tiles(request, place)
+            remove_outdated_results(request, place)
             if isinstance(request, SurveyRequest) and request.certify:
                 with suppress(StoppedError):
                     CompletionTasks(client, should_stop).map(require_proof_extra, [()])
-        run_state, columns = run_state or RunState(), request.tile_grid[1]
+        run_state, columns = run_state or RunState(), request.tile_grid_shape[1]
         run_state.predict_costs(tiles, columns)
         submission = Submission(advance_tile, request, str(place), client, run_state.partial)
         left = {tile.index: tile for tile in tiles}
@@ -280,7 +282,7 @@ def run_tiles(
 
             asked = should_stop, should_kill, should_pause
             try:
-                if is_divisible(request, math.prod(request.tile_shape)):
+                if is_tile_divisible(request, math.prod(request.tile_shape)):
                     measuring = deque(run_state.tiles_to_measure(tiles, columns))
 
                     def on_measured(tile: AnyTile) -> None:
@@ -330,7 +332,7 @@ def _run_submission(
             waiting.clear()
         # Late tiles are repeated before new tiles begin. If there are no new tiles, late tiles are repeated once more,
         # because the first repetition may have gone to a frozen worker, too.
-        room = submission.free_threads()
+        room = submission.count_free_threads()
         room -= submission.repeat_late_tiles(again=not waiting or not room)
         for _ in range(min(room, len(waiting))):
             submission.submit(waiting.popleft())

@@ -11,7 +11,7 @@ from dask.typing import Key
 from distributed import Client, Future, KilledWorker
 
 from gear_rattle.workers.cluster.cluster import end_tasks
-from gear_rattle.workers.cluster.in_flight import SubmittedTasks, Task
+from gear_rattle.workers.cluster.in_flight import ClusterTask, SubmittedTasks
 from gear_rattle.workers.cluster.partial import PART_SECONDS, PartialTile
 from gear_rattle.workers.errors import SurveyError
 from gear_rattle.workers.kinds import AnyRequest, AnyTile, tile_error, tile_name
@@ -35,7 +35,7 @@ TileResult = TileRecord | PartialTile
 
 
 @dataclass(frozen=True)
-class Attempt:
+class TileAttempt:
     """An attempt to compute a tile. All attempts at the same tile write the same bytes.
 
     isolated: whether a process of its own computes the tile, so that the worker survives a cell that kills a process.
@@ -45,7 +45,7 @@ class Attempt:
     isolated: bool
 
 
-class Submission(SubmittedTasks[Attempt, TileResult]):
+class Submission(SubmittedTasks[TileAttempt, TileResult]):
     """The tiles of one run that are submitted to the cluster and have not ended."""
 
     def __init__(
@@ -72,7 +72,7 @@ class Submission(SubmittedTasks[Attempt, TileResult]):
         #: Futures that may still run although another attempt at the same tile has ended.
         self.superseded: list[Future] = []
 
-    def free_threads(self) -> int:
+    def count_free_threads(self) -> int:
         """Return the number of threads that have no tile, and so the number of tiles that may be submitted.
 
         No thread gets a second tile in advance, because dask counts a worker's death against all tasks of the worker.
@@ -89,7 +89,7 @@ class Submission(SubmittedTasks[Attempt, TileResult]):
         """Submit a tile. isolated: compute it in a process of its own. workers: addresses of allowed workers."""
         known = self._partial.get(tile.index), self._slowest or math.inf, self.seconds
         self.submit_task(
-            Attempt(tile, isolated), self._task, self._request, self._path, tile, isolated, *known, workers=workers
+            TileAttempt(tile, isolated), self._task, self._request, self._path, tile, isolated, *known, workers=workers
         )
 
     def repeat_late_tiles(self, again: bool) -> int:
@@ -160,7 +160,7 @@ class Submission(SubmittedTasks[Attempt, TileResult]):
         self._partial.pop(tile.index, None)
         return found
 
-    def handle_error(self, task: Task[Attempt], error: BaseException) -> None:
+    def handle_error(self, task: ClusterTask[TileAttempt], error: BaseException) -> None:
         """If a task killed workers and is not isolated, submit its tile again, isolated. Otherwise raise an error."""
         tile = task.work.tile
         if not isinstance(error, KilledWorker):
@@ -199,10 +199,10 @@ class Submission(SubmittedTasks[Attempt, TileResult]):
             processing: dict[str, tuple[Key, ...]] = self._client.processing()
             held: dict[Key, tuple[str, ...]] = self._client.who_has([task.future for task in self.in_flight.values()])
         except OSError as error:
-            raise self.lost_error() from error
+            raise self.lost_scheduler_error() from error
         holding = {address for addresses in held.values() for address in addresses}
         return sorted((address for address, keys in processing.items() if not keys), key=holding.__contains__)
 
 
-def _allowed_seconds(task: Task[Attempt]) -> float:
+def _allowed_seconds(task: ClusterTask[TileAttempt]) -> float:
     return TILE_SECONDS * min(max(task.work.tile.n_cells / TILE_CELLS, 1.0), LONGEST_FACTOR)

@@ -14,12 +14,12 @@ import numpy as np
 from pydantic import ValidationError
 
 from gear_rattle.workers.errors import SurveyError, missing_map_message
-from gear_rattle.workers.survey.axes import Axis, Window, first_message
+from gear_rattle.workers.survey.axes import Axis, Window, message_of_first_error
 from gear_rattle.workers.survey.request import SurveyRequest, TileShape
 from gear_rattle.workers.survey.tiles import MACHINE_FAILURES
 from gear_rattle.workers.survey.values.cells import Cells
 from gear_rattle.workers.survey.values.evaluate import FAILED
-from gear_rattle.workers.survey.values.quantities import QUANTITIES, shape_of, stored_variables
+from gear_rattle.workers.survey.values.quantities import QUANTITIES, shape_of_variable, stored_variables
 from gear_rattle.workers.survey.values.schema import SAMPLED, Group, Quantity
 from rattle.errors import require_integer, require_pair
 
@@ -37,7 +37,7 @@ class WindowPart(NamedTuple):
     delta: slice
 
 
-class PartValues(NamedTuple):
+class WindowPartValues(NamedTuple):
     """A computed part of a window: values (n_epsilon, n_delta), number of failed cells, seconds of the computation."""
 
     values: np.ndarray
@@ -46,7 +46,7 @@ class PartValues(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Frame:
+class WindowFrame:
     """The values of a window on one level of its grid, which may be partly computed.
 
     delta (n,), epsilon (m,): the centres of the level's cells. values (m, n): their values, in the dtype of the map. A
@@ -61,19 +61,19 @@ class Frame:
     failed: int
 
 
-def map_quantity(variable: str, index: int, request: SurveyRequest) -> Quantity:
+def quantity_of_map(variable: str, index: int, request: SurveyRequest) -> Quantity:
     """Return the variable of a map. Raises SurveyError if a survey of this model has no such variable or index."""
-    per_cell = [quantity for quantity in QUANTITIES if quantity.per_cell and quantity.is_in_model(request.model)]
+    per_cell = [quantity for quantity in QUANTITIES if quantity.is_per_cell and quantity.is_in_model(request.model)]
     maps = {quantity.name: quantity for quantity in per_cell}
     if variable not in maps:
         raise SurveyError(missing_map_message(variable, maps))
-    count, *_ = (*shape_of(maps[variable], (1, 1), request.n_slots)[:-2], 1)
+    count, *_ = (*shape_of_variable(maps[variable], (1, 1), request.n_slots)[:-2], 1)
     if not 0 <= index < count:
         raise SurveyError(f"{variable} has no map {index}: use an index from 0 to {count - 1}")
     return maps[variable]
 
 
-def window_survey(request: SurveyRequest, window: Window, pixels: tuple[int, int]) -> SurveyRequest:
+def request_for_window(request: SurveyRequest, window: Window, pixels: tuple[int, int]) -> SurveyRequest:
     """Return the request for a survey of the window, with about `pixels` cells along (delta, epsilon).
 
     Parts of the window outside the plane (δ ≤ 0, ε < 0) are cut off, and no axis is finer than double precision can
@@ -101,7 +101,7 @@ def window_survey(request: SurveyRequest, window: Window, pixels: tuple[int, int
         same = {"initial_conditions": sample, "slots": request.n_slots, "tile": TileShape(), "certify": False}
         return SurveyRequest.model_validate(request.model_dump() | axes | same)
     except ValidationError as error:
-        raise SurveyError(f"the window cannot be computed: {first_message(error)}") from error
+        raise SurveyError(f"the window cannot be computed: {message_of_first_error(error)}") from error
 
 
 def _window_axis(name: str, low: float, high: float, number: int) -> Axis:
@@ -151,19 +151,19 @@ class WindowGrid:
             for j in range(0, len(columns), piece):
                 yield WindowPart(*(_slice_of_range(each) for each in (rows[i : i + band], columns[j : j + piece])))
 
-    def put(self, part: WindowPart, computed: PartValues) -> None:
+    def put(self, part: WindowPart, computed: WindowPartValues) -> None:
         """Take over the computed values of a part of the window."""
         self.values[part] = computed.values
         self.known[part] = True
         self.failed += computed.failed
 
-    def frame_at_level(self, level: int) -> Frame:
+    def frame_at_level(self, level: int) -> WindowFrame:
         """Return the frame of a level; a cell that is not computed yet gets its value from the next coarser level."""
         step = 2**level
         rows, columns = (np.arange(0, number, step) for number in self.values.shape)
         at, known = self.values[np.ix_(rows, columns)], self.known[np.ix_(rows, columns)]
         before = self.values[np.ix_(rows - rows % (2 * step), columns - columns % (2 * step))]
-        return Frame(
+        return WindowFrame(
             self.delta[columns], self.epsilon[rows], np.where(known, at, before), float(self.known.mean()), self.failed
         )
 
@@ -172,16 +172,16 @@ def _slice_of_range(indices: range) -> slice:
     return slice(indices.start, indices.stop, indices.step)
 
 
-def compute_part(
+def compute_window_part(
     request: SurveyRequest, variable: str, index: int, delta: np.ndarray, epsilon: np.ndarray
-) -> PartValues:
+) -> WindowPartValues:
     """Compute a map on the cells epsilon × delta: a task of the cluster.
 
     A failed cell has the fill value of the map's variable; on the map of `status` it has FAILED.
 
     Returns
     -------
-    PartValues
+    WindowPartValues
         The values, the number of failed cells, and the seconds of the computation.
 
     Raises
@@ -190,7 +190,7 @@ def compute_part(
         An exception of one of these types: the computer failed, and not the model in a cell.
     """
     began = time.perf_counter()
-    quantity = map_quantity(variable, index, request)
+    quantity = quantity_of_map(variable, index, request)
     # The variable `status`, which has no group, needs the computation of all stored variables.
     wanted = (quantity,) if quantity.group else stored_variables(request.quantities, request.model)
     groups = {each.group for each in wanted}
@@ -216,7 +216,7 @@ def compute_part(
                 raise
             except Exception:
                 failed += 1
-    return PartValues(values, failed, time.perf_counter() - began)
+    return WindowPartValues(values, failed, time.perf_counter() - began)
 
 
 def _compute_map(quantities: tuple[Quantity, ...], index: int, cells: Cells) -> np.ndarray:
@@ -229,6 +229,6 @@ def _compute_map(quantities: tuple[Quantity, ...], index: int, cells: Cells) -> 
     np.ndarray
         The values of the map.
     """
-    for quantity in (each for each in quantities if each.per_cell):
+    for quantity in (each for each in quantities if each.is_per_cell):
         values = np.asarray(quantity.evaluate(cells)).astype(quantity.dtype)
     return values[(index, *(0,) * (values.ndim - 3))] if values.ndim > 2 else values

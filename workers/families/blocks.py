@@ -32,7 +32,7 @@ SLOTS_OF_BLOCK = 1 << 19
 
 
 @dataclass(frozen=True)
-class Block:
+class FamilyBlock:
     """A rectangle of cells whose attractors one task joins to families; a chunk of the array of family numbers.
 
     row, column: the position of the block among all blocks. cells: the ranges of its rows and columns of cells. side:
@@ -61,11 +61,11 @@ class Block:
 COMPONENTS, TARGETS = "components", "slots"
 
 
-def blocks_of(request: SurveyRequest, along: Along = ()) -> list[Block]:
+def blocks_of_grid(request: SurveyRequest, along: Along = ()) -> list[FamilyBlock]:
     """Return the blocks that cover the grid of a slice, or of a survey without a third axis, row by row."""
     side, (rows, columns) = max(1, math.isqrt(SLOTS_OF_BLOCK // request.n_slots)), request.shape
     return [
-        Block(i // side, j // side, Rectangle(i, min(i + side, rows), j, min(j + side, columns)), side, along)
+        FamilyBlock(i // side, j // side, Rectangle(i, min(i + side, rows), j, min(j + side, columns)), side, along)
         for i in range(0, rows, side)
         for j in range(0, columns, side)
     ]
@@ -89,14 +89,14 @@ def extend_by_rim(cells: Rectangle, shape: tuple[int, int], before: int = 1) -> 
     )
 
 
-def is_within(cell: np.ndarray, cells: Rectangle, columns: int) -> np.ndarray:
+def are_cells_in_rectangle(cell: np.ndarray, cells: Rectangle, columns: int) -> np.ndarray:
     """Return for each cell number whether the cell is in a rectangle. columns: number of columns of the whole grid."""
     row, column = np.divmod(cell, columns)
     found: np.ndarray = (cells.top <= row) & (row < cells.bottom) & (cells.left <= column) & (column < cells.right)
     return found
 
 
-def renumber_in_rectangle(table: Attractors, cells: Rectangle, columns: int) -> Attractors:
+def renumber_cells_in_rectangle(table: Attractors, cells: Rectangle, columns: int) -> Attractors:
     """Return attractors with the numbers of their cells in a rectangle, instead of the numbers in the grid."""
     row, column = np.divmod(table.cell, columns)
     return table.replace(cell=(row - cells.top) * (cells.right - cells.left) + column - cells.left)
@@ -130,7 +130,7 @@ def read_attractors(request: SurveyRequest, place: Place, cells: Rectangle, alon
     return found._replace(attractors=renumber_in_grid(found.attractors, cells, request.shape[1]))
 
 
-def read_components(place: Place, block: Block) -> np.ndarray:
+def read_components(place: Place, block: FamilyBlock) -> np.ndarray:
     """Return the number of the component (connected part of a family) of each attractor of a block.
 
     The attractors, sorted by cell, are those that a slot lists and the orbits that were continued into the block.
@@ -155,7 +155,9 @@ def intersection(one: Rectangle, other: Rectangle) -> Rectangle:
     )
 
 
-def read_target_slots(request: SurveyRequest, place: Place, cells: Rectangle, blocks: Iterable[Block]) -> np.ndarray:
+def read_target_slots(
+    request: SurveyRequest, place: Place, cells: Rectangle, blocks: Iterable[FamilyBlock]
+) -> np.ndarray:
     """Read the slots to which the attractors in a rectangle of cells must move.
 
     blocks: the blocks that cover the rectangle.
@@ -185,7 +187,7 @@ def _index_of_part(part: Rectangle, whole: Rectangle) -> tuple[slice, slice, sli
     )
 
 
-def position_in_cell(cell: np.ndarray) -> np.ndarray:
+def positions_in_cells(cell: np.ndarray) -> np.ndarray:
     """Return for each attractor, sorted by cell, how many attractors of the same cell precede it."""
     found: np.ndarray = np.arange(cell.size) - np.searchsorted(cell, cell)
     return found

@@ -12,22 +12,29 @@ import zarr
 
 from gear_rattle.workers.boundaries.edges import FamilyEdges, count_edges
 from gear_rattle.workers.errors import report_damage, storage_error
-from gear_rattle.workers.families.blocks import COMPONENTS, TARGETS, Block, blocks_of, extend_by_rim, is_within
+from gear_rattle.workers.families.blocks import (
+    COMPONENTS,
+    TARGETS,
+    FamilyBlock,
+    are_cells_in_rectangle,
+    blocks_of_grid,
+    extend_by_rim,
+)
 from gear_rattle.workers.families.move import move_attractors_to_slots
 from gear_rattle.workers.families.tasks import (
     BlockComponents,
     BlockSummary,
     BorderAttractors,
     connect_block,
-    continue_into_block,
+    continue_orbits_into_block,
     summarize_block,
     write_families,
 )
 from gear_rattle.workers.storage.added import RunForEach, run_in_process
 from gear_rattle.workers.storage.location import Place, place_of
-from gear_rattle.workers.storage.manifest import require_manifest, tile_recorder
+from gear_rattle.workers.storage.manifest import read_required_manifest, tile_recorder
 from gear_rattle.workers.storage.store import add_to_store, has_added_node
-from gear_rattle.workers.survey.crossings import Crossings, Polyline, crossings_of
+from gear_rattle.workers.survey.crossings import CurveCrossings, Polyline, crossings_of
 from gear_rattle.workers.survey.manifest import group_path
 from gear_rattle.workers.survey.request import Along, SurveyRequest
 from gear_rattle.workers.survey.stored_families import (
@@ -61,7 +68,7 @@ def lacks_families(request: SurveyRequest, where: str | Path | Place) -> bool:
     return Group.FAMILIES in request.quantities and not has_added_node(where, FAMILY)
 
 
-def join_survey(
+def join_attractors_of_survey(
     request: SurveyRequest, where: str | Path | Place, each: RunForEach = run_in_process, at_once: int = 1
 ) -> None:
     """Join the attractors of a survey whose tiles are all computed, slice by slice, and store their families.
@@ -107,7 +114,7 @@ class _FamilyJoiner:
         self.along, self._survey, self._request = along, survey, survey.slice_request(along)
         self._place, self._each, self._at_once = place, each, at_once
         self._columns = survey.shape[1]
-        self.blocks = blocks_of(self._request, along)
+        self.blocks = blocks_of_grid(self._request, along)
         self._number = {(block.row, block.column): i for i, block in enumerate(self.blocks)}
 
     def run(self) -> tuple[JoinedFamilies, FamilyEdges, dict[str, str]]:
@@ -143,13 +150,13 @@ class _FamilyJoiner:
         items = [(block, *more) for block, more in zip(self.blocks, arguments, strict=True)]
         return self._each(task, self._request, str(self._place), items)
 
-    def _nearby_blocks(self, block: Block) -> list[int]:
+    def _nearby_blocks(self, block: FamilyBlock) -> list[int]:
         """Return the indices of a block and of the blocks around it."""
         steps = product((-1, 0, 1), repeat=2)
         found = (self._number.get((block.row + i, block.column + j)) for i, j in steps)
         return [i for i in found if i is not None]
 
-    def _rows_around(self, block: Block, tables: Sequence[Rows], before: int = 1) -> Rows:
+    def _attractors_around_block(self, block: FamilyBlock, tables: Sequence[Rows], before: int = 1) -> Rows:
         """Return the attractors in the cells that touch a block from outside, from the tables of the blocks around it.
 
         tables: a table of attractors for each block. before: 1 for the cells on all sides of the block, 0 for only the
@@ -163,12 +170,13 @@ class _FamilyJoiner:
         frame = extend_by_rim(block.cells, self._request.shape, before)
         near = [tables[i] for i in self._nearby_blocks(block)]
         rim = [
-            is_within(table.cell, frame, self._columns) & ~is_within(table.cell, block.cells, self._columns)
+            are_cells_in_rectangle(table.cell, frame, self._columns)
+            & ~are_cells_in_rectangle(table.cell, block.cells, self._columns)
             for table in near
         ]
         return type(near[0]).concat([table.take(at) for table, at in zip(near, rim, strict=True)])
 
-    def _blocks_of_tile(self, tile: Tile) -> list[Block]:
+    def _blocks_of_tile(self, tile: Tile) -> list[FamilyBlock]:
         """Return the blocks that cover a tile."""
         side = self.blocks[0].side
         rows, columns = (range(span.start // side, (span.stop - 1) // side + 1) for span in tile.spans)
@@ -176,7 +184,7 @@ class _FamilyJoiner:
 
     def _rows_after_blocks(self, tables: Sequence[Rows]) -> list[Rows]:
         """Return for each block the attractors in the cells just after the block's last row and column of cells."""
-        return [self._rows_around(block, tables, before=0) for block in self.blocks]
+        return [self._attractors_around_block(block, tables, before=0) for block in self.blocks]
 
     def _continue_into_blocks(self) -> list[Attractors]:
         """Continue orbits into each block from its neighbours, in rounds, until no block gets a new orbit.
@@ -187,17 +195,17 @@ class _FamilyJoiner:
             The continued orbits of each block.
         """
         nothing = no_attractors()
-        new: list[Attractors] = self._run_on_blocks(continue_into_block, [(nothing, None)] * len(self.blocks))
+        new: list[Attractors] = self._run_on_blocks(continue_orbits_into_block, [(nothing, None)] * len(self.blocks))
         entered = list(new)
         while True:
-            beside = [self._rows_around(block, new) for block in self.blocks]
+            beside = [self._attractors_around_block(block, new) for block in self.blocks]
             again = [i for i, each in enumerate(beside) if each.cell.size]
             if not again:
                 return entered
             items = [(self.blocks[i], entered[i], beside[i]) for i in again]
             new = [nothing] * len(self.blocks)
             for i, found in zip(
-                again, self._each(continue_into_block, self._request, str(self._place), items), strict=True
+                again, self._each(continue_orbits_into_block, self._request, str(self._place), items), strict=True
             ):
                 new[i], entered[i] = found, concat_tables(entered[i], found)
 
@@ -246,7 +254,10 @@ class _FamilyJoiner:
         delta, epsilon = self._request.delta.values(), self._request.epsilon.values()
         crossings = [crossings_of(curve, delta, epsilon) for curve in curves.values()]
         passed = [
-            [Crossings._make(x[is_within(x, block.cells, self._columns)] for x in each) for each in crossings]
+            [
+                CurveCrossings._make(x[are_cells_in_rectangle(x, block.cells, self._columns)] for x in each)
+                for each in crossings
+            ]
             for block in self.blocks
         ]
         first = [
@@ -278,19 +289,19 @@ class _FamilyJoiner:
             write_families, ((orbits, of, slots[of]) for orbits, of in zip(entered, family, strict=True))
         )
         if self._request.slots_follow_families:
-            self._move_tiles()
+            self._move_attractors_of_tiles()
         return {block.chunk: digest for block, digest in zip(self.blocks, found, strict=True)}
 
-    def _move_tiles(self) -> None:
+    def _move_attractors_of_tiles(self) -> None:
         """Move the attractors of all tiles to their slots.
 
         If an earlier run rewrote a tile but was killed before it recorded the tile, the tile counts as damaged, and is
         computed again.
         """
-        known, tiles = require_manifest(self._place), iter(tiles_of_slice(self._survey, self.along))
+        known, tiles = read_required_manifest(self._place), iter(tiles_of_slice(self._survey, self.along))
         with tile_recorder(self._place) as record_tiles:
             while some := list(islice(tiles, self._at_once)):
-                items = [(tile, self._blocks_of_tile(tile), known.digests_of(tile.index)) for tile in some]
+                items = [(tile, self._blocks_of_tile(tile), known.digests_of_tile(tile.index)) for tile in some]
                 moved = self._each(move_attractors_to_slots, self._survey, str(self._place), items)
                 record_tiles({tile.index: files for tile, files in zip(some, moved, strict=True)})
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from gear_rattle.workers.families.blocks import Block, position_in_cell, read_target_slots
+from gear_rattle.workers.families.blocks import FamilyBlock, positions_in_cells, read_target_slots
 from gear_rattle.workers.kinds import compute_tile
 from gear_rattle.workers.storage.location import Place, place_of
 from gear_rattle.workers.storage.store import read_tile, write_tile
@@ -18,7 +18,7 @@ from rattle.families import Rectangle
 
 
 def move_attractors_to_slots(
-    request: SurveyRequest, path: str, tile: Tile, blocks: Sequence[Block], known: Mapping[str, str]
+    request: SurveyRequest, path: str, tile: Tile, blocks: Sequence[FamilyBlock], known: Mapping[str, str]
 ) -> Mapping[str, str]:
     """Move the attractors of a tile to their slots, and write the tile if this changes it.
 
@@ -26,7 +26,7 @@ def move_attractors_to_slots(
 
     Parameters
     ----------
-    blocks : Sequence[Block]
+    blocks : Sequence[FamilyBlock]
         The blocks that cover the tile.
     known : Mapping[str, str]
         Digests of the tile's chunks in the manifest, by key.
@@ -45,14 +45,14 @@ def move_attractors_to_slots(
     if computed and (source == np.arange(request.n_slots)[:, None, None]).all():
         return known
     for each in request.variables:
-        if each.per_cell and each.dims[0] == SLOT:
+        if each.is_per_cell and each.dims[0] == SLOT:
             index = source.reshape(source.shape[0], *(1,) * (len(each.dims) - 3), *source.shape[1:])
             values[each.name] = np.take_along_axis(values[each.name], index, 0)
     return write_tile(request, path, tile, values)
 
 
 def _source_slots(
-    request: SurveyRequest, place: Place, tile: Tile, blocks: Sequence[Block], values: TileArrays
+    request: SurveyRequest, place: Place, tile: Tile, blocks: Sequence[FamilyBlock], values: TileArrays
 ) -> np.ndarray:
     """Return for each slot of a tile its source: the slot whose present content must move into it.
 
@@ -68,5 +68,5 @@ def _source_slots(
     found = attractors_in_slots(values, request.initial_conditions.count)
     cell = found.attractors.cell
     source = np.full(target.shape, -1, np.int8)
-    source[target[position_in_cell(cell), cell], cell] = found.slot
+    source[target[positions_in_cells(cell), cell], cell] = found.slot
     return complete_sources(source.reshape(request.n_slots, cells.bottom - cells.top, -1))

@@ -12,7 +12,7 @@ import numpy as np
 from gear_rattle.workers.errors import SurveyError
 from gear_rattle.workers.storage.location import Place
 from gear_rattle.workers.storage.store import open_survey
-from gear_rattle.workers.survey.slices import slice_group_path, slice_of
+from gear_rattle.workers.survey.slices import select_slice, slice_group_path
 from gear_rattle.workers.survey.stored_families import FAMILY, GROUP
 from gear_rattle.workers.survey.values.schema import CELL, Group
 from rattle import KINDS, wilson_interval
@@ -57,10 +57,10 @@ def open_family(path_or_url: str | Path | Place, number: int, slice_number: int 
     SurveyError
         There is no survey, it has no families, or there is no such family or slice.
     """
-    return family_of(lambda group: open_survey(path_or_url, group), str(path_or_url), number, slice_number)
+    return family_as_map(lambda group: open_survey(path_or_url, group), str(path_or_url), number, slice_number)
 
 
-def family_of(
+def family_as_map(
     opened: Callable[[str | None], xr.Dataset], name: str, number: int, slice_number: int | None = None
 ) -> xr.Dataset:
     """Return one family as a map, as `open_family` does, of a survey that the function `opened` opens.
@@ -85,7 +85,7 @@ def family_of(
     import xarray as xr
 
     with opened(None) as whole:
-        survey = slice_of(whole, slice_number)
+        survey = select_slice(whole, slice_number)
         if FAMILY not in survey:
             raise SurveyError(f"{name} has no families: compute a survey with --quantity {Group.FAMILIES}")
         with opened(slice_group_path(slice_number, GROUP)) as table:
@@ -127,7 +127,7 @@ def _family_maps(survey: xr.Dataset, number: int, entered: xr.Dataset) -> dict[s
     slot, there = share.argmax(axis=0), of.any(axis=0)
     at = entered["entered_row"].values, entered["entered_column"].values
 
-    def values_of_largest(name: str, orbit_values: np.ndarray) -> np.ndarray:
+    def values_of_largest_attractor(name: str, orbit_values: np.ndarray) -> np.ndarray:
         """Return the values of a variable for the attractor that represents the family in each cell.
 
         The family is represented by the attractor with the largest fraction among its slots in the cell; in a cell
@@ -149,8 +149,8 @@ def _family_maps(survey: xr.Dataset, number: int, entered: xr.Dataset) -> dict[s
     np.add.at(attractors, at, 1)
     return {
         "fraction": np.where(attractors > 0, np.where(of, share, 0.0).sum(axis=0), np.nan),
-        "phase": values_of_largest("phase", entered["entered_phase"].values),
-        "velocity": values_of_largest("velocity", entered["entered_velocity"].values),
-        "lyapunov": values_of_largest("lyapunov", entered["entered_lyapunov"].values),
+        "phase": values_of_largest_attractor("phase", entered["entered_phase"].values),
+        "velocity": values_of_largest_attractor("velocity", entered["entered_velocity"].values),
+        "lyapunov": values_of_largest_attractor("lyapunov", entered["entered_lyapunov"].values),
         "attractors": attractors,
     }

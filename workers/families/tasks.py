@@ -18,31 +18,31 @@ from gear_rattle.workers.boundaries.edges import ComponentEdges, find_edges_in_p
 from gear_rattle.workers.families.blocks import (
     COMPONENTS,
     TARGETS,
-    Block,
+    FamilyBlock,
+    are_cells_in_rectangle,
     extend_by_rim,
-    is_within,
-    position_in_cell,
+    positions_in_cells,
     read_attractors,
     read_components,
+    renumber_cells_in_rectangle,
     renumber_in_grid,
-    renumber_in_rectangle,
 )
 from gear_rattle.workers.storage.location import Place, place_of
-from gear_rattle.workers.survey.crossings import Crossings
+from gear_rattle.workers.survey.crossings import CurveCrossings
 from gear_rattle.workers.survey.manifest import digest
 from gear_rattle.workers.survey.request import SurveyRequest
-from gear_rattle.workers.survey.stored_families import ListedAttractors, create_family_array, slots_in_cells
+from gear_rattle.workers.survey.stored_families import ListedAttractors, assign_slots_in_cells, create_family_array
 from rattle import Attractors
 from rattle.families import (
     NO_FAMILY,
     QUIET_FAMILY,
+    ComponentSums,
     Rectangle,
-    Sums,
     argsort_attractors,
     concat_tables,
     connect_attractors,
     continue_into_piece,
-    sums_of,
+    sum_over_components,
 )
 from rattle.numerics import StructOfArrays
 
@@ -89,13 +89,13 @@ class BlockSummary(NamedTuple):
     `ComponentEdges`). pairs (k, 2): in each row the numbers of two components that are in slots of the same cell.
     """
 
-    sums: Sums
+    sums: ComponentSums
     edges: ComponentEdges
     pairs: np.ndarray
 
 
-def continue_into_block(
-    request: SurveyRequest, path: str, block: Block, entered: Attractors, beside: Attractors | None
+def continue_orbits_into_block(
+    request: SurveyRequest, path: str, block: FamilyBlock, entered: Attractors, beside: Attractors | None
 ) -> Attractors:
     """Continue orbits into the cells of a block, from cell to cell.
 
@@ -111,12 +111,12 @@ def continue_into_block(
     columns = request.shape[1]
     cells, frame, tried = block.cells, extend_by_rim(block.cells, request.shape), beside is not None
     table = read_attractors(request, place_of(path), cells if tried else frame, block.along).attractors
-    inside = is_within(table.cell, cells, columns)
+    inside = are_cells_in_rectangle(table.cell, cells, columns)
     beside = beside or table.take(~inside)
     table = concat_tables(table.take(inside), entered)
     order = argsort_attractors(table)
     tables = table.take(order), beside
-    here, there = (renumber_in_rectangle(each, frame, columns) for each in tables)
+    here, there = (renumber_cells_in_rectangle(each, frame, columns) for each in tables)
     top, left = frame.top, frame.left
     piece = Rectangle(cells.top - top, cells.bottom - top, cells.left - left, cells.right - left)
     new = continue_into_piece(here, there, tried, frame.right - left, piece, _kernel_cells(request, frame))
@@ -124,7 +124,7 @@ def continue_into_block(
 
 
 def connect_block(
-    request: SurveyRequest, path: str, block: Block, entered: Attractors, beside: Attractors
+    request: SurveyRequest, path: str, block: FamilyBlock, entered: Attractors, beside: Attractors
 ) -> BlockComponents:
     """Connect the attractors of a block with each other, and with attractors just after its last row and column.
 
@@ -144,8 +144,10 @@ def connect_block(
     order = argsort_attractors(table)
     table = table.take(order)
     shape = frame.bottom - frame.top, frame.right - frame.left
-    component = connect_attractors(renumber_in_rectangle(table, frame, columns), shape, _kernel_cells(request, frame))
-    inside, where = is_within(table.cell, block.cells, columns), position_in_cell(table.cell)
+    component = connect_attractors(
+        renumber_cells_in_rectangle(table, frame, columns), shape, _kernel_cells(request, frame)
+    )
+    inside, where = are_cells_in_rectangle(table.cell, block.cells, columns), positions_in_cells(table.cell)
     mine = np.unique(component[inside & (component > QUIET_FAMILY)])
     numbers = np.full(int(component.max(initial=QUIET_FAMILY)) + 2, NO_FAMILY)  # the last entry is for component −1
     numbers[QUIET_FAMILY], numbers[mine] = QUIET_FAMILY, 1 + np.arange(mine.size)
@@ -163,11 +165,11 @@ def connect_block(
 def summarize_block(
     request: SurveyRequest,
     path: str,
-    block: Block,
+    block: FamilyBlock,
     entered: Attractors,
     component: np.ndarray,
     beyond: BorderAttractors,
-    crossings: Sequence[Crossings],
+    crossings: Sequence[CurveCrossings],
 ) -> BlockSummary:
     """Summarize the survey's components in a block.
 
@@ -180,7 +182,7 @@ def summarize_block(
         component −1 (undecided samples).
     beyond : BorderAttractors
         The attractors in the cells after the block's last row and column.
-    crossings : Sequence[Crossings]
+    crossings : Sequence[CurveCrossings]
         For each curve, the pairs of cells of the block between which the curve passes.
 
     Returns
@@ -190,16 +192,16 @@ def summarize_block(
     """
     place = place_of(path)
     found = read_attractors(request, place, block.cells, block.along)
-    table, of, is_listed = _block_attractors(place, block, found, entered)
+    table, of, is_listed = _attractors_of_block(place, block, found, entered)
     of, columns = component[of], request.shape[1]
     cell, each = np.append(table.cell, beyond.cell), np.append(of, beyond.component)
     edges = find_edges_in_part(block.cells, columns, cell, each, crossings)
     pairs = _pairs_in_cells(table.cell[is_listed], of[is_listed])
-    return BlockSummary(sums_of(table, of, columns), edges, pairs)
+    return BlockSummary(sum_over_components(table, of, columns), edges, pairs)
 
 
 def write_families(
-    request: SurveyRequest, path: str, block: Block, entered: Attractors, family: np.ndarray, slot: np.ndarray
+    request: SurveyRequest, path: str, block: FamilyBlock, entered: Attractors, family: np.ndarray, slot: np.ndarray
 ) -> str:
     """Write the family numbers of a block to the store, and the slots of its attractors to a temporary file.
 
@@ -214,14 +216,14 @@ def write_families(
     """
     place, cells = place_of(path), block.cells
     found = read_attractors(request, place, cells, block.along)
-    _table, component, is_listed = _block_attractors(place, block, found, entered)
+    _table, component, is_listed = _attractors_of_block(place, block, found, entered)
     component = component[is_listed]
-    cell, here = renumber_in_rectangle(found.attractors, cells, request.shape[1]).cell, family[component]
-    target = slots_in_cells(here, cell, slot[component]) if request.slots_follow_families else found.slot
+    cell, here = renumber_cells_in_rectangle(found.attractors, cells, request.shape[1]).cell, family[component]
+    target = assign_slots_in_cells(here, cell, slot[component]) if request.slots_follow_families else found.slot
     shape = request.n_slots, cells.bottom - cells.top, cells.right - cells.left
     numbers = np.full((request.n_slots, shape[1] * shape[2]), NO_FAMILY, np.int32)
     targets = np.full(numbers.shape, -1, np.int8)
-    numbers[target, cell], targets[position_in_cell(cell), cell] = here, target
+    numbers[target, cell], targets[positions_in_cells(cell), cell] = here, target
     place.put(block.temporary_key(TARGETS), targets.tobytes())
     kept: dict[str, Buffer] = {}
     array = create_family_array(zarr.create_group(MemoryStore(kept), zarr_format=3), request, block.side)
@@ -238,8 +240,8 @@ def _kernel_cells(request: SurveyRequest, cells: Rectangle) -> object:
     return request.gear_model.cells(delta[cells.left : cells.right], epsilon[cells.top : cells.bottom])
 
 
-def _block_attractors(
-    place: Place, block: Block, found: ListedAttractors, entered: Attractors
+def _attractors_of_block(
+    place: Place, block: FamilyBlock, found: ListedAttractors, entered: Attractors
 ) -> tuple[Attractors, np.ndarray, np.ndarray]:
     """Return the listed and the continued attractors of a block, sorted by cell.
 

@@ -43,6 +43,6 @@ class SurveyAccessor:
             The survey has no such map, or the map cannot be read.
         """
         from gear_rattle.workers.pictures.maps import map_figure
-        from gear_rattle.workers.survey.slices import slice_of
+        from gear_rattle.workers.survey.slices import select_slice
 
-        return map_figure(slice_of(self._survey, slice_number), variable, index)
+        return map_figure(select_slice(self._survey, slice_number), variable, index)

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from gear_rattle.workers.errors import SurveyError
 from gear_rattle.workers.pictures.machine_axes import draw_machine_axes
 from gear_rattle.workers.pictures.maps import WITHOUT_VALUE, draw_legend, draw_map
-from gear_rattle.workers.pictures.overlay import CURVES_ON, draw_curves, draw_points_over
+from gear_rattle.workers.pictures.overlay import CURVES_ON, draw_codimension_two_points, draw_curves
 from gear_rattle.workers.survey.slices import surveyed_model
 from rattle import REGIONS
 from rattle.plot import HALO, new_figure
@@ -50,25 +50,25 @@ def survey_figure(dataset: xr.Dataset) -> Figure:
     figure.suptitle(f"Gear model, {model}", fontsize=13)
     if "region" in curves:
         axes, drawn = curves["region"]
-        _name_regions(axes, dataset)
-        draw_points_over(axes, dataset, drawn)
+        _write_region_names(axes, dataset)
+        draw_codimension_two_points(axes, dataset, drawn)
     return figure
 
 
-def _name_regions(axes: Axes, dataset: xr.Dataset) -> None:
+def _write_region_names(axes: Axes, dataset: xr.Dataset) -> None:
     """Write each region's name where the region is widest."""
-    places = widest_region_points(*(np.asarray(dataset[name]) for name in ("region", "delta", "epsilon")))
+    places = region_name_positions(*(np.asarray(dataset[name]) for name in ("region", "delta", "epsilon")))
     for name, where in places.items():
         axes.text(*where, name, ha="center", va="center", fontsize=13, weight="bold", path_effects=HALO, zorder=5)
 
 
-def widest_region_points(region: np.ndarray, delta: np.ndarray, epsilon: np.ndarray) -> dict[str, tuple[float, float]]:
+def region_name_positions(region: np.ndarray, delta: np.ndarray, epsilon: np.ndarray) -> dict[str, tuple[float, float]]:
     """Return the names of the regions of a map (epsilon, delta), each with the point where the region is widest."""
-    widest = widest_cells(region, range(1, len(REGIONS)))
+    widest = innermost_cells(region, range(1, len(REGIONS)))
     return {REGIONS[code]: (float(delta[j]), float(epsilon[i])) for code, (i, j, _) in widest.items()}
 
 
-def widest_cells(codes: np.ndarray, wanted: Iterable[int]) -> dict[int, tuple[int, int, float]]:
+def innermost_cells(codes: np.ndarray, wanted: Iterable[int]) -> dict[int, tuple[int, int, float]]:
     """Return for each wanted code that occurs in a map (m, n) the cell farthest from other codes and the map's edge.
 
     Returns

@@ -17,7 +17,7 @@ from xarray.core.indexing import ExplicitIndexer, IndexingSupport, LazilyIndexed
 
 from gear_rattle.workers.errors import SurveyError, report_damage
 from gear_rattle.workers.pictures.look import AMONG, LARGEST, SHARE, WHICH
-from gear_rattle.workers.survey.slices import slice_group_path, slice_of, surveyed_model
+from gear_rattle.workers.survey.slices import select_slice, slice_group_path, surveyed_model
 from gear_rattle.workers.survey.stored_families import FAMILY, GROUP
 from gear_rattle.workers.survey.values.schema import CELL, SLOT, Group
 from rattle import KINDS
@@ -35,7 +35,7 @@ CONTACTS = "attractor_contacts"  # a variable of models with contact phases
 LETTERS = {(1, 1, 0): "C", (1, 1, 1): "D"}  # motions of the impacting gear with a letter; A and B are never attractors
 
 
-def open_maps(
+def open_survey_for_map(
     opened: Callable[[str | None], xr.Dataset], variable: str, number: int | None = None, limit: int = MOST_CELLS
 ) -> xr.Dataset:
     """Return a survey, or a slice of it, in which the map of `variable` can be drawn.
@@ -60,7 +60,7 @@ def open_maps(
         The survey has a third axis and no slice is given; or `variable` is LARGEST or SHARE, and the survey has no
         families or more than `limit` cells.
     """
-    survey = slice_of(opened(None), number)
+    survey = select_slice(opened(None), number)
     if variable not in (LARGEST, SHARE):
         return survey
     if FAMILY not in survey:
@@ -223,9 +223,9 @@ class _FamilyMaps(BackendArray):
         family, share = (
             np.asarray(each.isel(window).transpose(SLOT, *CELL))[:, *cells] for each in (self._family, self._fraction)
         )
-        return np.stack([self._map_values(int(i), family, share) for i in index])
+        return np.stack([self._values_on_map(int(i), family, share) for i in index])
 
-    def _map_values(self, index: int, family: np.ndarray, share: np.ndarray) -> np.ndarray:
+    def _values_on_map(self, index: int, family: np.ndarray, share: np.ndarray) -> np.ndarray:
         """Return the values of map number `index`. family, share (slots, …): family and sample share of each slot."""
         raise NotImplementedError
 
@@ -239,7 +239,7 @@ class _LargestFamilyMaps(_FamilyMaps):
     def __init__(self, survey: xr.Dataset) -> None:
         super().__init__(survey, len(WHICH), np.int8)
 
-    def _map_values(self, index: int, family: np.ndarray, share: np.ndarray) -> np.ndarray:
+    def _values_on_map(self, index: int, family: np.ndarray, share: np.ndarray) -> np.ndarray:
         return np.minimum(dominant_family(family, share, first=index) + 1, OTHERS).astype(np.int8)
 
 
@@ -249,6 +249,6 @@ class _FamilyShareMaps(_FamilyMaps):
     def __init__(self, survey: xr.Dataset, families: int) -> None:
         super().__init__(survey, families, np.float32)
 
-    def _map_values(self, index: int, family: np.ndarray, share: np.ndarray) -> np.ndarray:
+    def _values_on_map(self, index: int, family: np.ndarray, share: np.ndarray) -> np.ndarray:
         found: np.ndarray = np.where(family == index, np.nan_to_num(share), 0.0).sum(axis=0).astype(np.float32)
         return found

@@ -12,11 +12,11 @@ import numpy as np
 import xarray as xr
 
 from gear_rattle.workers.errors import report_damage
-from gear_rattle.workers.pictures.planes import drawn_numbers, mask_nonperiodic, plane_of
+from gear_rattle.workers.pictures.planes import map_of_variable, mask_nonperiodic, values_to_draw
 from gear_rattle.workers.survey.levels import reduce
 from gear_rattle.workers.survey.levels.grid import GROUP, Level, Pair, level_centres, levels_of, possible_levels
 from gear_rattle.workers.survey.levels.template import LEVEL_CELL, OCCURS, SHARE, STATISTIC
-from gear_rattle.workers.survey.slices import slice_of
+from gear_rattle.workers.survey.slices import select_slice
 from gear_rattle.workers.survey.values.evaluate import FAILED
 from gear_rattle.workers.survey.values.schema import CELL, is_phase
 
@@ -76,19 +76,19 @@ def finest_level_part(levels: Sequence[Level], first: Pair, end: Pair, room: Pai
 
 
 def reduce_cells(plane: xr.DataArray, values: np.ndarray, status: np.ndarray, level: Level) -> DisplayedCells:
-    """Reduce a map to the cells of a pyramid level. values: the map's `drawn_numbers`. status: the stored variable."""
-    steps = [_halving_of(level.cells, number) for number in range(max(level.cells).bit_length() - 1)]
+    """Reduce a map to the cells of a pyramid level. values: the map's `values_to_draw`. status: the stored variable."""
+    steps = [_halving_factors(level.cells, number) for number in range(max(level.cells).bit_length() - 1)]
     states = _reduce_codes(status, status > 0, steps, FAILED + 1, level.cells[0])
     known = (status > 0) & (status != FAILED)
     if count := _number_of_codes(plane):
         found = _reduce_codes(values, known, steps, count, level.cells[0])
         everything = slice(None)
         sizes = (_covered_cells(size, cells, everything) for size, cells in zip(values.shape, level.cells, strict=True))
-        return _display_codes(found, states, *sizes)
+        return _choose_displayed_codes(found, states, *sizes)
     *_, statistics = (reduce.reduced_phases if is_phase(str(plane.name)) else reduce.reduced_numbers)(
         values, known, steps
     )
-    return _display_numbers(plane, statistics, states)
+    return _choose_displayed_numbers(plane, statistics, states)
 
 
 def _reduce_codes(
@@ -114,7 +114,7 @@ def _reduce_codes(
     return reduce.LevelCodes(*(np.concatenate(each) for each in zip(*parts, strict=True)))
 
 
-def read_level(
+def read_displayed_level_cells(
     plane: xr.DataArray, stored: xr.Dataset, index: int, level: Level, at: tuple[slice, slice]
 ) -> DisplayedCells:
     """Return the displayed cells in the part `at` of a stored pyramid level. plane: the map in full resolution."""
@@ -130,10 +130,10 @@ def read_level(
         states = reduce.LevelCodes(*(read_part("status" + end) for end in ("", SHARE, OCCURS)))
         if _number_of_codes(plane):
             found = reduce.LevelCodes(*(read_part(name + end) for end in ("", SHARE, OCCURS)))
-            return _display_codes(
+            return _choose_displayed_codes(
                 found, states, *(_covered_cells(*each) for each in zip(plane.shape, level.cells, at, strict=True))
             )
-        return _display_numbers(plane, read_part(name), states)
+        return _choose_displayed_numbers(plane, read_part(name), states)
 
 
 def reduce_map(dataset: xr.Dataset, variable: str, index: int, room: Pair, opened: OpenGroup | None) -> xr.Dataset:
@@ -155,17 +155,17 @@ def reduce_map(dataset: xr.Dataset, variable: str, index: int, room: Pair, opene
     SurveyError
         There is no such map, or it cannot be read.
     """
-    plane = plane_of(dataset, variable, index)
+    plane = map_of_variable(dataset, variable, index)
     shape = plane.shape[0], plane.shape[1]
     part = finest_level_part(possible_levels(shape), (0, 0), shape, room)
     if (level := part.level) is None:
         return dataset
     stored = opened(level.path) if opened and level in levels_of(shape) else None
     if stored is not None and variable in stored:  # maps of families have no stored levels
-        seen = read_level(plane, stored, index, level, part.at)
+        seen = read_displayed_level_cells(plane, stored, index, level, part.at)
     else:
         with report_damage(f"the map of {variable}"):
-            cells = drawn_numbers(mask_nonperiodic(dataset, plane.load(), index))
+            cells = values_to_draw(mask_nonperiodic(dataset, plane.load(), index))
             seen = reduce_cells(plane, cells, np.asarray(dataset["status"]), level)
     axes = {name: level_centres(dataset[name].values, cells) for name, cells in zip(CELL, level.cells, strict=True)}
     modulus = {"long_name": f"|{plane.attrs.get('long_name', variable)}|"} if np.iscomplexobj(plane) else {}
@@ -189,10 +189,10 @@ def level_opener(opened: Callable[[str], xr.Dataset], number: int | None, has_le
     OpenGroup
         The function.
     """
-    return lambda path: slice_of(opened(path), number) if has_levels and path.startswith(GROUP) else None
+    return lambda path: select_slice(opened(path), number) if has_levels and path.startswith(GROUP) else None
 
 
-def _halving_of(cells: Pair, number: int) -> Pair:
+def _halving_factors(cells: Pair, number: int) -> Pair:
     """Return how many cells along each axis halving number `number` joins to one; the first halving is number 0.
 
     cells: how many cells along each axis all halvings together join to one, for example (8, 2).
@@ -224,7 +224,7 @@ def _covered_cells(size: int, cells: int, at: slice) -> np.ndarray:
     return found
 
 
-def _display_codes(
+def _choose_displayed_codes(
     found: reduce.LevelCodes, states: reduce.LevelCodes, rows: np.ndarray, columns: np.ndarray
 ) -> DisplayedCells:
     """Choose the displayed code of each cell of a level.
@@ -249,7 +249,7 @@ def _display_codes(
     shown = np.where(found.share > 0.5, others, found.occurs)
     fewest = np.full(values.shape, np.iinfo(np.int64).max)
     for code in sorted(cells, key=lambda code: int(cells[code].sum())):
-        around = _count_around(cells[code])
+        around = _count_flagged_neighbours(cells[code])
         better = (shown >> code & 1).astype(bool) & (around < fewest)
         values[better], fewest[better] = code, around[better]
     return DisplayedCells(
@@ -257,7 +257,7 @@ def _display_codes(
     )
 
 
-def _count_around(cells: np.ndarray) -> np.ndarray:
+def _count_flagged_neighbours(cells: np.ndarray) -> np.ndarray:
     """Count for each cell the flagged cells in the square that reaches NEAR cells to each side of it.
 
     cells: the flags (m, n).
@@ -295,7 +295,7 @@ def _code_shares(
     }
 
 
-def _display_numbers(plane: xr.DataArray, statistics: np.ndarray, states: reduce.LevelCodes) -> DisplayedCells:
+def _choose_displayed_numbers(plane: xr.DataArray, statistics: np.ndarray, states: reduce.LevelCodes) -> DisplayedCells:
     """Choose the displayed number of each cell of a level, which covers several cells of the survey.
 
     The cell displays the mean of the covered cells. It displays an extreme instead if the extreme is rare (RARE) or the

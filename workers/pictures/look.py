@@ -41,7 +41,7 @@ COVERED = 0xC4 / 0xFF  # opacity of the white cover over cells without the chose
 OPACITY = 0.3  # opacity of the area that shows the 95 % interval of a design limit
 
 
-def is_survey_only(variable: str, request: SurveyRequest) -> bool:
+def needs_whole_survey(variable: str, request: SurveyRequest) -> bool:
     """Return whether a map needs the whole survey, so that a window of it cannot be computed at finer resolution."""
     return variable in SURVEY_ONLY or (variable in IN_SLOTS and request.slots_follow_families)
 

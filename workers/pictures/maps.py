@@ -37,8 +37,8 @@ from gear_rattle.workers.pictures.look import (
     variable_in_words,
 )
 from gear_rattle.workers.pictures.machine_axes import draw_machine_axes
-from gear_rattle.workers.pictures.overlay import CURVES_ON, draw_curves, draw_points_over
-from gear_rattle.workers.pictures.planes import SLOT_ORDER, UNJOINED, drawn_numbers, mask_nonperiodic, plane_of
+from gear_rattle.workers.pictures.overlay import CURVES_ON, draw_codimension_two_points, draw_curves
+from gear_rattle.workers.pictures.planes import SLOT_ORDER, UNJOINED, map_of_variable, mask_nonperiodic, values_to_draw
 from gear_rattle.workers.survey.levels.grid import level_centres, possible_levels
 from gear_rattle.workers.survey.levels.reduce import pool_cells
 from gear_rattle.workers.survey.request import BY_FAMILY, BY_FRACTION
@@ -177,7 +177,7 @@ def map_figure(
     if look.delta or look.epsilon:
         dataset, opened = look.cut_to_window(dataset), None  # pyramid levels cover all cells, not a window
     shown = reduce_map(dataset, variable, index, MOST_DRAWN_CELLS, opened)
-    plane = plane_of(shown, variable, index if shown is dataset else 0)
+    plane = map_of_variable(shown, variable, index if shown is dataset else 0)
     with report_damage(f"the map of {variable}"):
         plane = mask_nonperiodic(shown, plane.load(), index) if shown is dataset else plane
         shown["status"].load()
@@ -188,7 +188,7 @@ def map_figure(
     if look.family is not None:
         _dim_cells_without_family(axes, dataset, look.family)
     third = "".join(f", {name} = {value:g}" for name, value in third_axis_value(dataset).items())
-    axes.set_title(title_of(plane) + third, fontsize=11)
+    axes.set_title(map_title(plane) + third, fontsize=11)
     if is_machine:
         axes.set_title(replace_periods_with_revolutions(axes.get_title()), fontsize=11)
         for each in figure.axes[1:]:  # all axes after the map's own, such as those of the colour bar
@@ -198,13 +198,13 @@ def map_figure(
     curves = draw_curves(axes, dataset, lines, over)
     draw_legend(axes)
     if POINTS in lines:
-        draw_points_over(axes, dataset, curves)
+        draw_codimension_two_points(axes, dataset, curves)
     if look.caption:
         figure.supxlabel("\n".join(wrap(look.caption, CAPTION_WIDTH)), x=0.01, ha="left", fontsize=7, parse_math=False)
     return figure
 
 
-def bar_label(plane: xr.DataArray) -> str:
+def colour_bar_label(plane: xr.DataArray) -> str:
     """Return the label of a colour bar: the variable, with its unit if it has one."""
     name = variable_in_words(str(plane.name))
     unit = "" if "flag_meanings" in plane.attrs else next((UNITS[word] for word in UNITS if word in name), "")
@@ -217,7 +217,7 @@ def readable_description(text: str) -> str:
     return re.sub(r"\b([nv]|Σv)([+-])(?![\w.])", lambda found: found[1] + SIGNS[found[2]], text)
 
 
-def title_of(plane: xr.DataArray) -> str:
+def map_title(plane: xr.DataArray) -> str:
     """Return the title of a map: the variable's meaning, and its orbit or slot."""
     name = readable_description(str(plane.attrs.get("long_name", plane.name)))
     if np.iscomplexobj(plane):
@@ -244,7 +244,7 @@ def words_for_missing_value(plane: xr.DataArray) -> str:
     return WITHOUT_VALUE.get(str(plane.name)) or next(words, "no value")
 
 
-def meanings_of(plane: xr.DataArray) -> list[str]:
+def meanings_of_codes(plane: xr.DataArray) -> list[str]:
     """Return the meaning of each code of a map in words."""
     meanings = [each.replace("_", " ") for each in plane.attrs["flag_meanings"].split()]
     if plane.name == LARGEST:
@@ -287,7 +287,7 @@ def draw_map(
             f"the axes reach {reach:g}, which cannot be drawn: axes may reach at most {FARTHEST_DRAWN:g}. Read the "
             "survey's numbers with open_survey"
         )
-    values = drawn_numbers(plane)
+    values = values_to_draw(plane)
     layers = valueless_layers(
         str(plane.name), values, np.asarray(dataset["status"]), nothing or words_for_missing_value(plane)
     )
@@ -297,21 +297,21 @@ def draw_map(
     seen = values[~valueless]
     if finer is not None:
         seen = np.append(seen, finer.values[np.isfinite(finer.values)])
-    cmap, norm, ticks, labels = scale_of(plane, seen)
+    cmap, norm, ticks, labels = colour_scale_of(plane, seen)
     if not labels and (look.log or look.span != "auto"):
         norm = look.norm(norm, seen)
     if isinstance(norm, LogNorm) and (hidden := ~valueless & (values <= 0)).any():
         layers["zero or below"] = hidden, ZERO
         valueless = valueless | hidden
         _draw_cells(axes, dataset, np.where(hidden, 1.0, np.nan), ListedColormap([ZERO]), Normalize(0, 1))
-    extend = _exceeded_ends(norm, seen[seen > 0] if isinstance(norm, LogNorm) else seen)
+    extend = _exceeded_colour_bar_ends(norm, seen[seen > 0] if isinstance(norm, LogNorm) else seen)
     mesh = _draw_cells(axes, dataset, np.where(valueless, np.nan, values), cmap, norm)
     if finer is not None:
         shown = finer.values if not isinstance(norm, LogNorm) else np.where(finer.values > 0, finer.values, np.nan)
         _draw_cells(axes, finer, shown, cmap, norm)
     # These axes have a figure, although the type of `get_figure` allows None.
     bar = axes.get_figure().colorbar(mesh, ax=axes, ticks=ticks, pad=0.02, extend=extend)  # type: ignore[union-attr]
-    bar.set_label(bar_label(plane))
+    bar.set_label(colour_bar_label(plane))
     if labels:
         bar.ax.set_yticklabels(labels)
         bar.minorticks_off()
@@ -361,9 +361,9 @@ def draw_legend(axes: Axes) -> None:
 
 def _dim_cells_without_family(axes: Axes, dataset: xr.Dataset, family: int) -> None:
     """Dim the cells that lack the family `family`; in a reduced map, a cell that covers no cell with this family."""
-    share = plane_of(dataset, SHARE, family)
+    share = map_of_variable(dataset, SHARE, family)
     with report_damage(f"the map of {SHARE}"):
-        values = drawn_numbers(share)
+        values = values_to_draw(share)
     shape = values.shape[0], values.shape[1]
     level = finest_level_part(possible_levels(shape), (0, 0), shape, MOST_DRAWN_CELLS).level
     along, across = level.cells if level else (1, 1)
@@ -388,7 +388,7 @@ def _draw_cells(
     )
 
 
-def _exceeded_ends(norm: Normalize, values: np.ndarray) -> str:
+def _exceeded_colour_bar_ends(norm: Normalize, values: np.ndarray) -> str:
     """Return at which ends values exceed the colour bar: matplotlib's "both", "min", "max" or "neither"."""
     low, high = bool(np.any(values < norm.vmin)), bool(np.any(values > norm.vmax))
     return {(True, True): "both", (True, False): "min", (False, True): "max"}.get((low, high), "neither")
@@ -417,10 +417,12 @@ def colours_of_codes(plane: xr.DataArray) -> Sequence[str]:
     return own or {"region": REGION_COLOURS, KIND: COLOURS_OF_KINDS}.get(str(plane.name), CODE_COLOURS)
 
 
-def scale_of(plane: xr.DataArray, values: np.ndarray) -> tuple[Colormap, Normalize, Sequence[float] | None, list[str]]:
+def colour_scale_of(
+    plane: xr.DataArray, values: np.ndarray
+) -> tuple[Colormap, Normalize, Sequence[float] | None, list[str]]:
     """Return colour map, norm, ticks (None: matplotlib's) and tick labels for a map with these finite values."""
     if "flag_meanings" in plane.attrs:
-        meanings = meanings_of(plane)
+        meanings = meanings_of_codes(plane)
         colours = colours_of_codes(plane)
         first = 0 if (values == 0).any() else 1
         codes = [code for code in range(first, len(meanings)) if _is_listed(plane, code, values)] or [first]

@@ -68,7 +68,7 @@ def arrange_names(
     leaders: list[Array] = []
     placed = []
     for mark, size in zip(marks, sizes, strict=True):
-        found = _first_free_place(np.array(mark), np.array(size), frame, boxes, len(taken) + len(marks), leaders)
+        found = _first_free_position(np.array(mark), np.array(size), frame, boxes, len(taken) + len(marks), leaders)
         placed.append(found)
         if found is not None:
             boxes.append(box_about(found.centre, size))
@@ -87,7 +87,7 @@ def is_overlapping(one: Box, other: Box) -> bool:
     return one[0] < other[2] and other[0] < one[2] and one[1] < other[3] and other[1] < one[3]
 
 
-def _first_free_place(
+def _first_free_position(
     mark: Array,
     size: Array,
     frame: tuple[float, float],
@@ -102,12 +102,12 @@ def _first_free_place(
             if not (box[0] >= 0 and box[1] >= 0 and box[2] <= frame[0] and box[3] <= frame[1]):
                 continue
             if any(is_overlapping(box, other) for other in boxes) or any(
-                _is_leader_in_box(leader, box) for leader in leaders
+                _leader_meets_box(leader, box) for leader in leaders
             ):
                 continue
             end = tuple(np.clip(mark, box[:2], box[2:]).tolist()) if gap > GAPS[0] else None
             own = _leader_points(mark, end)
-            if not any(_is_leader_in_box(own, other) for other in boxes[first_name:]):
+            if not any(_leader_meets_box(own, other) for other in boxes[first_name:]):
                 return PlacedName((float(centre[0]), float(centre[1])), end)
     return None
 
@@ -117,6 +117,6 @@ def _leader_points(mark: Array, end: tuple[float, float] | None) -> Array:
     return np.empty((0, 2)) if end is None else mark + LEADER_POSITIONS * (np.array(end) - mark)
 
 
-def _is_leader_in_box(leader: Array, box: Box) -> bool:
+def _leader_meets_box(leader: Array, box: Box) -> bool:
     """Return whether a point of a leader line (k, 2) lies inside a box."""
     return bool(np.any(np.all((leader > box[:2]) & (leader < box[2:]), axis=1)))

@@ -47,6 +47,6 @@ def _survey_window(dataset: xr.Dataset) -> Window:
     return window_around(dataset["delta"].values, dataset["epsilon"].values)
 
 
-def draw_points_over(axes: Axes, dataset: xr.Dataset, curves: Sequence[np.ndarray]) -> None:
+def draw_codimension_two_points(axes: Axes, dataset: xr.Dataset, curves: Sequence[np.ndarray]) -> None:
     """Mark the codimension-two points of the model, and write their names away from the curves and existing text."""
     plot.draw_points(axes, surveyed_model(dataset).codimension_two(), curves)

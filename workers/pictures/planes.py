@@ -21,7 +21,7 @@ if TYPE_CHECKING:  # not imported at run time: xarray takes half a second to imp
 SLOT_ORDER, UNJOINED = "slot_order", "unjoined"
 
 
-def plane_of(dataset: xr.Dataset, variable: str, index: int = 0) -> xr.DataArray:
+def map_of_variable(dataset: xr.Dataset, variable: str, index: int = 0) -> xr.DataArray:
     """Return a variable as a map (epsilon, delta).
 
     index: the number of the map, from 0, if the variable has a map for each orbit or slot; else 0.
@@ -76,6 +76,6 @@ def mask_nonperiodic(dataset: xr.Dataset, plane: xr.DataArray, index: int) -> xr
     return plane.where(kind.values == PERIODIC)
 
 
-def drawn_numbers(plane: xr.DataArray | np.ndarray) -> np.ndarray:
+def values_to_draw(plane: xr.DataArray | np.ndarray) -> np.ndarray:
     """Return the values of a map as float64; for complex values, their moduli."""
     return np.asarray(np.abs(plane) if np.iscomplexobj(plane) else plane).astype(float)

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from pydantic import Field, ValidationError, ValidatorFunctionWrapHandler, WrapValidator, create_model
 from pydantic_core import PydanticCustomError
 
-from gear_rattle.workers.survey.axes import Real, StrictRecord, field_message
+from gear_rattle.workers.survey.axes import Real, StrictRecord, wrong_field_message
 from rattle import LogNormal, Measured, Normal, Triangular, Uniform
 from rattle.populations import DIMENSIONLESS, OF_MACHINE, Distribution
 
@@ -23,7 +23,7 @@ class NormalNumber(StrictRecord):
     high: Real | None = None
 
     @property
-    def library_form(self) -> Distribution:
+    def library_distribution(self) -> Distribution:
         """The distribution as an object of the library. Raises ParameterError."""
         ends = {name: value for name in ("low", "high") if (value := getattr(self, name)) is not None}
         return Normal(self.mean, self.deviation, **ends)
@@ -37,7 +37,7 @@ class UniformNumber(StrictRecord):
     high: Real
 
     @property
-    def library_form(self) -> Distribution:
+    def library_distribution(self) -> Distribution:
         """The distribution as an object of the library."""
         return Uniform(self.low, self.high)
 
@@ -51,7 +51,7 @@ class TriangularNumber(StrictRecord):
     high: Real
 
     @property
-    def library_form(self) -> Distribution:
+    def library_distribution(self) -> Distribution:
         """The distribution as an object of the library."""
         return Triangular(self.low, self.mode, self.high)
 
@@ -64,25 +64,25 @@ class LogNormalNumber(StrictRecord):
     deviation: Real
 
     @property
-    def library_form(self) -> Distribution:
+    def library_distribution(self) -> Distribution:
         """The distribution as an object of the library."""
         return LogNormal(self.median, self.deviation)
 
 
-class MeasuredNumber(StrictRecord):
+class MeasuredDistribution(StrictRecord):
     """The distribution of a number whose `values` were measured at some gears."""
 
     distribution: Literal["measured"]
     values: Annotated[tuple[Real, ...], Field(min_length=2, max_length=MOST_MEASURED)]
 
     @property
-    def library_form(self) -> Distribution:
+    def library_distribution(self) -> Distribution:
         """The distribution as an object of the library."""
         return Measured(self.values)
 
 
 AnyDistribution = Annotated[
-    NormalNumber | UniformNumber | TriangularNumber | LogNormalNumber | MeasuredNumber,
+    NormalNumber | UniformNumber | TriangularNumber | LogNormalNumber | MeasuredDistribution,
     Field(discriminator="distribution"),
 ]
 
@@ -95,7 +95,7 @@ def _validate_number_or_distribution(value: Any, handler: ValidatorFunctionWrapH
         of_number, *of_distribution = error.errors()
         meant = of_distribution[0] if isinstance(value, Mapping) and of_distribution else of_number
         where = ".".join(str(part) for part in meant["loc"][2:])  # without pydantic's names of the union's branches
-        said = f"{where}: {field_message(meant)}" if where else field_message(meant)
+        said = f"{where}: {wrong_field_message(meant)}" if where else wrong_field_message(meant)
         raise PydanticCustomError("number_or_distribution", "{said}", {"said": said}) from error
 
 
@@ -121,7 +121,7 @@ class GearNumbers(_Numbers):
     drive: Literal["torque", "speed"] | None = None
 
     @property
-    def library_form(self) -> dict[str, Any]:
+    def library_distribution(self) -> dict[str, Any]:
         """The given numbers by name; a distribution is an object of the library. Raises ParameterError."""
         given = {name: getattr(self, name) for name in type(self).model_fields}
         return {name: to_library_form(value) for name, value in given.items() if value is not None}
@@ -129,10 +129,10 @@ class GearNumbers(_Numbers):
 
 def to_library_form(value: Any) -> Any:
     """Return a number unchanged, or a distribution as an object of the library. Raises ParameterError."""
-    return getattr(value, "library_form", value)
+    return getattr(value, "library_distribution", value)
 
 
-def request_field_of(value: Any) -> Any:
+def convert_to_request_field(value: Any) -> Any:
     """Return the value of a request's field: a number unchanged, a distribution of the library as a dictionary."""
     match value:
         case Normal():

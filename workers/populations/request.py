@@ -16,14 +16,23 @@ from gear_rattle.workers.survey.version import code_version
 from rattle import Shock
 from rattle.attractors import BUDGET, LARGEST_BUDGET, PERIODS, WATCH
 from rattle.models import ADDED, MODELS
-from rattle.populations import JUDGED, MOST_COUNT, MOST_GEARS, MOST_SHARE, PAIRS, Distribution, Plan, Tolerances
+from rattle.populations import (
+    JUDGED,
+    MOST_COUNT,
+    MOST_GEARS,
+    MOST_SHARE,
+    PAIRS,
+    Distribution,
+    PopulationPlan,
+    Tolerances,
+)
 
 MAX_TILE_GEARS = 65_536  # largest number of gears of a tile
 FEWEST_TILE_GEARS = 64  # a default tile has at least this many gears, unless each gear takes long
 DAMPING_SAMPLE_GEARS = 64  # the size of a default tile follows from the least damping among this many gears
 
 
-class ShockGiven(StrictRecord):
+class RequestedShock(StrictRecord):
     """A shock that separates teeth in contact, as the start of each run.
 
     speed: the speed at which the teeth separate, in m/s for a machine and otherwise in the model's unit. phase: the
@@ -51,7 +60,7 @@ class PopulationRequest(StrictRecord):
     count: Annotated[int, Field(strict=True, ge=1, le=MOST_COUNT)] = 16
     share: Annotated[Real, Field(gt=0, le=MOST_SHARE)] | None = None
     margin: Annotated[Real, Field(gt=0)] | None = None
-    shock: ShockGiven | None = None
+    shock: RequestedShock | None = None
     judged: Annotated[int, Field(strict=True, ge=1, le=MOST_GEARS)] = JUDGED
     pairs: Annotated[int, Field(strict=True, ge=0, le=MOST_GEARS)] = PAIRS
     seed: Annotated[int, Field(strict=True, ge=0, lt=2**32)] = 0
@@ -81,15 +90,15 @@ class PopulationRequest(StrictRecord):
         return self
 
     @cached_property
-    def plan(self) -> Plan:
+    def plan(self) -> PopulationPlan:
         """The plan of the population, as an object of the library. Raises ParameterError, which is a ValueError."""
         shock = None
         if self.shock is not None:
             phase = {} if self.shock.phase is None else {"phase": to_library_form(self.shock.phase)}
             shock = Shock(to_library_form(self.shock.speed), **phase)
-        tolerances = Tolerances(self.gear.library_form, self.correlation)
+        tolerances = Tolerances(self.gear.library_distribution, self.correlation)
         asked = self.gears, self.count, self.share, self.margin, shock, self.judged, self.pairs
-        return Plan(tolerances, *asked, self.seed, self.budget)
+        return PopulationPlan(tolerances, *asked, self.seed, self.budget)
 
     @property
     def quantities(self) -> tuple[Group, ...]:
@@ -102,7 +111,7 @@ class PopulationRequest(StrictRecord):
         return self.plan.tolerances.model.name
 
     @cached_property
-    def added_numbers(self) -> dict[str, float]:
+    def added_parameter_values(self) -> dict[str, float]:
         """The parameters that the model adds to δ, ε and β, by name, with their values for the first gear."""
         points = self.plan.tolerances.points(self.plan.values(np.arange(1)))
         return {name: float(x[0]) for name, x in points.parameters.added.items()}
@@ -145,7 +154,7 @@ class PopulationRequest(StrictRecord):
         return 1
 
     @property
-    def tile_grid(self) -> tuple[int, int]:
+    def tile_grid_shape(self) -> tuple[int, int]:
         """Numbers of rows and columns of tiles; there is one row."""
         return 1, self.n_tiles
 

@@ -8,7 +8,7 @@ from zarr.abc.buffer import Buffer
 from zarr.storage import MemoryStore
 
 from gear_rattle.workers.populations.request import PopulationRequest
-from gear_rattle.workers.populations.variables import SAMPLE, PopulationVariable, variables_of
+from gear_rattle.workers.populations.variables import SAMPLE, PopulationVariable, variables_of_population
 from gear_rattle.workers.survey.template import CODECS, WRITE_ALL_CHUNKS, Template, complete_template, current_time
 from gear_rattle.workers.survey.values.quantities import DOI
 from gear_rattle.workers.survey.version import code_version
@@ -21,7 +21,7 @@ def template_of(request: PopulationRequest, created: str | None = None) -> Templ
     kept: dict[str, Buffer] = {}
     created = created or current_time()
     root = zarr.create_group(MemoryStore(kept), zarr_format=3, attributes=_root_attributes(request, created))
-    variables = variables_of(request)
+    variables = variables_of_population(request)
     for variable in variables:
         _create_array(root, request, variable)
     return complete_template(kept, request, created, _chunk_key_patterns(variables))
@@ -37,7 +37,7 @@ def create_empty_arrays(request: PopulationRequest) -> tuple[dict[str, Buffer], 
     """
     kept: dict[str, Buffer] = {}
     root = zarr.create_group(MemoryStore(kept), zarr_format=3)
-    variables = variables_of(request)
+    variables = variables_of_population(request)
     arrays = {each.name: _create_array(root, request, each) for each in variables}
     return kept, arrays, _chunk_key_patterns(variables)
 

@@ -8,7 +8,7 @@ from types import EllipsisType
 import numpy as np
 
 from gear_rattle.workers.populations.request import PopulationRequest
-from gear_rattle.workers.populations.variables import PopulationVariable, variables_of
+from gear_rattle.workers.populations.variables import PopulationVariable, variables_of_population
 from gear_rattle.workers.survey.tiles import (
     LONGEST_MESSAGE,
     MACHINE_FAILURES,
@@ -18,7 +18,7 @@ from gear_rattle.workers.survey.tiles import (
     TileRecord,
 )
 from gear_rattle.workers.survey.values.evaluate import FAILED, SOME_UNDECIDED
-from rattle.populations import Gears, compute_gears
+from rattle.populations import ComputedGears, compute_gears
 
 
 @dataclass(frozen=True)
@@ -84,13 +84,13 @@ def compute_tile(
         except MACHINE_FAILURES:
             raise
         except Exception:  # the model failed for some gear: compute the gears one by one to find out which
-            arrays, failed = _gather_outcomes(request, tile, cell_outcomes(request, tile))
+            arrays, failed = _gather_outcomes(request, tile, evaluate_cells_one_by_one(request, tile))
     undecided = int(np.sum(arrays["status"] == SOME_UNDECIDED))
     record = TileRecord(tile.index, tile.n_cells, tuple(failed), undecided, time.perf_counter() - began)
     return arrays, record
 
 
-def cell_outcomes(
+def evaluate_cells_one_by_one(
     request: PopulationRequest, tile: GearTile, first: int = 0, failing: tuple[type[Exception], ...] = ()
 ) -> Iterator[CellOutcome]:
     """Evaluate each gear of a tile alone, so that a failing gear does not affect the others.
@@ -120,10 +120,10 @@ def tile_name(request: PopulationRequest, tile: GearTile) -> str:
 
 def _evaluate(request: PopulationRequest, rows: slice) -> TileArrays:
     found = compute_gears(request.plan, rows.start, rows.stop)
-    return {each.name: _variable_values(each, request, found) for each in variables_of(request)}
+    return {each.name: _variable_values(each, request, found) for each in variables_of_population(request)}
 
 
-def _variable_values(variable: PopulationVariable, request: PopulationRequest, found: Gears) -> np.ndarray:
+def _variable_values(variable: PopulationVariable, request: PopulationRequest, found: ComputedGears) -> np.ndarray:
     return np.asarray(variable.evaluate(request, found)).astype(variable.dtype)
 
 
@@ -131,7 +131,7 @@ def _gather_outcomes(
     request: PopulationRequest, tile: GearTile, outcomes: Iterable[CellOutcome]
 ) -> tuple[TileArrays, list[FailedCell]]:
     """Return the arrays of a tile, and the failed gears, from the outcome of each gear of the tile."""
-    variables = variables_of(request)
+    variables = variables_of_population(request)
     arrays = {each.name: np.full(each.shape(request, tile.n_cells), each.fill_value, each.dtype) for each in variables}
     failed: list[FailedCell] = []
     for i, outcome in zip(range(tile.n_cells), outcomes, strict=True):

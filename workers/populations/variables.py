@@ -11,7 +11,7 @@ from gear_rattle.workers.survey.values.evaluate import OK, SOME_UNDECIDED, STATU
 from gear_rattle.workers.survey.values.quantities import DOI
 from rattle.machine import UNITS
 from rattle.models import ADDED, BETA
-from rattle.populations import VERDICTS, Gears, is_machine, row_means
+from rattle.populations import VERDICTS, ComputedGears, is_machine, row_means
 
 GEAR, SAMPLE = "gear", "sample"
 NAMES = {
@@ -21,7 +21,7 @@ NAMES = {
 }
 UNIT_OF = UNITS | {"rpm": "rpm"}  # {name of a number that describes a machine: its unit}
 
-Evaluate = Callable[[PopulationRequest, Gears], Any]
+Evaluate = Callable[[PopulationRequest, ComputedGears], Any]
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,7 @@ class PopulationVariable:
         return (rows, request.count) if SAMPLE in self.dims else (rows,)
 
 
-def variables_of(request: PopulationRequest) -> tuple[PopulationVariable, ...]:
+def variables_of_population(request: PopulationRequest) -> tuple[PopulationVariable, ...]:
     """Return the variables of a population. `status` is last, so a tile whose status is written is complete."""
     names = request.plan.tolerances.names
     alone, but = ([f"{way}_{name}" for name in names] for way in ("sharing", "sharing_all_but"))
@@ -72,13 +72,13 @@ def variables_of(request: PopulationRequest) -> tuple[PopulationVariable, ...]:
         ),
         *(
             PopulationVariable(
-                name, one, "float64", NAMES.get(name, name), _dimension_evaluator(i), UNIT_OF.get(name, "1")
+                name, one, "float64", NAMES.get(name, name), _varied_number_evaluator(i), UNIT_OF.get(name, "1")
             )
             for i, name in enumerate(names)
         ),
         *(
             PopulationVariable(name, one, "float64", NAMES[name], _field_evaluator(name))
-            for name in Gears._fields
+            for name in ComputedGears._fields
             if name in NAMES and name not in names
         ),
         PopulationVariable(
@@ -108,30 +108,30 @@ def variables_of(request: PopulationRequest) -> tuple[PopulationVariable, ...]:
     )
 
 
-def gears_of(request: PopulationRequest, read: Callable[[str], np.ndarray]) -> Gears:
+def read_population_gears(request: PopulationRequest, read: Callable[[str], np.ndarray]) -> ComputedGears:
     """Return the gears of a population from its store. read: function that returns the stored variable of a name."""
     names = request.plan.tolerances.names
     values = np.stack([read(name) for name in names], axis=1)
     delta, epsilon, beta = (read(name) for name in ("delta", "epsilon", "beta"))
     part, verdict = (read(name).astype(np.int64) for name in ("part", "verdict"))
-    return Gears(part, values, delta, epsilon, beta, read("energy"), verdict)
+    return ComputedGears(part, values, delta, epsilon, beta, read("energy"), verdict)
 
 
-def _dimension_evaluator(i: int) -> Evaluate:
+def _varied_number_evaluator(i: int) -> Evaluate:
     """Return the function that evaluates a variable as the i-th of the numbers that vary from gear to gear."""
     return lambda _, found: found.values[:, i]
 
 
 def _field_evaluator(name: str) -> Evaluate:
-    """Return the function that evaluates a variable as the field `name` of the computed `Gears`."""
+    """Return the function that evaluates a variable as the field `name` of the computed `ComputedGears`."""
     return lambda _, found: getattr(found, name)
 
 
-def _mean_power(request: PopulationRequest, found: Gears) -> np.ndarray:
+def _mean_power(request: PopulationRequest, found: ComputedGears) -> np.ndarray:
     """Return the mean power (n,) in W of each machine, over its decided samples."""
     units = request.plan.tolerances.points(found.values).units
     return np.asarray(row_means(found.energy) * (1.0 if units is None else units.power))
 
 
-def _gear_status(_: PopulationRequest, found: Gears) -> np.ndarray:
+def _gear_status(_: PopulationRequest, found: ComputedGears) -> np.ndarray:
     return np.where(np.isnan(found.energy).any(axis=1), SOME_UNDECIDED, OK)

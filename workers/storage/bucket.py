@@ -17,7 +17,7 @@ from urllib.parse import urlsplit
 from zarr.storage import ObjectStore
 
 from gear_rattle.workers.errors import StorageError, SurveyError
-from gear_rattle.workers.storage.bucket_lock import has_died, process_identity
+from gear_rattle.workers.storage.bucket_lock import has_lock_holder_died, process_identity
 from gear_rattle.workers.survey.manifest import ROOT
 
 if TYPE_CHECKING:
@@ -237,7 +237,7 @@ class Bucket:
         try:
             found = obstore.get(self.objects, LOCK)
             holder = json.loads(bytes(found.bytes()))
-            if has_died(holder):
+            if has_lock_holder_died(holder):
                 obstore.put(self.objects, LOCK, identity, mode={"e_tag": found.meta["e_tag"]})
                 return
         except (FileNotFoundError, PreconditionError):

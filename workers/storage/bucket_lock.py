@@ -11,7 +11,7 @@ import psutil
 
 
 def process_identity() -> dict[str, Any]:
-    """Return the identity of this process. With it, another process can ask `has_died` whether this process ended."""
+    """Return the identity of this process, by which `has_lock_holder_died` of another process sees that it ended."""
     return {
         "host": socket.gethostname(),
         "boot": _read_boot_id(),
@@ -29,7 +29,7 @@ def _read_boot_id() -> str:
         return ""
 
 
-def has_died(holder: dict[str, Any]) -> bool:
+def has_lock_holder_died(holder: dict[str, Any]) -> bool:
     """Return whether the process that holds a lock has certainly ended.
 
     holder: the identity of the process, from `process_identity`.

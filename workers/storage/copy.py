@@ -14,7 +14,7 @@ from zipfile import ZIP_STORED, BadZipFile, ZipFile
 
 from gear_rattle.workers.errors import SurveyError, storage_error
 from gear_rattle.workers.storage.bucket import CREATING, LOCK, Bucket
-from gear_rattle.workers.storage.location import Directory, Place, place_of
+from gear_rattle.workers.storage.location import Place, StoreDirectory, place_of
 from gear_rattle.workers.survey.manifest import MANIFEST, ROOT, Manifest, digest
 from rattle import MissingExtraError
 
@@ -101,10 +101,10 @@ def copy_store(
     files = _files_of(source)
     manifest, content = _read_manifest(files)
     if str(target).endswith(ZIP):
-        with _refuse_unwritable(Path(target)):
+        with _translate_write_errors(Path(target)):
             return _copy_to_zip(files, manifest, content, Path(target), on_file)
     if str(target).endswith(ICECHUNK):
-        with _refuse_unwritable(Path(target)):
+        with _translate_write_errors(Path(target)):
             return _copy_to_icechunk(files, manifest, Path(target), on_file)
     place = place_of(target)
     before = _read_earlier_manifest(place)
@@ -112,8 +112,8 @@ def copy_store(
         raise SurveyError(f"{place} holds another survey or population: choose another location, or remove that store")
     if before is None and place.is_occupied():
         raise SurveyError(f"{place} holds something that is not a copy of {source}: choose another location")
-    with _refuse_unwritable(place):
-        if isinstance(place, Directory):
+    with _translate_write_errors(place):
+        if isinstance(place, StoreDirectory):
             place.path.mkdir(parents=True, exist_ok=True)
             (place.path / LOCK).touch()
         with place.lock_for_writing():
@@ -121,7 +121,7 @@ def copy_store(
 
 
 @contextmanager
-def _refuse_unwritable(target: Path | Place) -> Iterator[None]:
+def _translate_write_errors(target: Path | Place) -> Iterator[None]:
     """Convert an OSError into the SurveyError or StorageError that says that the target cannot be written."""
     try:
         yield
@@ -160,12 +160,12 @@ def _keys_with_digests(manifest: Manifest) -> Iterator[tuple[str, tuple[str, ...
     for key, known in manifest.files.items():
         yield key, (known,)
     for tile in manifest.tiles:
-        for key, known in manifest.digests_of(tile).items():
+        for key, known in manifest.digests_of_tile(tile).items():
             yield key, (known,)
     yield ROOT, manifest.root
 
 
-def _is_whole(files: FileSource, key: str, known: Sequence[str]) -> bool:
+def _has_known_digest(files: FileSource, key: str, known: Sequence[str]) -> bool:
     """Return whether a file exists and has one of the digests `known`."""
     try:
         return digest(files.read(key)) in known
@@ -173,7 +173,7 @@ def _is_whole(files: FileSource, key: str, known: Sequence[str]) -> bool:
         return False
 
 
-def _read_whole(files: FileSource, key: str, known: Sequence[str]) -> bytes:
+def _read_with_known_digest(files: FileSource, key: str, known: Sequence[str]) -> bytes:
     """Return the content of a file. Raises SurveyError if it is lost, or has none of the digests `known`."""
     try:
         content = files.read(key)
@@ -197,11 +197,11 @@ def _copy_to_place(
     def copy_file(file: tuple[str, tuple[str, ...]]) -> tuple[int, bool]:
         """Copy a file, given by its key and its allowed digests. Return its size, and whether the target had it."""
         key, known = file
-        part = _read_whole(files, key, known)
-        if kept := _is_whole(place, key, known):
+        part = _read_with_known_digest(files, key, known)
+        if kept := _has_known_digest(place, key, known):
             return len(part), kept
         place.put(key, part)
-        if not _is_whole(place, key, known):
+        if not _has_known_digest(place, key, known):
             raise OSError(f"{key} does not read back as it was written")
         return len(part), False
 
@@ -236,14 +236,14 @@ def _copy_to_zip(
                     size, done = size + len(whole), done + 1
                 if on_file:
                     on_file(done, total)
-        _require_whole(ZipStore(part), _keys_with_digests(manifest))
+        _require_known_digests(ZipStore(part), _keys_with_digests(manifest))
     return CopyResult(total, size, 0)
 
 
 def _copy_to_icechunk(
     files: FileSource, manifest: Manifest, path: Path, on_file: Callable[[int, int], None] | None
 ) -> CopyResult:
-    repository = _repository_at(path)
+    repository = _open_or_create_repository(path)
     session = repository.writable_session(BRANCH)
     # This order, because the repository refuses a chunk before its array, and an array before its group.
     keys = sorted(_keys_with_digests(manifest), key=lambda file: (not file[0].endswith(ROOT), file[0].count("/")))
@@ -255,11 +255,11 @@ def _copy_to_icechunk(
             if on_file:
                 on_file(done, total)
         session.commit(f"gear-rattle: {files}")
-        _require_whole(_CommittedFiles(repository.readonly_session(BRANCH).store, runner), keys)
+        _require_known_digests(_CommittedFiles(repository.readonly_session(BRANCH).store, runner), keys)
     return CopyResult(total, size, 0)
 
 
-def _repository_at(path: Path) -> icechunk.Repository:
+def _open_or_create_repository(path: Path) -> icechunk.Repository:
     """Create an Icechunk repository, or open one that has no commit. Raises SurveyError for any other directory."""
     try:
         import icechunk
@@ -303,10 +303,10 @@ class _CommittedFiles:
         return found.to_bytes()
 
 
-def _require_whole(written: FileSource, files: Iterable[tuple[str, tuple[str, ...]]]) -> None:
+def _require_known_digests(written: FileSource, files: Iterable[tuple[str, tuple[str, ...]]]) -> None:
     """Raise OSError unless each file reads back with an allowed digest. files: key and allowed digests of each."""
     for key, known in files:
-        if not _is_whole(written, key, known):
+        if not _has_known_digest(written, key, known):
             raise OSError(f"{key} does not read back as it was written")
 
 
@@ -320,7 +320,7 @@ def _read_in_batches(files: FileSource, keys: Iterable[tuple[str, tuple[str, ...
     """
     with ThreadPoolExecutor(READERS) as threads:
         for some in _batches_of_files(keys):
-            contents = threads.map(lambda file: _read_whole(files, *file), some)
+            contents = threads.map(lambda file: _read_with_known_digest(files, *file), some)
             yield {key: content for (key, _), content in zip(some, contents, strict=True)}
 
 

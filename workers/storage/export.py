@@ -31,7 +31,7 @@ def write_netcdf(dataset: xr.Dataset, groups: Mapping[str, xr.Dataset] | None = 
     IO[bytes]
         The file, open at its beginning. It has no name on disk any more, so it vanishes when it is closed.
     """
-    rows = _rows_of_band(dataset)
+    rows = _rows_per_band(dataset)
     with tempfile.TemporaryDirectory(prefix="rattle-") as directory:
         path = Path(directory) / "survey.nc"
         # All variables are written at once: opening the file for each took most of the time of a small survey.
@@ -57,27 +57,27 @@ def _write_group(dataset: xr.Dataset, path: Path, mode: str, rows: int, group: s
     written.compute(scheduler="synchronous")  # dask writes the bands one by one in this process, never on a cluster
 
 
-def _rows_of_band(dataset: xr.Dataset) -> int:
+def _rows_per_band(dataset: xr.Dataset) -> int:
     """Return how many rows of cells to export at a time: the rows of a tile if the dataset states them, else ROWS."""
     return int(dataset["status"].encoding.get("preferred_chunks", {}).get("epsilon", ROWS))
 
 
-def require_readable(dataset: xr.Dataset, names: Sequence[Hashable] | None = None) -> None:
+def require_readable_variables(dataset: xr.Dataset, names: Sequence[Hashable] | None = None) -> None:
     """Raise DamageError unless variables (by default all) can be read, before their export is sent to a client."""
-    rows = _rows_of_band(dataset)
+    rows = _rows_per_band(dataset)
     for name in dataset.variables if names is None else names:
         for one in slices_of(dataset[[name]]):
-            _read_bands(one[name], rows)
+            _check_bands_for_damage(one[name], rows)
 
 
-def _read_bands(values: xr.DataArray, rows: int) -> None:
+def _check_bands_for_damage(values: xr.DataArray, rows: int) -> None:
     """Read a variable, some rows at a time, to find damage. Raises DamageError if a part cannot be read."""
     for start in range(0, values.sizes.get("epsilon", 1), rows):
         with report_damage(f"{values.name} of this survey"):
             np.asarray(values.isel(epsilon=slice(start, start + rows)) if "epsilon" in values.dims else values)
 
 
-def table_names(dataset: xr.Dataset, form: RowForm = RowForm.CELLS) -> list[str]:
+def names_of_column_variables(dataset: xr.Dataset, form: RowForm = RowForm.CELLS) -> list[str]:
     """Return the names of the variables that become columns. Raises SurveyError if there are none for this form."""
     own = OWN_ROWS.get(form, (None,))[0]
 
@@ -109,7 +109,7 @@ def table_bands(dataset: xr.Dataset, form: RowForm = RowForm.CELLS) -> Iterator[
 
 
 def _slice_bands(dataset: xr.Dataset, form: RowForm) -> Iterator[dict[str, np.ndarray]]:
-    names, rows = table_names(dataset, form), _rows_of_band(dataset)
+    names, rows = names_of_column_variables(dataset, form), _rows_per_band(dataset)
     beside = [name for name in AXES if name in dataset.variables]
     fixed = {name: float(dataset[name]) for name in FIXED if name in dataset.coords}
     for start in range(0, dataset.sizes["epsilon"], rows):
@@ -123,7 +123,7 @@ def _slice_bands(dataset: xr.Dataset, form: RowForm) -> Iterator[dict[str, np.nd
             for name in beside
         }
         if form in OWN_ROWS:
-            yield _rows_of_entries(some, list(map(str, some.data_vars)), columns, *OWN_ROWS[form])
+            yield _table_of_entries(some, list(map(str, some.data_vars)), columns, *OWN_ROWS[form])
         else:
             yield columns | {str(name): values.values.ravel() for name, values in some.data_vars.items()}
 
@@ -143,7 +143,7 @@ def _repeat_for_cells(values: xr.DataArray, sizes: Mapping[Hashable, int]) -> np
     return np.repeat(values.values, sizes["delta"])
 
 
-def _rows_of_entries(
+def _table_of_entries(
     dataset: xr.Dataset, names: Sequence[str], cell_columns: Mapping[str, np.ndarray], dimension: str, existence: str
 ) -> dict[str, np.ndarray]:
     """Return the columns of a table with a row for each attractor, or each orbit, of some cells.

@@ -20,7 +20,7 @@ from zarr.errors import ZarrUserWarning
 from gear_rattle.workers.apart import CalledProcessError, call_in_subprocess
 from gear_rattle.workers.errors import StoppedError, SurveyError
 from gear_rattle.workers.storage.location import Place, place_of
-from gear_rattle.workers.storage.manifest import manifest_of, read_file, read_undamaged_root, unchecked_attributes
+from gear_rattle.workers.storage.manifest import manifest_of, read_file, read_unchecked_attributes, read_undamaged_root
 from gear_rattle.workers.survey.manifest import MANIFEST, ROOT, Manifest, digest
 from gear_rattle.workers.survey.version import code_version
 
@@ -36,7 +36,7 @@ TileFindings = tuple[set[int], dict[int, tuple[str, ...]]]
 
 
 @dataclass(frozen=True)
-class Integrity:
+class StoreIntegrity:
     """Result of checking every file of a store.
 
     If this version cannot read the store's manifest, the chunks were decoded instead. Decoding finds damaged chunks
@@ -63,7 +63,7 @@ class Integrity:
         return not self.tiles
 
 
-def examine(where: str | Path | Place, processes: int = 1) -> Integrity:
+def examine(where: str | Path | Place, processes: int = 1) -> StoreIntegrity:
     """Check every file of the store of a survey or population.
 
     In a completed survey a missing chunk counts as lost; in another survey its tile may not be computed yet.
@@ -77,7 +77,7 @@ def examine(where: str | Path | Place, processes: int = 1) -> Integrity:
 
     Returns
     -------
-    Integrity
+    StoreIntegrity
         Whole and damaged tiles, other damaged files, and the code version.
 
     Raises
@@ -90,7 +90,7 @@ def examine(where: str | Path | Place, processes: int = 1) -> Integrity:
     place = place_of(where)
     if not place.is_occupied():
         raise SurveyError(f"{place} does not exist or is empty: give the path of a store")
-    manifest, attributes = manifest_of(place), unchecked_attributes(place)
+    manifest, attributes = manifest_of(place), read_unchecked_attributes(place)
     version, completed = (str(attributes.get(name, "")) for name in ("code_version", COMPLETED))
     if manifest is None and (not version or "content_hash" not in attributes):
         raise SurveyError(
@@ -99,16 +99,16 @@ def examine(where: str | Path | Place, processes: int = 1) -> Integrity:
         )
     if manifest is None:
         number, lost = _check_by_decoding(place, attributes)
-        return Integrity(frozenset(), {}, lost, 0, number, version, completed)
+        return StoreIntegrity(frozenset(), {}, lost, 0, number, version, completed)
     done, damaged = (
-        examine_tiles(place, manifest) if processes == 1 else _examine_in_processes(place, manifest, processes)
+        examine_tiles(place, manifest) if processes == 1 else _examine_tiles_in_processes(place, manifest, processes)
     )
     if completed:
         for index in set(range(manifest.n_tiles)) - manifest.tiles.keys():
             damaged[index] = tuple(manifest.chunks)
     files = 2 + len(manifest.files) + len(manifest.chunks) * len(manifest.tiles)
-    template, damaged = damaged_template_files(place, manifest), dict(sorted(damaged.items()))
-    return Integrity(frozenset(done), damaged, template, manifest.n_tiles, files, version, completed)
+    template, damaged = find_damaged_template_files(place, manifest), dict(sorted(damaged.items()))
+    return StoreIntegrity(frozenset(done), damaged, template, manifest.n_tiles, files, version, completed)
 
 
 def _check_by_decoding(place: Place, attributes: Mapping[str, Any]) -> tuple[int, tuple[str, ...]]:
@@ -202,21 +202,21 @@ def _map_in_batches(
         yield from threads.map(function, batch)
 
 
-def _examine_in_processes(place: Place, manifest: Manifest, processes: int) -> TileFindings:
+def _examine_tiles_in_processes(place: Place, manifest: Manifest, processes: int) -> TileFindings:
     """Examine tiles like `examine_tiles`, in several processes. Each of n processes reads every n-th tile."""
     tiles = list(manifest.tiles.items())
     parts = [replace(manifest, files={}, tiles=dict(tiles[first::processes])) for first in range(processes)]
     done, damaged = set[int](), dict[int, tuple[str, ...]]()
     with ThreadPoolExecutor(processes) as threads:
         for some, lost in threads.map(
-            partial(_examine_in_own_process, str(place)), filter(lambda part: part.tiles, parts)
+            partial(_examine_tiles_in_own_process, str(place)), filter(lambda part: part.tiles, parts)
         ):
             done |= some
             damaged |= lost
     return done, damaged
 
 
-def _examine_in_own_process(where: str, manifest: Manifest) -> TileFindings:
+def _examine_tiles_in_own_process(where: str, manifest: Manifest) -> TileFindings:
     """Run `examine_tiles` in a process of its own. Raises SurveyError if the process is killed."""
     try:
         return call_in_subprocess(_examine_tiles_at, where, manifest)
@@ -232,7 +232,7 @@ def _examine_tiles_at(where: str, manifest: Manifest) -> TileFindings:
 
 def _damaged_variables(place: Place, manifest: Manifest, index: int) -> tuple[str, ...]:
     """Return the variables of a computed tile that are lost or damaged."""
-    keys, known = manifest.chunk_keys(index), manifest.digests_of(index)
+    keys, known = manifest.chunk_keys(index), manifest.digests_of_tile(index)
     return tuple(name for name, key in keys.items() if not _is_whole(place, key, known.get(key)))
 
 
@@ -242,7 +242,7 @@ def _is_whole(place: Place, key: str, known: str | None) -> bool:
     return content is not None and digest(content) == known
 
 
-def damaged_template_files(place: Place, manifest: Manifest) -> tuple[str, ...]:
+def find_damaged_template_files(place: Place, manifest: Manifest) -> tuple[str, ...]:
     """Return the keys of lost or damaged files of a store, except the chunks of tiles."""
     lost = [ROOT] if read_undamaged_root(place, manifest) is None else []
     with ThreadPoolExecutor(READERS) as readers:

@@ -1,7 +1,8 @@
 """The location of a store: a directory, or a prefix of a bucket.
 
-`Directory` and `Bucket` have the same methods, so other code does not distinguish them. Both guarantee that a store
-appears whole or not at all, that a file is replaced in one step or not at all, and that only one run writes to a store.
+`StoreDirectory` and `Bucket` have the same methods, so other code does not distinguish them. Both guarantee that a
+store appears whole or not at all, that a file is replaced in one step or not at all, and that only one run writes to a
+store.
 """
 
 import fcntl
@@ -20,7 +21,7 @@ from gear_rattle.workers.survey.manifest import ROOT
 CERTIFICATES = ".certificates.zarr"  # ending of the path of a store of certificates
 
 
-class Directory:
+class StoreDirectory:
     """A store on a file system."""
 
     def __init__(self, path: str | Path) -> None:
@@ -127,15 +128,15 @@ class Directory:
             stray.unlink(missing_ok=True)
 
 
-Place = Directory | Bucket
+Place = StoreDirectory | Bucket
 
 
 def place_of(where: str | Path | Place) -> Place:
     """Return the location for a path or the URL of a bucket. Raises SurveyError for other URLs."""
-    if isinstance(where, Directory | Bucket):
+    if isinstance(where, StoreDirectory | Bucket):
         return where
     if "://" not in str(where):
-        return Directory(where)
+        return StoreDirectory(where)
     if not str(where).startswith(SCHEME):
         raise SurveyError(f"{where} is not a location of a store: give a path, or {SCHEME}BUCKET/PREFIX")
     return _bucket_at(str(where))

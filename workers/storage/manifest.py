@@ -85,7 +85,7 @@ _parsed_small = lru_cache(maxsize=CACHED_SMALL)(Manifest.from_bytes)
 _parsed_large = lru_cache(maxsize=1)(Manifest.from_bytes)
 
 
-def require_manifest(place: Place) -> Manifest:
+def read_required_manifest(place: Place) -> Manifest:
     """Return the manifest of a store.
 
     Returns
@@ -102,7 +102,7 @@ def require_manifest(place: Place) -> Manifest:
     """
     if (manifest := manifest_of(place)) is None:
         require_store(place)
-        if "content_hash" not in unchecked_attributes(place):
+        if "content_hash" not in read_unchecked_attributes(place):
             raise SurveyError(f"{place} holds something that is not a survey or population: choose another path")
         raise SurveyError(f"{MANIFEST} of {place} is lost or damaged: compute the same request again to repair it")
     return manifest
@@ -116,7 +116,7 @@ def require_store(place: Place) -> None:
         )
 
 
-def unchecked_attributes(place: Place) -> dict[str, Any]:
+def read_unchecked_attributes(place: Place) -> dict[str, Any]:
     """Return the attributes in a store's root without checking its digest; empty if there is no readable root."""
     try:
         attributes = json.loads(read_file(place, ROOT) or b"{}").get("attributes", {})
@@ -131,7 +131,7 @@ def read_undamaged_root(place: Place, manifest: Manifest) -> bytes | None:
     return content if content is not None and digest(content) in manifest.root else None
 
 
-def attributes_of(place: Place) -> dict[str, Any]:
+def read_root_attributes(place: Place) -> dict[str, Any]:
     """Return the attributes in a store's root after checking its digest.
 
     Returns
@@ -146,7 +146,7 @@ def attributes_of(place: Place) -> dict[str, Any]:
     StorageError
         The root cannot be read now.
     """
-    return dict(json.loads(_read_root(place, require_manifest(place)))["attributes"])
+    return dict(json.loads(_read_root(place, read_required_manifest(place)))["attributes"])
 
 
 @contextmanager
@@ -168,7 +168,7 @@ def tile_recorder(place: Place) -> Iterator[RecordTiles]:
     StorageError
         The manifest cannot be written now, or the store is gone.
     """
-    before = require_manifest(place)
+    before = read_required_manifest(place)
     manifest, waiting = replace(before, tiles=dict(before.tiles)), 0
 
     def write_manifest() -> None:
@@ -207,7 +207,7 @@ def set_attributes(place: Place, attributes: Mapping[str, Any]) -> None:
     OSError
         The root cannot be written now.
     """
-    manifest = require_manifest(place)
+    manifest = read_required_manifest(place)
     root = _read_root(place, manifest)
     known = json.loads(root)["attributes"]
     changed = {name: value for name, value in {**known, **attributes}.items() if value is not None}
@@ -244,7 +244,7 @@ def update_metadata(
     OSError
         A file cannot be written now.
     """
-    manifest = require_manifest(place)
+    manifest = read_required_manifest(place)
     root = _read_root(place, manifest)
     files = {key: known for key, known in manifest.files.items() if not is_removed(key)}
     nodes = {key: read_file(place, key) for key in files if key.endswith(f"/{ROOT}")} | {ROOT: root}

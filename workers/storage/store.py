@@ -16,19 +16,19 @@ from gear_rattle.workers.errors import StorageError, SurveyError, storage_error
 from gear_rattle.workers.kinds import AnyRequest, AnyTile, create_empty_arrays, template_of, tiles_of
 from gear_rattle.workers.storage.bucket import SCHEME
 from gear_rattle.workers.storage.encoding import prepare_for_writing
-from gear_rattle.workers.storage.integrity import COMPLETED, STATUS, damaged_template_files, examine_tiles
+from gear_rattle.workers.storage.integrity import COMPLETED, STATUS, examine_tiles, find_damaged_template_files
 from gear_rattle.workers.storage.location import Place, place_of
 from gear_rattle.workers.storage.manifest import (
-    attributes_of,
     manifest_of,
     read_file,
+    read_required_manifest,
+    read_root_attributes,
+    read_unchecked_attributes,
     read_undamaged_root,
     replace_attributes,
     replace_root,
-    require_manifest,
     require_store,
     set_attributes,
-    unchecked_attributes,
     update_metadata,
 )
 from gear_rattle.workers.survey.levels.grid import GROUP as LEVELS
@@ -41,7 +41,7 @@ from gear_rattle.workers.survey.refined.audit import (
     LEAF,
     ROUNDS,
     SOURCE_LEVEL,
-    audit_attributes,
+    values_of_audit_attributes,
 )
 from gear_rattle.workers.survey.request import SurveyRequest
 from gear_rattle.workers.survey.stored_families import FAMILY
@@ -91,7 +91,7 @@ def create_store(request: AnyRequest, where: str | Path | Place, make: TemplateM
 
 
 def _is_damaged(place: Place, manifest: Manifest | None) -> bool:
-    return manifest is None or bool(damaged_template_files(place, manifest))
+    return manifest is None or bool(find_damaged_template_files(place, manifest))
 
 
 def _repair_store(request: AnyRequest, place: Place, make: TemplateMaker) -> None:
@@ -99,7 +99,7 @@ def _repair_store(request: AnyRequest, place: Place, make: TemplateMaker) -> Non
     manifest = _require_same_survey(request, place)
     if not _is_damaged(place, manifest):
         return  # another run has repaired the store meanwhile
-    said = unchecked_attributes(place)
+    said = read_unchecked_attributes(place)
     trusted = said if manifest is None or read_undamaged_root(place, manifest) else {}
     created = manifest.date_created if manifest else trusted.get("date_created")
     template = make(request, created)
@@ -144,7 +144,7 @@ def _require_same_survey(request: AnyRequest, place: Place) -> Manifest | None:
         return manifest
     if manifest is None:
         require_store(place)
-    attributes = unchecked_attributes(place)
+    attributes = read_unchecked_attributes(place)
     if manifest is None and "content_hash" not in attributes:
         raise SurveyError(f"{place} holds something that is not a survey or population: choose another path")
     if attributes.get("code_version", code_version()) != code_version():
@@ -180,10 +180,10 @@ def tiles_done(
     """
     place = place_of(where)
     _require_same_survey(request, place)
-    return examine_tiles(place, require_manifest(place), should_stop)[0]
+    return examine_tiles(place, read_required_manifest(place), should_stop)[0]
 
 
-def require_aligned(request: AnyRequest, tiles: Iterable[AnyTile]) -> None:
+def require_aligned_tiles(request: AnyRequest, tiles: Iterable[AnyTile]) -> None:
     """Raise SurveyError unless each tile is one whole chunk, because two writers in one chunk lose data silently."""
     sides = list(zip(request.tile_shape, request.shape, strict=True))  # computed once, not for each of 10⁵ tiles
     for tile in tiles:
@@ -211,8 +211,8 @@ def write_tile(request: AnyRequest, path: str, tile: AnyTile, values: Mapping[st
     StorageError
         The tile cannot be written now, or the store is gone because it was deleted or its disk is not there.
     """
-    require_aligned(request, [tile])
-    place = _checked_place(path, request)
+    require_aligned_tiles(request, [tile])
+    place = _checked_store_location(path, request)
     written = _encode_tile(request, tile, values)
     for key, content in written.items():
         if not place.exists():  # writing would recreate parts of a deleted survey
@@ -223,7 +223,7 @@ def write_tile(request: AnyRequest, path: str, tile: AnyTile, values: Mapping[st
 
 
 @lru_cache(maxsize=16)
-def _checked_place(path: str, request: AnyRequest) -> Place:
+def _checked_store_location(path: str, request: AnyRequest) -> Place:
     """Return the location of a store. Each process checks once that the store belongs to this survey."""
     _require_same_survey(request, place_of(path))
     return place_of(path)
@@ -244,7 +244,7 @@ def read_tile(request: AnyRequest, path: str, tile: AnyTile, known: Mapping[str,
     StorageError
         The store cannot be read now.
     """
-    contents = _chunk_contents(request, _checked_place(path, request), tile)
+    contents = _chunk_contents(request, _checked_store_location(path, request), tile)
     return _decode_tile(request, tile, contents) if file_digests(contents) == known else None
 
 
@@ -288,7 +288,7 @@ def _encode_tile(request: AnyRequest, tile: AnyTile, values: Mapping[str, np.nda
 
 def _chunk_keys(request: AnyRequest, tile: AnyTile) -> dict[str, str]:
     """Return the key of each chunk of a tile, by variable. `status` is last: a tile with a status is complete."""
-    rows, columns = request.tile_grid
+    rows, columns = request.tile_grid_shape
     row, column = divmod(tile.index, columns)
     chunks = _blank(request)[2]
     keys = {name: chunk_key(key, row, column, rows // request.n_slices) for name, key in chunks.items()}
@@ -309,7 +309,7 @@ def finish_store(where: str | Path | Place) -> None:
         The store cannot be written now.
     """
     place = place_of(where)
-    manifest = require_manifest(place)
+    manifest = read_required_manifest(place)
     with place.lock_for_writing():
         if missing := manifest.n_tiles - len(manifest.tiles):
             raise SurveyError(
@@ -317,10 +317,10 @@ def finish_store(where: str | Path | Place) -> None:
             )
         try:
             place.remove_leftovers()
-            attributes = {COMPLETED: attributes_of(place).get(COMPLETED) or current_time()}
+            attributes = {COMPLETED: read_root_attributes(place).get(COMPLETED) or current_time()}
             # Without the variable LEAF no rounds of audits have counted the audited cells, so they are counted here.
             if AUDIT in manifest.chunks and LEAF not in manifest.chunks:
-                attributes |= _audit_attributes(place)
+                attributes |= _count_audit_attributes(place)
             set_attributes(place, attributes)
         except OSError as error:
             refusal = storage_error(f"{place} cannot be finished", error)
@@ -348,7 +348,7 @@ def add_to_store(where: str | Path | Place, added: Template, written: Mapping[st
     update_metadata(place_of(where), added, written, lambda _: False)
 
 
-def prepare_for_tiles(request: AnyRequest, place: Place) -> None:
+def remove_outdated_results(request: AnyRequest, place: Place) -> None:
     """Remove from a store the results that would no longer fit its tiles, before some tiles are computed again.
 
     The counts of audits are removed, because new tiles have only the first round of audits. If slots follow families,
@@ -363,7 +363,7 @@ def prepare_for_tiles(request: AnyRequest, place: Place) -> None:
         The store cannot be written now.
     """
     try:
-        if AUDIT_ATTRIBUTES[-1] in unchecked_attributes(place):
+        if AUDIT_ATTRIBUTES[-1] in read_unchecked_attributes(place):
             set_attributes(place, dict.fromkeys(AUDIT_ATTRIBUTES))
         if isinstance(request, SurveyRequest) and request.slots_follow_families and has_added_node(place, FAMILY):
             update_metadata(place, {}, {}, _is_of_families_or_levels)
@@ -377,7 +377,7 @@ def _is_of_families_or_levels(key: str) -> bool:
     return not {FAMILY, FAMILIES, LEVELS}.isdisjoint(key.split("/"))
 
 
-def _audit_attributes(place: Place) -> dict[str, int | float]:
+def _count_audit_attributes(place: Place) -> dict[str, int | float]:
     """Count the filled, audited and wrong cells of a stored refined survey; return AUDIT_ATTRIBUTES for its root."""
     counts: dict[int, list[int]] = {}
     for i, (source, audit) in enumerate(zip(read_bands(place, SOURCE_LEVEL), read_bands(place, AUDIT), strict=True)):
@@ -385,7 +385,7 @@ def _audit_attributes(place: Place) -> dict[str, int | float]:
         of = counts.setdefault(i if source.ndim > len(CELL) else 0, [0, 0, 0])
         for j, more in enumerate((np.count_nonzero(source), found[AUDITED:].sum(), found[DISAGREED])):
             of[j] += int(more)
-    return audit_attributes(list(counts.values()))
+    return values_of_audit_attributes(list(counts.values()))
 
 
 def read_bands(place: Place, name: str) -> Iterator[np.ndarray]:

@@ -26,7 +26,7 @@ from rattle.errors import did_you_mean
 Real = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 
 
-def require_visible(what: str, text: str, besides: str = "") -> str:
+def require_visible_text(what: str, text: str, besides: str = "") -> str:
     """Return a text unchanged if all of its characters are visible, and refuse it otherwise.
 
     Parameters
@@ -58,7 +58,7 @@ def require_visible(what: str, text: str, besides: str = "") -> str:
 
 
 def _require_printable(name: str) -> str:
-    return require_visible("name", name)
+    return require_visible_text("name", name)
 
 
 #: The name of a survey or population in a request: at most 200 printable characters.
@@ -133,7 +133,7 @@ class Axis(StrictRecord):
         try:
             return cls(**numbers)
         except ValidationError as error:
-            raise SurveyError(f"{how}: {field_and_message(error)}") from error
+            raise SurveyError(f"{how}: {message_with_field(error)}") from error
 
 
 #: {pydantic's type of error: our message}. It replaces pydantic's own message, such as "Input should be …".
@@ -173,7 +173,7 @@ def _fields_of_subclasses(kind: type[BaseModel]) -> set[str]:
     return {field for each in below for field in each.model_fields}.union(*map(_fields_of_subclasses, below))
 
 
-def field_message(detail: Mapping[str, Any]) -> str:
+def wrong_field_message(detail: Mapping[str, Any]) -> str:
     """Return the message for a wrong field in this project's words: the value, the allowed values, what to do.
 
     Parameters
@@ -187,7 +187,7 @@ def field_message(detail: Mapping[str, Any]) -> str:
         A sentence without the name of the field.
     """
     kind, given = detail.get("type"), detail.get("input")
-    context = {**detail.get("ctx", {}), "input": _shortened_text(given)}
+    context = {**detail.get("ctx", {}), "input": _shorten_text(given)}
     if kind in ("enum", "literal_error"):
         known = _CHOICE.findall(str(context.get("expected", "")))
         return f"must be one of {', '.join(known)}, got {context['input']}{did_you_mean(given, known)}"
@@ -207,7 +207,7 @@ def field_message(detail: Mapping[str, Any]) -> str:
         return str(detail["msg"]).removeprefix("Value error, ")
 
 
-def _shortened_text(given: Any) -> str:
+def _shorten_text(given: Any) -> str:
     try:
         text = json.dumps(given, ensure_ascii=False) if isinstance(given, bool | str | None) else repr(given)
     except ValueError:  # Python refuses to print an integer of thousands of digits
@@ -215,16 +215,16 @@ def _shortened_text(given: Any) -> str:
     return text if len(text) <= LONGEST_QUOTE else f"{text[:LONGEST_QUOTE]} …"
 
 
-def first_message(error: ValueError) -> str:
+def message_of_first_error(error: ValueError) -> str:
     """Return the message for the first wrong field, without its name, or the text of an error that names no field."""
     errors = getattr(error, "errors", None)
-    return field_message(errors()[0]) if errors else str(error)
+    return wrong_field_message(errors()[0]) if errors else str(error)
 
 
-def field_and_message(error: ValidationError) -> str:
+def message_with_field(error: ValidationError) -> str:
     """Return the message for the first wrong field, with the name of the field at the beginning."""
     where = ".".join(str(part) for part in error.errors()[0]["loc"])
-    return f"{where}: {first_message(error)}" if where else first_message(error)
+    return f"{where}: {message_of_first_error(error)}" if where else message_of_first_error(error)
 
 
 def _validate_number_or_axis(value: Any, handler: ValidatorFunctionWrapHandler) -> Any:
@@ -235,7 +235,7 @@ def _validate_number_or_axis(value: Any, handler: ValidatorFunctionWrapHandler) 
         first = error.errors()[0]
         where = [".".join(map(str, first["loc"]))] if is_axis and first["loc"] else []
         raise PydanticCustomError(
-            "number_or_axis", "{said}", {"said": ": ".join([*where, first_message(error)])}
+            "number_or_axis", "{said}", {"said": ": ".join([*where, message_of_first_error(error)])}
         ) from error
 
 

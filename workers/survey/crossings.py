@@ -8,7 +8,7 @@ import numpy as np
 Polyline = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
-class Crossings(NamedTuple):
+class CurveCrossings(NamedTuple):
     """The pairs of neighbouring cells of a grid between which a curve passes.
 
     delta: the number of the first cell of each pair along δ. epsilon: the number of the first cell of each pair along
@@ -19,11 +19,11 @@ class Crossings(NamedTuple):
     epsilon: np.ndarray
 
 
-def crossings_of(curve: Polyline, delta: np.ndarray, epsilon: np.ndarray) -> Crossings:
+def crossings_of(curve: Polyline, delta: np.ndarray, epsilon: np.ndarray) -> CurveCrossings:
     """Return the pairs of neighbouring cells of the grid epsilon (m,) × delta (n,) between which a curve passes."""
     row, column = _grid_line_crossings(curve, delta, epsilon)
     line, before = _grid_line_crossings((curve[1], curve[0], curve[2]), epsilon, delta)
-    return Crossings(np.unique(row * delta.size + column), np.unique(before * delta.size + line))
+    return CurveCrossings(np.unique(row * delta.size + column), np.unique(before * delta.size + line))
 
 
 def _grid_line_crossings(curve: Polyline, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

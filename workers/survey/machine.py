@@ -12,7 +12,7 @@ from typing import Annotated, Any, Literal, TypeVar
 import numpy as np
 from pydantic import Field, SerializerFunctionWrapHandler, ValidationError, model_serializer
 
-from gear_rattle.workers.survey.axes import Axis, Real, StrictRecord, first_message
+from gear_rattle.workers.survey.axes import Axis, Real, StrictRecord, message_of_first_error
 from rattle import Machine
 from rattle.machine import RPM, ReducedPair, machine_point
 
@@ -72,7 +72,7 @@ class SurveyedMachine(StrictRecord):
         return epsilon * self.radius / self._reduced_pair.scale
 
 
-def model_range(machine: SurveyedMachine, name: str, axis: Axis) -> tuple[float, float]:
+def plane_range_of_axis(machine: SurveyedMachine, name: str, axis: Axis) -> tuple[float, float]:
     """Return the range of δ for an axis of speeds ("rpm"), or of ε for eccentricities. Raises ParameterError."""
     if name == "rpm":
         return machine.machine_at_speed(axis.stop, 0.0).delta, machine.machine_at_speed(axis.start, 0.0).delta
@@ -102,7 +102,7 @@ def convert_fields_to_model(given: Mapping[str, Any]) -> dict[str, Any]:
         if given.get(AXES[name]) is not None:
             raise ValueError(f"machine.{name} and {AXES[name]} describe the same axis: give one of them")
         read = _validate_part(Axis, f"machine.{name}", span)
-        start, stop = model_range(numbers, name, read)
+        start, stop = plane_range_of_axis(numbers, name, read)
         made[AXES[name]] = Axis(start=start, stop=stop, num=read.num)
     return {"beta": numbers.beta, **given, **made}
 
@@ -113,4 +113,4 @@ def _validate_part(kind: type[Part], where: str, value: Any) -> Part:
         return kind.model_validate(value)
     except ValidationError as error:
         place = ".".join([where, *map(str, error.errors()[0]["loc"])])
-        raise ValueError(f"{place}: {first_message(error)}") from error
+        raise ValueError(f"{place}: {message_of_first_error(error)}") from error

@@ -92,13 +92,13 @@ class Manifest:
         """Record that a tile is computed. files: {key: digest} of the tile's chunks."""
         self.tiles[index] = "".join(files[key] for key in self.chunk_keys(index).values())
 
-    def digests_of(self, index: int) -> dict[str, str]:
+    def digests_of_tile(self, index: int) -> dict[str, str]:
         """Return {key: digest} of a tile's chunks; empty if the tile is not computed."""
         joined = self.tiles.get(index, "")
         each = (joined[i : i + DIGITS] for i in range(0, len(joined), DIGITS))
         return dict(zip(self.chunk_keys(index).values(), each, strict=False))
 
-    def tile_of(self, key: str) -> int | None:
+    def tile_index_of(self, key: str) -> int | None:
         """Return the index of the tile to which the chunk with this key belongs; None if the file is no such chunk."""
         pattern = self.chunks.get(key.rpartition("/c/")[0], "")
         places = dict(zip(pattern.split("/"), key.split("/"), strict=False))

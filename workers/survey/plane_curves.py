@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from gear_rattle.workers.survey.axes import Axis, Window
-from gear_rattle.workers.survey.crossings import Crossings, Polyline, crossings_of
+from gear_rattle.workers.survey.crossings import CurveCrossings, Polyline, crossings_of
 from gear_rattle.workers.survey.values.quantities import DOI
 from gear_rattle.workers.survey.values.schema import PARTS
 from rattle import RattleError
@@ -138,7 +138,7 @@ CURVE_VARIABLES: tuple[CurveVariable, ...] = (
 Points = tuple[CodimensionTwo, ...]
 
 
-def _pairs_at_points(points: Points) -> list[tuple[str, str, str, float]]:
+def _curve_pairs_at_points(points: Points) -> list[tuple[str, str, str, float]]:
     """Return an entry for each pair of curves that meet at a codimension-two point.
 
     Returns
@@ -186,8 +186,8 @@ POINT_VARIABLES: tuple[CurveVariable, ...] = (
 
 
 def _pair_column(points: Points, number: int) -> list[Any]:
-    """Return entry `number` (0 to 3) of each tuple that `_pairs_at_points` returns."""
-    return [pair[number] for pair in _pairs_at_points(points)]
+    """Return entry `number` (0 to 3) of each tuple that `_curve_pairs_at_points` returns."""
+    return [pair[number] for pair in _curve_pairs_at_points(points)]
 
 
 def window_around(delta: np.ndarray, epsilon: np.ndarray) -> Window:
@@ -201,12 +201,12 @@ def window_around(delta: np.ndarray, epsilon: np.ndarray) -> Window:
     Window
         Ranges of δ and ε.
     """
-    low, high = _widened_range(delta, 0.0)
-    bottom, top = _widened_range(epsilon, LEAST_EPSILON)
+    low, high = _widen_range(delta, 0.0)
+    bottom, top = _widen_range(epsilon, LEAST_EPSILON)
     return Window((max(low, LOWEST_DELTA * float(delta[0])), high), (max(bottom, 0.0), top))
 
 
-def _widened_range(axis: np.ndarray, scale: float) -> tuple[float, float]:
+def _widen_range(axis: np.ndarray, scale: float) -> tuple[float, float]:
     """Return the range of an axis, widened on both sides by half a cell, but at least by a tiny length.
 
     This length is NARROWEST times the last value of the axis, or times `scale` if `scale` is larger.
@@ -240,7 +240,7 @@ def traced_curve(name: str, model: Model, window: Window) -> Curve | MissingCurv
 
 
 @lru_cache(maxsize=8)
-def traced_crossings(model: Model, delta: Axis, epsilon: Axis) -> tuple[Crossings, ...]:
+def traced_crossings(model: Model, delta: Axis, epsilon: Axis) -> tuple[CurveCrossings, ...]:
     """Return for each curve of a model the pairs of neighbouring cells of a grid between which the curve passes."""
     grid = delta.values(), epsilon.values()
     found = (traced_curve(name, model, window_around(*grid)) for name in model.curve_names)

@@ -22,7 +22,7 @@ from gear_rattle.workers.errors import SurveyError
 from gear_rattle.workers.survey.axes import Axis, Name, NumberOrAxis, Real, StrictRecord
 from gear_rattle.workers.survey.machine import SurveyedMachine, convert_fields_to_model
 from gear_rattle.workers.survey.refined.asked import BLOCK, RefineOptions, RefineOrNot, require_refinable
-from gear_rattle.workers.survey.values.quantities import BOUNDED, REFINED, groups_of, stored_variables
+from gear_rattle.workers.survey.values.quantities import BOUNDED, REFINED, stored_variables, variable_groups_of_model
 from gear_rattle.workers.survey.values.schema import DEFAULT, FIXED, NEEDS, SAMPLED, Group, Quantity
 from gear_rattle.workers.survey.version import code_version
 from rattle.attractors import (
@@ -240,7 +240,7 @@ class SurveyRequest(_ModelFields):
     def _choose_groups(cls, given: Any) -> Any:
         """Choose the default groups that the model has, if no quantities are given."""
         if isinstance(given, dict) and given.get("model") in (*MODELS,) and "quantities" not in given:
-            known = groups_of(given["model"], bool(given.get("harmonics")))
+            known = variable_groups_of_model(given["model"], bool(given.get("harmonics")))
             return given | {"quantities": [str(group) for group in DEFAULT if group in known]}
         return given
 
@@ -281,7 +281,7 @@ class SurveyRequest(_ModelFields):
             )
         if self.slots_by == BY_FAMILY and Group.FAMILIES not in self.quantities:
             raise ValueError("slots_by family needs families: add families to quantities, or leave slots_by out")
-        known = groups_of(self.model, bool(self.harmonics))
+        known = variable_groups_of_model(self.model, bool(self.harmonics))
         if unknown := set(self.quantities).difference(known):
             names, whose = ", ".join(sorted(unknown)), f"the {self.model} model"
             raise ValueError(
@@ -381,7 +381,7 @@ class SurveyRequest(_ModelFields):
         return {each.name: getattr(self, each.name) for each in MODELS[self.model].parameters()}
 
     @property
-    def added_numbers(self) -> dict[str, float]:
+    def added_parameter_values(self) -> dict[str, float]:
         """{name: value} of the parameters that the model adds to δ, ε and β.
 
         If one of these parameters is the third axis, its value is the last value of the axis.
@@ -477,11 +477,11 @@ class SurveyRequest(_ModelFields):
     @property
     def tile_shape(self) -> tuple[int, int]:
         """Numbers of cells of a tile along (epsilon, delta); the last tile of an axis may be smaller."""
-        rows, columns = self._default_sides
+        rows, columns = self._default_tile_sides
         return self.tile.epsilon or min(rows, self.epsilon.num), self.tile.delta or min(columns, self.delta.num)
 
     @property
-    def _default_sides(self) -> tuple[int, int]:
+    def _default_tile_sides(self) -> tuple[int, int]:
         """Cells along (epsilon, delta) of a tile if the request has no tile shape."""
         larger = math.isqrt(self.n_cells // MOST_TILES)
         side = min(max(DEFAULT_TILE, larger), math.isqrt(self.n_cells // LEAST_TILES))
@@ -522,7 +522,7 @@ class SurveyRequest(_ModelFields):
         return self.epsilon.num * self.delta.num * self.n_slices
 
     @property
-    def tile_grid(self) -> tuple[int, int]:
+    def tile_grid_shape(self) -> tuple[int, int]:
         """Numbers of tiles along (epsilon, delta); the rows of tiles of all slices are counted together."""
         rows, columns = (-(-num // size) for num, size in zip(self.shape, self.tile_shape, strict=True))
         return rows * self.n_slices, columns
@@ -530,7 +530,7 @@ class SurveyRequest(_ModelFields):
     @property
     def n_tiles(self) -> int:
         """Number of tiles that cover the grid."""
-        return math.prod(self.tile_grid)
+        return math.prod(self.tile_grid_shape)
 
     def content_hash(self) -> str:
         """Return the SHA-256 of everything that decides the bytes of the store, including the code version.

@@ -43,7 +43,7 @@ def third_axis_length(dataset: xr.Dataset) -> dict[str, int]:
     return {name: dataset.sizes[name] for name in FIXED if name in dataset.sizes}
 
 
-def slice_of(dataset: xr.Dataset, number: int | None = None) -> xr.Dataset:
+def select_slice(dataset: xr.Dataset, number: int | None = None) -> xr.Dataset:
     """Return slice `number`, from 0, of an open survey; for number None the survey, which must have no third axis."""
     third = third_axis_length(dataset)
     require_slice(third, number)

@@ -215,7 +215,7 @@ def assign_slots_to_families(pairs: np.ndarray, families: int, slots: int) -> np
     return np.array(found, np.int8)
 
 
-def slots_in_cells(family: np.ndarray, cell: np.ndarray, slot_of_family: np.ndarray) -> np.ndarray:
+def assign_slots_in_cells(family: np.ndarray, cell: np.ndarray, slot_of_family: np.ndarray) -> np.ndarray:
     """Return the slots of attractors (k,) within their cells.
 
     family, cell (k,): the family and the cell of each attractor; the attractors of a cell are sorted by falling basin

@@ -27,7 +27,7 @@ from gear_rattle.workers.survey.plane_curves import (
 )
 from gear_rattle.workers.survey.request import Along, SurveyRequest
 from gear_rattle.workers.survey.tiles import cells_of_tile
-from gear_rattle.workers.survey.values.quantities import COORDINATES, DOI, dimension_labels, shape_of
+from gear_rattle.workers.survey.values.quantities import COORDINATES, DOI, dimension_labels, shape_of_variable
 from gear_rattle.workers.survey.values.schema import SLOT, Quantity
 from gear_rattle.workers.survey.version import code_version
 from rattle.models import MODELS
@@ -86,7 +86,7 @@ def complete_template(files: dict[str, Buffer], request: Any, created: str, chun
     digests = file_digests(template)
     root = (digests.pop(ROOT),)
     manifest = Manifest(
-        request.content_hash(), created, request.tile_grid, chunks, root, digests, slices=request.n_slices
+        request.content_hash(), created, request.tile_grid_shape, chunks, root, digests, slices=request.n_slices
     )
     return template | {MANIFEST: manifest.to_bytes()}
 
@@ -103,7 +103,7 @@ def create_empty_arrays(request: SurveyRequest) -> tuple[dict[str, Buffer], dict
     """
     kept: dict[str, Buffer] = {}
     root = zarr.create_group(MemoryStore(kept), zarr_format=3)
-    quantities = [quantity for quantity in request.variables if quantity.per_cell]
+    quantities = [quantity for quantity in request.variables if quantity.is_per_cell]
     arrays = {quantity.name: _create_cell_array(root, request, quantity) for quantity in quantities}
     return kept, arrays, _chunk_key_patterns(request, quantities)
 
@@ -114,7 +114,7 @@ def _chunk_key_patterns(request: SurveyRequest, quantities: Iterable[Quantity]) 
     return {
         quantity.name: "/".join([quantity.name, *first, *"0" * (len(quantity.dims) - 2), "{row}", "{column}"])
         for quantity in quantities
-        if quantity.per_cell
+        if quantity.is_per_cell
     }
 
 
@@ -212,7 +212,9 @@ def _write_coordinates(root: zarr.Group, request: SurveyRequest, dims: set[str])
     axes = {"delta": request.delta, "epsilon": request.epsilon}
     for dim in COORDINATES:
         if dim in dims:
-            values = axes[dim].values() if dim in axes else coordinate_values(dimension_labels(dim, request.n_slots))
+            values = (
+                axes[dim].values() if dim in axes else encode_coordinate_labels(dimension_labels(dim, request.n_slots))
+            )
             write_array(root, dim, (dim,), values, {"long_name": dimension_description(request, dim), "units": "1"})
     for name, (value, long_name) in shared_parameters(request).items():
         values = value.values() if isinstance(value, Axis) else np.array(value)
@@ -232,14 +234,14 @@ def dimension_description(request: SurveyRequest, dim: str) -> str:
     return COORDINATES[dim].long_name
 
 
-def coordinate_values(values: tuple[int, ...] | tuple[str, ...]) -> np.ndarray:
+def encode_coordinate_labels(values: tuple[int, ...] | tuple[str, ...]) -> np.ndarray:
     """Return the labels of a dimension as int64 or as variable-length text, the only text that zarr v3 specifies."""
     text = isinstance(values[0], str)
     return np.array(values, dtype=np.dtypes.StringDType() if text else np.int64)
 
 
 def _create_array(root: zarr.Group, request: SurveyRequest, quantity: Quantity) -> None:
-    if quantity.per_cell:
+    if quantity.is_per_cell:
         _create_cell_array(root, request, quantity)
     else:
         found = [np.asarray(quantity.evaluate(cells_of_tile(each))) for each in request.slices.values()]
@@ -251,8 +253,8 @@ def _create_cell_array(root: zarr.Group, request: SurveyRequest, quantity: Quant
     lengths = [axis.num for axis in request.third_axis.values()]
     return root.create_array(
         quantity.name,
-        shape=(*lengths, *shape_of(quantity, request.shape, request.n_slots)),
-        chunks=(*(1 for _ in lengths), *shape_of(quantity, request.tile_shape, request.n_slots)),
+        shape=(*lengths, *shape_of_variable(quantity, request.shape, request.n_slots)),
+        chunks=(*(1 for _ in lengths), *shape_of_variable(quantity, request.tile_shape, request.n_slots)),
         dtype=quantity.dtype,
         fill_value=quantity.fill_value,
         compressors=CODECS,
@@ -285,7 +287,7 @@ def _write_curves(root: zarr.Group, request: SurveyRequest) -> None:
     groups = root.create_group("curves", attributes=attributes)
     multiplier = COORDINATES["multiplier"]
     described = {"long_name": multiplier.long_name, "units": "1"}
-    write_array(groups, "multiplier", ("multiplier",), coordinate_values(multiplier.values), described)
+    write_array(groups, "multiplier", ("multiplier",), encode_coordinate_labels(multiplier.values), described)
     model = request.gear_model
     for name in model.curve_names:
         curve = traced_curve(name, model, window)

@@ -13,7 +13,7 @@ from gear_rattle.workers.survey.refined.rounds import AuditRound, first_round
 from gear_rattle.workers.survey.request import Along, SurveyRequest
 from gear_rattle.workers.survey.values.cells import Cells
 from gear_rattle.workers.survey.values.evaluate import FAILED, SOME_UNDECIDED
-from gear_rattle.workers.survey.values.quantities import shape_of
+from gear_rattle.workers.survey.values.quantities import shape_of_variable
 from gear_rattle.workers.survey.values.schema import SAMPLED, Quantity
 
 LONGEST_MESSAGE = 300  # characters of a failed cell's message that are kept
@@ -139,7 +139,7 @@ def compute_tile(
         except MACHINE_FAILURES:
             raise
         except Exception:  # the model failed in some cell: compute the cells one by one to find out which
-            arrays, failed = _gather_outcomes(request, cells, cell_outcomes(request, tile))
+            arrays, failed = _gather_outcomes(request, cells, evaluate_cells_one_by_one(request, tile))
     first_row = sum(tile.along) * request.shape[0] + tile.epsilon.start
     record = TileRecord(
         index=tile.index,
@@ -172,7 +172,7 @@ def first_audit_round(request: SurveyRequest) -> AuditRound:
 
 
 def _evaluate(request: SurveyRequest, cells: Cells) -> TileArrays:
-    quantities = [quantity for quantity in request.variables if quantity.per_cell]
+    quantities = [quantity for quantity in request.variables if quantity.is_per_cell]
     return {each.name: np.asarray(_quantity_values(each, cells)).astype(each.dtype) for each in quantities}
 
 
@@ -180,7 +180,7 @@ def _quantity_values(quantity: Quantity, cells: Cells) -> np.ndarray:
     return cells.values_of(quantity) if isinstance(cells, RefinedCells) else quantity.evaluate(cells)
 
 
-def cell_outcomes(
+def evaluate_cells_one_by_one(
     request: SurveyRequest, tile: Tile, first: int = 0, failing: tuple[type[Exception], ...] = ()
 ) -> Iterator[CellOutcome]:
     """Evaluate each cell alone, row by row from number `first`, so that a failing cell does not affect the others.
@@ -223,9 +223,10 @@ def _gather_outcomes(
 
 def _arrays_of_fill_values(request: SurveyRequest, shape: tuple[int, int]) -> TileArrays:
     """Return an array of fill values for each per-cell variable. shape: the numbers of cells along (epsilon, delta)."""
-    quantities = [quantity for quantity in request.variables if quantity.per_cell]
+    quantities = [quantity for quantity in request.variables if quantity.is_per_cell]
     return {
-        each.name: np.full(shape_of(each, shape, request.n_slots), each.fill_value, each.dtype) for each in quantities
+        each.name: np.full(shape_of_variable(each, shape, request.n_slots), each.fill_value, each.dtype)
+        for each in quantities
     }
 
 

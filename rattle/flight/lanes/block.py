@@ -10,7 +10,7 @@ import numpy as np
 from numpy import float32 as f32
 
 from rattle.flight.contact_phase import ENDLESS, MOST_BOUNCES
-from rattle.flight.forcing import DRIFT, NegativeArc, add_slope, has_swing_beyond, negative_arc, sine_cosine_at
+from rattle.flight.forcing import DRIFT, NegativeArc, add_slope, has_force_amplitude_above, negative_arc, sine_cosine_at
 from rattle.flight.law import Flight
 from rattle.numerics.compile import inline, kernel
 
@@ -88,20 +88,20 @@ BLOCK = _block_dtype()
 
 
 @inline
-def flag_as_float(condition):
+def convert_flag_to_float(condition):
     """Return 1 if the condition holds, else 0, as a float32, so that all numbers of a stage have the same width."""
     return ONE if condition else ZERO
 
 
 @inline
-def flight32(b, i):
+def single_precision_flight(b, i):
     """Return the flight of lane i, in single precision."""
     k = np.uint64(i)  # an unsigned index, because a possibly negative one prevents vectorisation
     return Flight(b.w_[k], b.a_[k], b.sin0_[k], b.cos0_[k], b.delta_[k], b.epsilon_[k])
 
 
 @inline
-def flight64(b, i):
+def double_precision_flight(b, i):
     """Return the flight of lane i in double precision."""
     k = np.uint64(i)
     a = add_slope(DRIFT, b.sin0[k], b.cos0[k], b.epsilon[k]) - b.w[k]
@@ -116,7 +116,7 @@ def negative_arc32(b, i):
 
 
 @kernel
-def load_trajectory(b, i, tau, v, delta, epsilon, beta, limit):
+def put_trajectory_on_lane(b, i, tau, v, delta, epsilon, beta, limit):
     """Put a trajectory on lane i: on Σ⁺ at phase tau with speed v, to be followed for `limit` impacts on Σ⁺."""
     for field in range(len(b.carried)):
         b.carried[field, i] = 0.0
@@ -129,7 +129,7 @@ def load_trajectory(b, i, tau, v, delta, epsilon, beta, limit):
     arc = negative_arc(delta, epsilon)
     b.arc_exit[i], b.arc_length[i], b.sin_entry[i], b.sin_exit[i] = arc.leave, arc.length, arc.sin_entry, arc.sin_exit
     b.no_arc[i] = ZERO if arc.exists else ONE
-    b.rough[i] = flag_as_float(has_swing_beyond(ROUGHNESS, delta, epsilon))
+    b.rough[i] = convert_flag_to_float(has_force_amplitude_above(ROUGHNESS, delta, epsilon))
     # at_v: no state is close to a reference state of negative speed; next_look: the first check replaces this state
     b.at_v[i], b.next_look[i], b.batch[i] = -1.0, 1.0, -1.0
 
@@ -146,7 +146,7 @@ def move_trajectory(b, i, j):
 
 
 @kernel
-def move_to_front(b):
+def move_trajectories_to_front(b):
     """Move the trajectories to the first lanes, and return the number of groups of GROUP lanes that hold them."""
     i, j = 0, LANES - 1
     while True:
@@ -195,7 +195,7 @@ def is_near_overflow(b, i):
 def clear_block(b):
     """Clear a block: no lane has a trajectory, and every lane has reached its limit."""
     for i in range(LANES):
-        load_trajectory(b, i, 0.0, 1.0, 1.0, 0.0, 1.0, 0.0)
+        put_trajectory_on_lane(b, i, 0.0, 1.0, 1.0, 0.0, 1.0, 0.0)
         b.who[i] = -1
 
 
@@ -227,7 +227,7 @@ def prepare_flights(b, groups, is_queue_empty):
         Number of groups in use.
     """
     if is_queue_empty:
-        groups = move_to_front(b)
+        groups = move_trajectories_to_front(b)
     recompute_phases(b, groups)
     return groups
 
@@ -248,7 +248,7 @@ def classify_force(b, groups):
     return found
 
 
-def new_block() -> np.ndarray:
+def allocate_lane_block() -> np.ndarray:
     """Return memory for one block: an array (1,) of one record, aligned to cache lines.
 
     Kernels take this array, because numba does not accept a record with overlapping fields from Python.

@@ -13,18 +13,18 @@ from rattle.flight.guess import (
     SCAN_STEP,
     SCAN_STEPS,
     UNBOUNDED,
-    Minimum,
+    FlightMinimum,
     ScanState,
     advance_scan,
-    estimated_minimum,
+    estimate_minimum,
     refine_time,
     step_to_level,
     taylor_coefficients,
     wall_level,
 )
-from rattle.flight.lanes.block import ARCS, GROUP, ONE, ZERO, flag_as_float
+from rattle.flight.lanes.block import ARCS, GROUP, ONE, ZERO, convert_flag_to_float
 from rattle.flight.law import Flight
-from rattle.flight.proof import clears_the_gap, clears_with_two_minima, has_single_turn, is_within_one_step
+from rattle.flight.proof import clears_the_gap, clears_wall_with_two_minima, has_at_most_one_turn, is_within_one_step
 from rattle.numerics.compile import inline, kernel
 
 # `paths[SCANNED]` counts the flights that need a scan, `paths[SAFE]` the flights that also need the safe search.
@@ -32,9 +32,9 @@ SCANNED, SAFE = range(2)
 
 
 @kernel
-def prove_by_scan(b, groups, force, paths):
+def rescan_unproved_lanes(b, groups, force, paths):
     """Gather the lanes without proof, locate their impacts by a scan at fixed steps, and try the proof again."""
-    n = compact_unproved(b, groups)
+    n = compact_unproved_lanes(b, groups)
     paths[SCANNED] += n
     if n == 0:
         return
@@ -42,16 +42,16 @@ def prove_by_scan(b, groups, force, paths):
     scan_flights(b, n, padded)
     locate_impacts(b, padded)
     if force == ARCS:
-        prove_scanned_flights_with_arcs(b, padded)
+        withdraw_unproved_scans_with_arcs(b, padded)
     else:
-        prove_scanned_flights(b, padded)
+        withdraw_unproved_scans(b, padded)
     for k in range(n):
         i = b.todo[k]
         b.s_[i], b.falls[i], b.proved[i] = b.z_s[k], b.z_falls[k], b.z_proved[k]
 
 
 @inline
-def compact_unproved(b, groups):
+def compact_unproved_lanes(b, groups):
     """Copy the data of the lanes without proof to the first places of `b.compacted`, and return the number of lanes."""
     n = 0
     for i in range(GROUP * groups):
@@ -84,7 +84,7 @@ def scan_flights(b, n, padded):
     for k in range(padded):
         from_bottom = b.z_wall[k] < ZERO
         b.z_f[k], b.z_g[k], b.z_turn[k], b.z_end[k] = ZERO, b.z_w[k], ZERO, ZERO
-        b.z_turned[k], b.z_ended[k], b.z_falls[k] = flag_as_float(from_bottom), ZERO, ZERO
+        b.z_turned[k], b.z_ended[k], b.z_falls[k] = convert_flag_to_float(from_bottom), ZERO, ZERO
     for k in range(n, padded):
         b.z_ended[k] = ONE
     for j in range(SCAN_STEPS):
@@ -95,9 +95,9 @@ def scan_flights(b, n, padded):
             now = advance_scan(s0, s1, b.z_wall[k], b.z_gap[k], before, compacted_flight(b, k))
             b.z_f[k], b.z_g[k], b.z_turn[k], b.z_end[k] = now.f, now.g, now.turn, now.end
             b.z_turned[k], b.z_ended[k], b.z_falls[k] = (
-                flag_as_float(now.turned),
-                flag_as_float(now.ended),
-                flag_as_float(now.falls),
+                convert_flag_to_float(now.turned),
+                convert_flag_to_float(now.ended),
+                convert_flag_to_float(now.falls),
             )
         left = np.int32(0)
         for k in range(padded):
@@ -117,11 +117,11 @@ def locate_impacts(b, n):
         wall, gap, flight = b.z_wall[k], b.z_gap[k], compacted_flight(b, k)
         turn, end, scanned_fall = b.z_turn[k], b.z_end[k], b.z_falls[k]
         series = taylor_coefficients(turn, flight)
-        lowest, minimum = estimated_minimum(turn, series, flight)
+        lowest, minimum = estimate_minimum(turn, series, flight)
         b.z_f[k] = minimum.bound if flight.delta * turn < LONGEST_DECAY32 else UNBOUNDED
         # whether the flight falls below Σ⁻ at its minimum, which may be between two points of the scan
         misses = (turn > ZERO) & (wall > ZERO) & (lowest < -gap)
-        falls = flag_as_float(misses | (scanned_fall > ZERO))
+        falls = convert_flag_to_float(misses | (scanned_fall > ZERO))
         level = wall_level(wall, falls > ZERO, gap)
         near_turn = turn + step_to_level(falls == ZERO, level, series)
         from_turn = (end < ZERO) | (misses & (scanned_fall == ZERO))
@@ -129,32 +129,36 @@ def locate_impacts(b, n):
         s, _u, _speed = refine_time(s, level, flight)
         s, step, speed = refine_time(s, level, flight)
         b.z_s[k], b.z_falls[k], b.z_g[k], b.z_turn[k] = s, falls, minimum.tilt, minimum.time
-        b.z_proved[k] = flag_as_float(is_within_one_step(s, step, speed, flight))
+        b.z_proved[k] = convert_flag_to_float(is_within_one_step(s, step, speed, flight))
 
 
 @inline
-def prove_scanned_flights(b, n):
+def withdraw_unproved_scans(b, n):
     """Withdraw the flag `z_proved` of scanned flights that may have met Σ⁻ before their impact.
 
     Use this function if the contact force changes sign on no lane of the block, otherwise
-    `prove_scanned_flights_with_arcs`.
+    `withdraw_unproved_scans_with_arcs`.
     """
     for k in range(n):
-        rising, minimum = b.z_falls[k] == ZERO, Minimum(b.z_f[k], b.z_g[k], b.z_turn[k])
+        rising, minimum = b.z_falls[k] == ZERO, FlightMinimum(b.z_f[k], b.z_g[k], b.z_turn[k])
         clear = clears_the_gap(b.z_wall[k], rising, b.z_s[k], minimum, b.z_gap[k], compacted_flight(b, k))
         b.z_proved[k] = b.z_proved[k] if clear else ZERO
 
 
 @inline
-def prove_scanned_flights_with_arcs(b, n):
+def withdraw_unproved_scans_with_arcs(b, n):
     """Withdraw the flag `z_proved` of scanned flights that may have met Σ⁻ before their impact.
 
-    Use this function if the contact force changes sign on some lane of the block, otherwise `prove_scanned_flights`.
+    Use this function if the contact force changes sign on some lane of the block, otherwise `withdraw_unproved_scans`.
     """
     for k in range(n):
         wall, gap, rising, tau, s = b.z_wall[k], b.z_gap[k], b.z_falls[k] == ZERO, b.z_tau[k], b.z_s[k]
-        flight, arc, minimum = compacted_flight(b, k), compacted_arc(b, k), Minimum(b.z_f[k], b.z_g[k], b.z_turn[k])
-        once = has_single_turn(wall, rising, tau, s, minimum.time, flight, arc)
+        flight, arc, minimum = (
+            compacted_flight(b, k),
+            compacted_arc(b, k),
+            FlightMinimum(b.z_f[k], b.z_g[k], b.z_turn[k]),
+        )
+        once = has_at_most_one_turn(wall, rising, tau, s, minimum.time, flight, arc)
         once &= clears_the_gap(wall, rising, s, minimum, gap, flight)
-        twice = clears_with_two_minima(wall, rising, tau, s, minimum, gap, flight, arc)
+        twice = clears_wall_with_two_minima(wall, rising, tau, s, minimum, gap, flight, arc)
         b.z_proved[k] = b.z_proved[k] if once | twice else ZERO

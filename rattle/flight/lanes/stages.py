@@ -3,33 +3,42 @@
 A step of all lanes is a sequence of stages. Every stage is a short loop over the lanes, of straight-line code that LLVM
 turns into vector instructions; the block stays in the first-level cache, and short stages overlap in the processor. If
 the located impact of a lane is not proved to be the first, a scan locates the impact again, and the proof is tried
-again. Flights that are still not proved are computed one by one by `first_impact.safe_impact`. docs/kernel.md explains
-the stages.
+again. Flights that are still not proved are computed one by one by `first_impact.first_impact_by_safe_search`.
+docs/kernel.md explains the stages.
 """
 
 import numpy as np
 from numpy import float32 as f32
 
 from rattle.flight.contact_phase import IN_CONTACT, chatter_completes, stays_in_contact
-from rattle.flight.first_impact import OK, last_step, safe_impact, state_after_step
+from rattle.flight.first_impact import OK, final_step_to_impact, first_impact_by_safe_search, state_after_step
 from rattle.flight.forcing import DRIFT, Q, add_slope32, contact_force
 from rattle.flight.guess import (
     LONGEST_DECAY32,
-    Minimum,
-    better_guess,
-    estimated_minimum,
-    first_guess,
+    FlightMinimum,
+    estimate_minimum,
+    guess_time_of_turn_or_arrival,
+    improve_guess_by_newton_step,
     refine_time,
     step_to_level,
     taylor_coefficients,
     wall_level,
 )
 from rattle.flight.impact_law import reflected_velocity
-from rattle.flight.lanes.block import ARCS, GROUP, ROUGH, ZERO, flag_as_float, flight32, flight64, negative_arc32
-from rattle.flight.lanes.rescan import SAFE, prove_by_scan
+from rattle.flight.lanes.block import (
+    ARCS,
+    GROUP,
+    ROUGH,
+    ZERO,
+    convert_flag_to_float,
+    double_precision_flight,
+    negative_arc32,
+    single_precision_flight,
+)
+from rattle.flight.lanes.rescan import SAFE, rescan_unproved_lanes
 from rattle.flight.law import evaluate_short, fold_phase, second_derivative
-from rattle.flight.proof import clears_the_gap, has_single_turn, is_within_one_step
-from rattle.flight.tangent import carried_tangent
+from rattle.flight.proof import clears_the_gap, has_at_most_one_turn, is_within_one_step
+from rattle.flight.tangent import carry_tangent_over_flight
 from rattle.numerics.compile import inline, kernel
 
 MOST_NEGATIVE = -np.finfo(np.float64).max  # the most negative finite number
@@ -47,18 +56,20 @@ def copy_to_single(b, groups):
 
 
 @inline
-def guess_times(b, groups):
+def guess_flight_times(b, groups):
     """Compute A of each lane's flight law, and guess when a flight from Σ⁺ turns, or when a flight from Σ⁻ ends."""
     for i in range(GROUP * groups):
         b.a_[i] = add_slope32(Q, b.sin0_[i], b.cos0_[i], b.epsilon_[i]) - b.w_[i]
-        b.s_[i] = first_guess(b.wall_[i], b.gap_[i], b.inverse_delta_[i], flight32(b, i))
+        b.s_[i] = guess_time_of_turn_or_arrival(
+            b.wall_[i], b.gap_[i], b.inverse_delta_[i], single_precision_flight(b, i)
+        )
 
 
 @inline
-def improve_guesses(b, groups):
+def improve_time_guesses(b, groups):
     """Improve the guessed time on lanes where the contact force varies so much that its mean gives a poor guess."""
     for i in range(GROUP * groups):
-        s = better_guess(b.s_[i], b.wall_[i], b.gap_[i], flight32(b, i))
+        s = improve_guess_by_newton_step(b.s_[i], b.wall_[i], b.gap_[i], single_precision_flight(b, i))
         s = min(s, f32(0.95) * LONGEST_DECAY32 * b.inverse_delta_[i])
         # only rough lanes are improved, so that a lane's result does not depend on its neighbours
         b.s_[i] = s if b.rough[i] > ZERO else b.s_[i]
@@ -68,7 +79,7 @@ def improve_guesses(b, groups):
 def expand_heights(b, groups):
     """Compute the Taylor coefficients of the height F of each flight at the guessed time."""
     for i in range(GROUP * groups):
-        c = taylor_coefficients(b.s_[i], flight32(b, i))
+        c = taylor_coefficients(b.s_[i], single_precision_flight(b, i))
         b.c0[i], b.c1[i], b.c2[i], b.c3[i], b.c4[i], b.c5[i] = c
 
 
@@ -77,14 +88,14 @@ def choose_wall(b, groups):
     """Choose each flight's next wall by an estimate of the minimum of its height F; keep bounds for the proof."""
     for i in range(GROUP * groups):
         series = b.c0[i], b.c1[i], b.c2[i], b.c3[i], b.c4[i], b.c5[i]
-        lowest, minimum = estimated_minimum(b.s_[i], series, flight32(b, i))
+        lowest, minimum = estimate_minimum(b.s_[i], series, single_precision_flight(b, i))
         falls = (b.wall_[i] > ZERO) & (lowest < -b.gap_[i])
         b.bound[i], b.tilt[i], b.turn[i] = minimum
-        b.falls[i] = flag_as_float(falls)
+        b.falls[i] = convert_flag_to_float(falls)
 
 
 @inline
-def solve_locally(b, groups):
+def solve_impact_time_locally(b, groups):
     """Move the time of the guess to the impact, where the Taylor polynomial reaches the level of the wall."""
     for i in range(GROUP * groups):
         level = wall_level(b.wall_[i], b.falls[i] > ZERO, b.gap_[i])
@@ -93,10 +104,10 @@ def solve_locally(b, groups):
 
 
 @inline
-def solve_again(b, groups):
+def expand_and_solve_again(b, groups):
     """Expand F at the new time and solve again, because the first polynomial is poor far from the turning point."""
     for i in range(GROUP * groups):
-        level, flight = wall_level(b.wall_[i], b.falls[i] > ZERO, b.gap_[i]), flight32(b, i)
+        level, flight = wall_level(b.wall_[i], b.falls[i] > ZERO, b.gap_[i]), single_precision_flight(b, i)
         b.s_[i] += step_to_level(not b.falls[i] > ZERO, level, taylor_coefficients(b.s_[i], flight))
 
 
@@ -105,44 +116,44 @@ def refine_impact_times(b, groups):
     """Refine the time of each impact by a step of fourth order, and keep the step and the speed for the proof."""
     for i in range(GROUP * groups):
         level = wall_level(b.wall_[i], b.falls[i] > ZERO, b.gap_[i])
-        b.s_[i], b.step[i], b.speed[i] = refine_time(b.s_[i], level, flight32(b, i))
+        b.s_[i], b.step[i], b.speed[i] = refine_time(b.s_[i], level, single_precision_flight(b, i))
 
 
 @inline
 def prove_first_impacts(b, groups):
     """Decide for each lane whether its located impact is proved to be the first of its flight."""
     for i in range(GROUP * groups):
-        rising, s, flight = b.falls[i] == ZERO, b.s_[i], flight32(b, i)
-        minimum = Minimum(b.bound[i], b.tilt[i], b.turn[i])
+        rising, s, flight = b.falls[i] == ZERO, b.s_[i], single_precision_flight(b, i)
+        minimum = FlightMinimum(b.bound[i], b.tilt[i], b.turn[i])
         clear = clears_the_gap(b.wall_[i], rising, s, minimum, b.gap_[i], flight)
-        b.proved[i] = flag_as_float(clear & is_within_one_step(s, b.step[i], b.speed[i], flight))
+        b.proved[i] = convert_flag_to_float(clear & is_within_one_step(s, b.step[i], b.speed[i], flight))
 
 
 @inline
-def prove_turns(b, groups):
+def reject_lanes_with_two_turns(b, groups):
     """Withdraw the flag `proved` of lanes whose F' may change sign twice.
 
     Two changes are possible only if the contact force changes sign during the flight.
     """
     for i in range(GROUP * groups):
-        flight, rising = flight32(b, i), b.falls[i] == ZERO
-        certain = has_single_turn(b.wall_[i], rising, b.tau_[i], b.s_[i], b.turn[i], flight, negative_arc32(b, i))
+        flight, rising = single_precision_flight(b, i), b.falls[i] == ZERO
+        certain = has_at_most_one_turn(b.wall_[i], rising, b.tau_[i], b.s_[i], b.turn[i], flight, negative_arc32(b, i))
         b.proved[i] = b.proved[i] if certain else ZERO
 
 
 @inline
-def evaluate_in_double(b, groups):
+def evaluate_lanes_in_double(b, groups):
     """Evaluate in double precision each flight's height above the level of its next wall, and the flight's F'."""
     for i in range(GROUP * groups):
         gap = b.gap[i]
         level = 0.0 if b.wall[i] > 0.0 else gap
         level = -gap if b.target[i] < 0.0 else level
-        f0, f1, _f2, lost, sin1, cos1 = evaluate_short(b.s[i], flight64(b, i))
+        f0, f1, _f2, lost, sin1, cos1 = evaluate_short(b.s[i], double_precision_flight(b, i))
         b.f0[i], b.w1[i], b.lost[i], b.sin1[i], b.cos1[i] = f0 - level, f1, lost, sin1, cos1
 
 
 @inline
-def copy_to_double(b, groups):
+def copy_to_double_precision(b, groups):
     """Copy flight times, next walls and the verdicts of the proof from single to double precision."""
     for i in range(GROUP * groups):
         b.s[i] = np.float64(b.s_[i])
@@ -169,7 +180,7 @@ def _build_landing_stage(tangent):
     """Build the stage that moves lanes to their impacts. With `tangent` this stage also prepares `carry_tangents`."""
 
     @inline
-    def land_lanes(b, groups):
+    def move_lanes_to_impacts(b, groups):
         """Move each lane to its impact and reflect its velocity.
 
         A lane is moved only if its impact is proved, and only if the lane has made fewer impacts on Σ⁺ than its limit.
@@ -177,9 +188,9 @@ def _build_landing_stage(tangent):
         cos1 of all lanes get sine and cosine of the phase at which this flight departed, for `carry_tangents`.
         """
         for i in range(GROUP * groups):
-            tau, wall, target, s, flight = b.tau[i], b.wall[i], b.target[i], b.s[i], flight64(b, i)
+            tau, wall, target, s, flight = b.tau[i], b.wall[i], b.target[i], b.s[i], double_precision_flight(b, i)
             w1, lost, sin1, cos1 = b.w1[i], b.lost[i], b.sin1[i], b.cos1[i]
-            u, exact = last_step(s, b.f0[i], w1, lost, sin1, cos1, flight)
+            u, exact = final_step_to_impact(s, b.f0[i], w1, lost, sin1, cos1, flight)
             w1, bend, lost, sin1, cos1 = state_after_step(u, w1, lost, sin1, cos1, flight)
             s += u
             sure = (b.sure[i] > 0.0) & exact & (target * w1 > 0.0)
@@ -201,7 +212,7 @@ def _build_landing_stage(tangent):
             b.n_plus[i] = select_number(go, b.n_plus[i] + plus, b.n_plus[i])
             b.n_minus[i] = select_number(go, b.n_minus[i] + minus, b.n_minus[i])
 
-    return land_lanes
+    return move_lanes_to_impacts
 
 
 land_plain, land_tangent = _build_landing_stage(False), _build_landing_stage(True)
@@ -214,7 +225,7 @@ def carry_tangents(b, groups):
         go = b.s[i] > 0.0
         t0, q0, det0, time0 = b.t_tangent[i], b.w_tangent[i], b.determinant[i], b.time[i]
         sin0, cos0, sin1, cos1 = b.sin1[i], b.cos1[i], b.sin0[i], b.cos0[i]
-        t1, q1, det = carried_tangent(
+        t1, q1, det = carry_tangent_over_flight(
             t0,
             q0,
             b.w1[i],
@@ -256,22 +267,24 @@ def stop_completing_chatters(b, groups):
 
 @kernel
 def advance_lane_safely(b, i, paths):
-    """Move lane i, with its tangent vector, to its next impact, as `safe_impact` finds it.
+    """Move lane i, with its tangent vector, to its next impact, as `first_impact_by_safe_search` finds it.
 
     A lane that is in lasting contact, or whose flight has no impact, is stopped instead.
     """
-    wall, flight = np.int64(b.wall[i]), flight64(b, i)
+    wall, flight = np.int64(b.wall[i]), double_precision_flight(b, i)
     if stays_in_contact(wall, flight.w, b.tau[i], flight.delta, flight.epsilon, DRIFT):
         b.stuck[i], b.limit[i] = IN_CONTACT, -1.0
         return
     paths[SAFE] += 1
-    status, s, target, w1, lost, sin1, cos1 = safe_impact(wall, b.tau[i], flight, 0.5 * b.gap[i])
+    status, s, target, w1, lost, sin1, cos1 = first_impact_by_safe_search(wall, b.tau[i], flight, 0.5 * b.gap[i])
     if status != OK:
         b.stuck[i], b.limit[i] = status, -1.0
         return
     bend = second_derivative(lost, sin1, cos1, flight)
     t0, q0, sin0, cos0 = b.t_tangent[i], b.w_tangent[i], flight.sin0, flight.cos0
-    t, q, det = carried_tangent(t0, q0, w1, bend, lost, sin0, cos0, sin1, cos1, b.inverse_delta[i], flight.epsilon)
+    t, q, det = carry_tangent_over_flight(
+        t0, q0, w1, bend, lost, sin0, cos0, sin1, cos1, b.inverse_delta[i], flight.epsilon
+    )
     r = b.restitution[i]
     b.t_tangent[i], b.w_tangent[i] = t, r * q
     b.determinant[i] *= r * det
@@ -288,7 +301,7 @@ def advance_lane_safely(b, i, paths):
 
 
 @kernel
-def compute_unproved(b, groups, paths):
+def compute_unproved_flights(b, groups, paths):
     """Compute the flights of the lanes whose impact is not proved, one by one with `advance_lane_safely`."""
     for i in range(GROUP * groups):
         if not b.sure[i] > 0.0 and b.n_plus[i] < b.limit[i]:
@@ -299,9 +312,9 @@ def compute_unproved(b, groups, paths):
 def advance(memory, groups, flights, force, tangent, paths):
     """Compute the next `flights` flights of every lane that has made fewer impacts on Σ⁺ than its limit.
 
-    memory: the block, as `new_block` returns it. groups: number of groups of lanes in use. force: the result of
-    `classify_force`. tangent: whether tangent vectors are carried along. paths: two counters, of the flights that need
-    a scan and of the flights that also need the safe search.
+    memory: the block, as `allocate_lane_block` returns it. groups: number of groups of lanes in use. force: the result
+    of `classify_force`. tangent: whether tangent vectors are carried along. paths: two counters, of the flights that
+    need a scan and of the flights that also need the safe search.
     """
     b = memory[0]
     lossy = has_lossy_lane(b, groups)
@@ -309,25 +322,25 @@ def advance(memory, groups, flights, force, tangent, paths):
         if lossy:
             stop_completing_chatters(b, groups)
         copy_to_single(b, groups)
-        guess_times(b, groups)
+        guess_flight_times(b, groups)
         if force >= ROUGH:
-            improve_guesses(b, groups)
+            improve_time_guesses(b, groups)
         expand_heights(b, groups)
         choose_wall(b, groups)
-        solve_locally(b, groups)
-        solve_again(b, groups)
+        solve_impact_time_locally(b, groups)
+        expand_and_solve_again(b, groups)
         refine_impact_times(b, groups)
         prove_first_impacts(b, groups)
         if force == ARCS:
-            prove_turns(b, groups)
+            reject_lanes_with_two_turns(b, groups)
         unproved = np.int32(0)
         for i in range(GROUP * groups):
             # np.int32 twice, because numba widens the result of `|` to 64 bits, and mixed widths vectorise badly
             unproved = np.int32(unproved | np.int32(b.proved[i] == ZERO))
         if unproved:
-            prove_by_scan(b, groups, force, paths)
-        copy_to_double(b, groups)
-        evaluate_in_double(b, groups)
+            rescan_unproved_lanes(b, groups, force, paths)
+        copy_to_double_precision(b, groups)
+        evaluate_lanes_in_double(b, groups)
         if tangent:
             land_tangent(b, groups)
             carry_tangents(b, groups)
@@ -337,4 +350,4 @@ def advance(memory, groups, flights, force, tangent, paths):
         for i in range(GROUP * groups):
             unsure |= np.int64(b.sure[i] == 0.0)
         if unsure:
-            compute_unproved(b, groups, paths)
+            compute_unproved_flights(b, groups, paths)

@@ -24,10 +24,10 @@ from rattle.flight.lanes.block import (
     check_lane_limits,
     classify_force,
     clear_block,
-    load_trajectory,
+    put_trajectory_on_lane,
 )
 from rattle.flight.lanes.stages import advance
-from rattle.flight.law import LONGEST_DECAY, decay64, flight_from_sine_cosine
+from rattle.flight.law import LONGEST_DECAY, decay_remainder64, flight_from_sine_cosine
 from rattle.flight.tangent import flight_tangent
 from rattle.numerics.compile import inline, kernel
 
@@ -60,10 +60,10 @@ def direction_and_halvings(lane, few):
 
 
 @inline
-def load_centre(b, group, i, centres, cells):
+def load_cell_of_centre(b, group, i, centres, cells):
     """Load into all lanes of a group the parameters of the cell in which capture region i of `centres` lies."""
     first, cell = group * GROUP, centres.cell[i]
-    load_trajectory(b, first, 0.0, 1.0, cells.delta[cell], cells.epsilon[cell], cells.beta[cell], -1.0)
+    put_trajectory_on_lane(b, first, 0.0, 1.0, cells.delta[cell], cells.epsilon[cell], cells.beta[cell], -1.0)
     for field in range(len(b.carried)):
         for lane in range(first + 1, first + GROUP):
             b.carried[field, lane] = b.carried[field, first]
@@ -104,7 +104,7 @@ def fly_once(memory, work, groups, force, paths):
     advance(memory, groups, ONCE, force, False, paths)
     for i in range(GROUP * groups):
         x = b.delta[i] * b.time[i]
-        work.lost[i] = x * (1.0 - x * decay64(min(x, LONGEST_DECAY)))
+        work.lost[i] = x * (1.0 - x * decay_remainder64(min(x, LONGEST_DECAY)))
     for i in range(GROUP * groups):
         if b.delta[i] * b.time[i] > LONGEST_DECAY:
             work.lost[i] = -math.expm1(-b.delta[i] * b.time[i])
@@ -199,7 +199,7 @@ def write_radii(memory, work, centres, cells, paths):
             while of[group] < 0 and fresh < n:
                 if centres.radius[fresh] > 0.0:
                     of[group], level[group], few[group] = fresh, 0, True
-                    load_centre(b, group, fresh, centres, cells)
+                    load_cell_of_centre(b, group, fresh, centres, cells)
                 fresh += 1
             if of[group] >= 0:
                 load_states(b, work, group, of[group], level[group], few[group], centres)
@@ -211,6 +211,6 @@ def write_radii(memory, work, centres, cells, paths):
         fly_once(memory, work, groups, force, paths)
 
 
-def find_radii_in_lanes(memory, centres, cells):
+def find_capture_radii_in_lanes(memory, centres, cells):
     """Compute in lanes the radii of the capture regions around `centres`, and write them to `centres.radius`."""
     write_radii(memory, np.zeros(1, WORK)[0], centres, cells, np.zeros(2, np.int64))

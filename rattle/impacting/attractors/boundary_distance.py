@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rattle.attractors.samples import Outcome
-from rattle.attractors.speeds import MOST_SAMPLES, SpeedLimit, sampled_speeds
+from rattle.attractors.speeds import MOST_SAMPLES, SpeedLimit, highest_sampled_speeds
 from rattle.errors import broadcast_parameters, require
 from rattle.flight.first_impact import OK
 from rattle.flight.law import wrap_phase_difference
@@ -27,7 +27,7 @@ from rattle.impacting.map.quiet import LONGEST_REST, becomes_quiet_late, capture
 from rattle.impacting.orbits.limits import quiet_limit
 from rattle.numerics.compile import kernel
 from rattle.numerics.sampling import sobol_points
-from rattle.orbits.iterates import fold
+from rattle.orbits.iterates import fold_phases
 from rattle.parameters import Parameters
 
 # number of states of each set that is uniform in v or in ln v; largest number of sets of slower states after the first
@@ -104,7 +104,7 @@ class _QuietCells:
 
     def __init__(self, delta: Array, epsilon: Array, beta: Array, v_max: Array) -> None:
         n = delta.size
-        usual = sampled_speeds(None, delta, epsilon, beta)
+        usual = highest_sampled_speeds(None, delta, epsilon, beta)
         # the speed at which sets that are uniform in ln v begin: the capture speed, but at least LOWEST natural speeds
         self.floor = np.clip(capture_speeds(delta, epsilon, beta), LOWEST * usual, 0.5 * v_max)
         self.v_max, self.ceiling = v_max, CEILING * usual
@@ -130,7 +130,7 @@ class _QuietCells:
 
     def first_states(self, n: int) -> tuple[Array, Array]:
         """Return τ and v (n, 2 · SAMPLED) of the states to classify first: half uniform in ln v, half uniform in v."""
-        (tau, v), (x, y) = self.states_in_strip(self.v_max, 0), sobol_points(SAMPLED).T
+        (tau, v), (x, y) = self.draw_states_in_strip(self.v_max, 0), sobol_points(SAMPLED).T
         plane = self.v_max[:, None] * (y + 0.5 / SAMPLED)
         return np.hstack([tau, np.tile(x, (n, 1))]), np.hstack([v, plane])
 
@@ -142,7 +142,7 @@ class _QuietCells:
         self.keep_slowest(tau, np.where(away, v, np.inf))
         self.keep_preimages(away, tau, v)
 
-    def states_in_strip(self, below: Array, i: int) -> tuple[Array, Array]:
+    def draw_states_in_strip(self, below: Array, i: int) -> tuple[Array, Array]:
         """Return τ and v (n, SAMPLED) of the states in set number i; the states are uniform in τ and in ln v.
 
         The speeds of each cell lie between the cell's entries of `self.floor` and of `below` (n,).
@@ -156,7 +156,9 @@ class _QuietCells:
         low, high = np.log(self.floor)[:, None], np.log(np.maximum(below, self.floor))[:, None]
         return np.repeat(x[None], below.size, axis=0), np.exp(low + (high - low) * y)
 
-    def leaves_quiet(self, cell: NDArray[np.int64], tau: Array, v: Array, times: int = 1) -> NDArray[np.bool_]:
+    def find_states_leaving_quiet(
+        self, cell: NDArray[np.int64], tau: Array, v: Array, times: int = 1
+    ) -> NDArray[np.bool_]:
         """Return whether states (k,) of these cells (k,) reach an attractor other than quiet motion.
 
         Each state is followed for `times` times the limit of impacts of its cell. A state that reaches no attractor by
@@ -167,7 +169,7 @@ class _QuietCells:
         NDArray[np.bool_]
             (k,), False for states that become quiet or stay undecided.
         """
-        status = self.classifier.outcomes_of(cell, tau, v, times * self.most[cell])
+        status = self.classifier.outcomes_of_states(cell, tau, v, times * self.most[cell])
         return (status == Outcome.PERIODIC) | ((status == Outcome.UNRESOLVED) & self.chaos[cell])
 
     def keep_slowest(self, tau: Array, v: Array) -> None:
@@ -193,7 +195,7 @@ class _QuietCells:
         y = np.sin(angle) / np.sqrt(d - b * b / a)
         x = (np.cos(angle) - b / np.sqrt(a) * y) / np.sqrt(a)
         self.balls = balls.n.copy()
-        return np.repeat(cell, each), fold(tau + x), v + y
+        return np.repeat(cell, each), fold_phases(tau + x), v + y
 
     def keep_preimages(self, away: NDArray[np.bool_], tau: Array, v: Array) -> None:
         """Compute preimages of states that leave quiet motion, and keep the slowest that leave quiet motion too.
@@ -208,7 +210,7 @@ class _QuietCells:
         every = -(-number * (1 + COPIES) // STATES)
         some = np.flatnonzero(away & (np.cumsum(away, axis=1) % np.maximum(every, 1) == 0))
         near = sobol_points(1 + COPIES)[:, :, None] * NEAR
-        near_tau, near_v = fold(tau.flat[some] + near[:, 0]), v.flat[some] * (1.0 - near[:, 1])
+        near_tau, near_v = fold_phases(tau.flat[some] + near[:, 0]), v.flat[some] * (1.0 - near[:, 1])
         states = np.tile(some // v.shape[1], 1 + COPIES), near_tau.ravel(), near_v.ravel()
         cell, tau, v = (np.append(x, y) for x, y in zip(states, self.states_at_new_edges(), strict=True))
         delta, epsilon, beta = (x[cell] for x in self.classifier.cells[:3])
@@ -219,7 +221,7 @@ class _QuietCells:
         order, rank = order[rank < TRIED_PREIMAGES], rank[rank < TRIED_PREIMAGES]
         cell, tau, v = cell[order], tau[order], v[order]
         low = v < self.v_max[cell]
-        low[low] = self.leaves_quiet(cell[low], tau[low], v[low])
+        low[low] = self.find_states_leaving_quiet(cell[low], tau[low], v[low])
         found_tau, found = np.zeros((len(self.v), TRIED_PREIMAGES)), np.full((len(self.v), TRIED_PREIMAGES), np.inf)
         found_tau[cell, rank], found[cell, rank] = tau, np.where(low, v, np.inf)
         self.keep_slowest(found_tau, found)
@@ -231,15 +233,17 @@ class _QuietCells:
             if not pending.size:
                 break
             before = self.v[:, 0].copy()
-            tau, v = self.states_in_strip(np.minimum(before, self.v_max), i)
+            tau, v = self.draw_states_in_strip(np.minimum(before, self.v_max), i)
             away = np.zeros(v.shape, np.bool_)
             cell = np.repeat(pending, SAMPLED)
-            away[pending] = self.leaves_quiet(cell, tau[pending].ravel(), v[pending].ravel()).reshape(-1, SAMPLED)
+            away[pending] = self.find_states_leaving_quiet(cell, tau[pending].ravel(), v[pending].ravel()).reshape(
+                -1, SAMPLED
+            )
             self.keep_slowest(tau, np.where(away, v, np.inf))
             self.keep_preimages(away, tau, v)
             pending = pending[self.v[pending, 0] < before[pending]]
 
-    def search_patterns(self) -> None:
+    def search_around_kept_states(self) -> None:
         """Search for slower states in a pattern around each kept state; a pattern without a slower state shrinks."""
         offset = np.concatenate([-TAU_OFFSETS, [0.0], TAU_OFFSETS[::-1]])
         sideways, down = (x.ravel() for x in np.meshgrid(offset, V_OFFSETS))
@@ -250,9 +254,11 @@ class _QuietCells:
             hopeful = np.flatnonzero((scale > LAST_SCALE) & (best * (1.0 - MOST_LAG * scale) < least))
             if not hopeful.size:
                 break
-            tau = fold(best_tau[hopeful, None] + scale[hopeful, None] * sideways)
+            tau = fold_phases(best_tau[hopeful, None] + scale[hopeful, None] * sideways)
             v = best[hopeful, None] * (1.0 - scale[hopeful, None] * down)
-            away = self.leaves_quiet(np.repeat(cell[hopeful], down.size), tau.ravel(), v.ravel()).reshape(v.shape)
+            away = self.find_states_leaving_quiet(np.repeat(cell[hopeful], down.size), tau.ravel(), v.ravel()).reshape(
+                v.shape
+            )
             v = np.where(away, v, np.inf)
             each, one = np.arange(hopeful.size), np.argmin(v, axis=1)
             lower = np.isfinite(v[each, one])
@@ -267,7 +273,7 @@ class _QuietCells:
         other states that seem chaotic may become quiet, too, if they are followed for longer.
         """
         row, column = np.nonzero(self.chaos[:, None] & np.isfinite(self.v))
-        transient = ~self.leaves_quiet(row, self.tau[row, column], self.v[row, column], CONFIRMING_FACTOR)
+        transient = ~self.find_states_leaving_quiet(row, self.tau[row, column], self.v[row, column], CONFIRMING_FACTOR)
         row, column = row[transient], column[transient]
         np.minimum.at(self.undecided, row, self.v[row, column])
         self.v[row, column] = np.inf
@@ -294,7 +300,7 @@ def boundary_distances(
     d, e, b = (np.array(x, order="C").ravel() for x in broadcast)
     most = 64 * MOST_SAMPLES // (STATES * (1 + COPIES))
     require(d.size <= most, f"{d.size:,} cells are too many at once: give at most {most:,}")
-    highest = sampled_speeds(v_max, d, e, b)
+    highest = highest_sampled_speeds(v_max, d, e, b)
     found = BoundaryDistance(np.zeros(d.size), np.full(d.size, np.nan), np.full(d.size, np.inf))
     below = e < quiet_limit(d)
     late = below & becomes_quiet_late(d, e, b)
@@ -304,7 +310,7 @@ def boundary_distances(
         cells = _QuietCells(d[quiet], e[quiet], b[quiet], highest[quiet])
         cells.keep_first_states()
         cells.search_strip()
-        cells.search_patterns()
+        cells.search_around_kept_states()
         cells.confirm_chaos()
         one = np.argmin(cells.v, axis=1)[:, None]
         v = np.take_along_axis(cells.v, one, 1)[:, 0]

@@ -7,16 +7,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rattle.attractors.ball import Centres
+from rattle.attractors.ball import CaptureCentres
 from rattle.attractors.classify import BUDGET, ROOM, Classifier, ProbeRecord
-from rattle.attractors.recurrence import append_period_one
+from rattle.attractors.recurrence import append_period_one_orbits
 from rattle.attractors.samples import Trajectories
 from rattle.attractors.speeds import SampleSpec, SpeedLimit
 from rattle.attractors.table import AttractorTable, attractors_of_samples
 from rattle.flight.forcing import Forcing
-from rattle.impacting.attractors.balls import find_radii_in_lanes
+from rattle.impacting.attractors.balls import find_capture_radii_in_lanes
 from rattle.impacting.attractors.settle import CHUNK, LONG_CHUNK, ImpactingCells, follow_probes, settle
-from rattle.impacting.map.iterate import iterate, working_block
+from rattle.impacting.map.iterate import iterate, lane_block_of_thread
 from rattle.impacting.map.quiet import capture_invariant, capture_invariants
 from rattle.impacting.orbits.stable import find_stable_orbits
 from rattle.parameters import Parameters
@@ -50,7 +50,7 @@ def relative_force_amplitudes(cells: Any) -> NDArray[np.float64]:
         return np.asarray(Forcing(cells.epsilon).relative_force_amplitude(cells.delta))
 
 
-def sorted_by_roughness(
+def sort_by_roughness(
     which: NDArray[np.int64], samples: Trajectories, roughness: NDArray[np.float64]
 ) -> NDArray[np.int64]:
     """Return the samples `which`, sorted by the roughness of their cells, the largest first.
@@ -90,7 +90,7 @@ class ImpactingClassifier(Classifier):
         scan, and flights whose first impact needs the slower safe search.
         """
         self.paths = np.zeros(2, np.int64)
-        self._block = working_block()
+        self._block = lane_block_of_thread()
         self._roughness = relative_force_amplitudes(cells)
         super().__init__(cells, tau, v, budget)
 
@@ -99,12 +99,12 @@ class ImpactingClassifier(Classifier):
     quiet_invariant = staticmethod(quiet_invariant)
 
     @classmethod
-    def cells_of_orbits(cls, parameters: Parameters) -> ImpactingCells:
+    def cells_for_orbit_kernels(cls, parameters: Parameters) -> ImpactingCells:
         """Return the record of cells for periodic orbits alone: it lacks the test for quiet motion, slow to prepare."""
         return elastic_cells(parameters.delta, parameters.epsilon, parameters.beta, np.zeros(parameters.size))
 
     @staticmethod
-    def states_after(
+    def states_after_returns(
         parameters: Parameters, tau: NDArray[np.float64], v: NDArray[np.float64], returns: int
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
         """Return τ and v after a number of returns to Σ⁺, and flags of states at rest.
@@ -118,7 +118,7 @@ class ImpactingClassifier(Classifier):
         return moved.tau, moved.v, np.zeros(tau.size, np.bool_)
 
     @property
-    def has_quiet(self) -> NDArray[np.bool_]:
+    def cell_has_quiet_motion(self) -> NDArray[np.bool_]:
         """Flags of the cells (n_cells,) that have a quiet motion."""
         return np.asarray(self.cells.quiet_invariant > 0)
 
@@ -131,12 +131,12 @@ class ImpactingClassifier(Classifier):
             found = find_stable_orbits(delta, epsilon, beta, most)
             self.make_room(most)
         n, label, state = found.n, (found.n_plus, found.n_minus), (found.tau, found.v)
-        append_period_one(n, *label, *state, found.trace, self.cells, self.orbits.to_kernel_tuple())
+        append_period_one_orbits(n, *label, *state, found.trace, self.cells, self.orbits.to_kernel_tuple())
         self.grow_capture_regions()
 
-    def find_radii(self, centres: Centres) -> None:
+    def find_capture_radii(self, centres: CaptureCentres) -> None:
         """Compute in lanes the radii of the capture regions around `centres`, and write them to `centres.radius`."""
-        find_radii_in_lanes(self._block, centres, self.cells)
+        find_capture_radii_in_lanes(self._block, centres, self.cells)
 
     def advance(self, which: NDArray[np.int64], samples: Trajectories, early: bool) -> None:
         """Follow samples in lanes until each has an outcome or reaches its limit of impacts.
@@ -145,7 +145,7 @@ class ImpactingClassifier(Classifier):
         """
         flights = CHUNK if early else LONG_CHUNK
         which, tables = (
-            sorted_by_roughness(which, samples, self._roughness),
+            sort_by_roughness(which, samples, self._roughness),
             (samples.to_kernel_tuple(), self.balls.to_kernel_tuple()),
         )
         settle(self._block, which, flights, self.cells, *tables, self.paths)

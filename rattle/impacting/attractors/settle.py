@@ -19,7 +19,7 @@ from rattle.attractors.samples import (
     RECURRENCE,
     Outcome,
     bitmap_top_speed,
-    capturing_orbit,
+    find_capturing_orbit,
     mark_visited_cell,
 )
 from rattle.flight.contact_phase import IN_CONTACT, is_captured
@@ -32,15 +32,15 @@ from rattle.flight.lanes.block import (
     classify_force,
     clear_block,
     is_near_overflow,
-    load_trajectory,
     normalise_tangent,
     prepare_flights,
+    put_trajectory_on_lane,
 )
 from rattle.flight.lanes.stages import advance
 from rattle.flight.law import speed_unit, wrap_phase_difference
 from rattle.impacting.map.impact_map import ImpactingPoint
 from rattle.numerics.compile import implement_for_type, inline, kernel
-from rattle.orbits.return_map import point_between, point_of
+from rattle.orbits.return_map import point_between, point_of_cell
 
 # number of flights between two checks, at first and for long trajectories; both are prime, so that the checks of a
 # periodic motion come at each of its impacts in turn
@@ -71,7 +71,7 @@ class ImpactingCells(NamedTuple):
 
 
 @inline
-def is_quiet(b, i, largest_invariant):
+def is_certain_to_become_quiet(b, i, largest_invariant):
     """Return whether the bounce of lane i on Σ⁺ is certain to become quiet."""
     force = contact_force(b.sin0[i], b.cos0[i], b.delta[i], b.epsilon[i], DRIFT)
     return is_captured(-b.w[i], force, largest_invariant)
@@ -86,9 +86,9 @@ def outcome_of_lane(b, i, cell, cells, balls):
     tuple
         (status, orbit): (QUIET, −1); (PERIODIC, number of the orbit that captures the state); or (UNRESOLVED, −1).
     """
-    if is_quiet(b, i, cells.quiet_invariant[cell]):
+    if is_certain_to_become_quiet(b, i, cells.quiet_invariant[cell]):
         return Outcome.QUIET, -1
-    orbit = capturing_orbit(b.tau[i], -b.w[i], cell, balls)
+    orbit = find_capturing_orbit(b.tau[i], -b.w[i], cell, balls)
     return (Outcome.PERIODIC, orbit) if orbit >= 0 else (Outcome.UNRESOLVED, -1)
 
 
@@ -97,7 +97,7 @@ def start_sample(b, i, k, cells, samples):
     """Put sample k on lane i, which follows it until the sample's limit of impacts."""
     c = samples.cell[k]
     limit = float(samples.limit[k] - samples.impacts[k])
-    load_trajectory(b, i, samples.tau[k], samples.v[k], cells.delta[c], cells.epsilon[c], cells.beta[c], limit)
+    put_trajectory_on_lane(b, i, samples.tau[k], samples.v[k], cells.delta[c], cells.epsilon[c], cells.beta[c], limit)
     b.restitution[i], b.capture[i] = cells.restitution[c], cells.capture[c]
     b.unit[i] = speed_unit(cells.delta[c], cells.epsilon[c], cells.beta[c])
 
@@ -201,7 +201,7 @@ def settle(memory, which, flights, cells, samples, balls, paths):
 
 
 @inline
-def record_growth(b, i, batches):
+def record_tangent_growth(b, i, batches):
     """Add to a row of `batches` the time, ln stretch and ln|det| that lane i gained since the last call.
 
     The row is that of the present part of the observation, which has BATCHES successive parts. As long as the lane's
@@ -258,7 +258,7 @@ def check_probes(b, groups, fresh, which, cells, samples, balls, watch):
             status, orbit, over = check_lane(b, i, k, cells, samples, balls)
             over |= share >= 1.0 and b.wall[i] > 0.0
             if over or batch != b.batch[i] or is_near_overflow(b, i):
-                record_growth(b, i, watch.sums[j])
+                record_tangent_growth(b, i, watch.sums[j])
                 b.batch[i], b.since[i] = batch, b.time[i]
             if over:
                 finish_sample(b, i, k, status, orbit, samples)
@@ -299,7 +299,7 @@ def follow_probes(memory, which, least, periods, cells, samples, balls, sums, fo
             mark_visited_cells(b, groups, footprints)
 
 
-@implement_for_type(point_of, ImpactingCells)
+@implement_for_type(point_of_cell, ImpactingCells)
 def _point_of(cell, cells):
     return ImpactingPoint(cells.delta[cell], cells.epsilon[cell], cells.beta[cell], cells.quiet_invariant[cell])
 

@@ -16,12 +16,12 @@ from rattle.flight.lanes.block import (
     ONCE,
     classify_force,
     clear_block,
-    load_trajectory,
     prepare_flights,
+    put_trajectory_on_lane,
 )
 from rattle.flight.lanes.stages import advance
-from rattle.impacting.attractors.settle import is_quiet
-from rattle.impacting.map.iterate import working_block
+from rattle.impacting.attractors.settle import is_certain_to_become_quiet
+from rattle.impacting.map.iterate import lane_block_of_thread
 from rattle.intensity.visit import COLUMNS, FASTEST, IMPULSE, ON_MINUS, ON_PLUS, SPEED, SQUARE, TIME
 from rattle.numerics.compile import inline, kernel
 
@@ -31,7 +31,7 @@ LOOKS = 4 * BATCHES
 
 
 @inline
-def add_impacts(b, groups, speeds, squares, impulses, fastest):
+def add_impacts_to_sums(b, groups, speeds, squares, impulses, fastest):
     """Add the impact that ends each lane's last flight to the lane's sums, and update the lane's `fastest` speed."""
     for i in range(GROUP * groups):
         speed = abs(velocity_before_reflection(b.w[i]))
@@ -42,7 +42,7 @@ def add_impacts(b, groups, speeds, squares, impulses, fastest):
 
 
 @kernel
-def fly_and_sum(memory, lanes, cell, tau, v, checks, cells, sums, paths):
+def follow_and_sum_impacts(memory, lanes, cell, tau, v, checks, cells, sums, paths):
     """Follow motions (n,) that start at (tau, v), and sum over their impacts; motion i ends after checks[i] checks.
 
     A check, after every CHUNK flights, also ends a motion that becomes quiet or stays in contact; its sums are NaN.
@@ -71,14 +71,16 @@ def fly_and_sum(memory, lanes, cell, tau, v, checks, cells, sums, paths):
                 b.looks[i] += 1.0
                 in_contact = b.stuck[i] > 0.0
                 if b.wall[i] > 0.0:
-                    in_contact |= is_quiet(b, i, cells.quiet_invariant[cell[k]])
+                    in_contact |= is_certain_to_become_quiet(b, i, cells.quiet_invariant[cell[k]])
                 if in_contact:
                     sums[k] = math.nan
                 if in_contact or b.looks[i] >= checks[k]:
                     b.who[i], b.limit[i] = -1, -1.0
             if b.who[i] < 0 and fresh < cell.size:
                 c = cell[fresh]
-                load_trajectory(b, i, tau[fresh], v[fresh], cells.delta[c], cells.epsilon[c], cells.beta[c], math.inf)
+                put_trajectory_on_lane(
+                    b, i, tau[fresh], v[fresh], cells.delta[c], cells.epsilon[c], cells.beta[c], math.inf
+                )
                 b.who[i] = fresh
                 fresh += 1
         groups = prepare_flights(b, groups, fresh == cell.size)
@@ -86,7 +88,7 @@ def fly_and_sum(memory, lanes, cell, tau, v, checks, cells, sums, paths):
         lanes[:] = 0.0
         for _ in range(CHUNK):
             advance(memory, groups, ONCE, force, False, paths)
-            add_impacts(b, groups, speeds, squares, impulses, fastest)
+            add_impacts_to_sums(b, groups, speeds, squares, impulses, fastest)
 
 
 def stretch(
@@ -104,5 +106,7 @@ def stretch(
         Sums (n, BATCHES, COLUMNS); NaN for a motion that becomes quiet or stays in contact.
     """
     sums, lanes = np.zeros((cell.size, BATCHES, COLUMNS)), np.zeros((4, LANES))
-    fly_and_sum(working_block(), lanes, cell, tau, v, np.ceil(LOOKS * longer), cells, sums, np.zeros(2, np.int64))
+    follow_and_sum_impacts(
+        lane_block_of_thread(), lanes, cell, tau, v, np.ceil(LOOKS * longer), cells, sums, np.zeros(2, np.int64)
+    )
     return sums

@@ -12,11 +12,11 @@ import numpy as np
 from rattle.continuation.arclength import (
     CLOSED,
     Bound,
-    Follower,
+    CurveFollower,
     OneWayPath,
-    longest_step,
-    newton_on_curve,
+    make_longest_step_function,
     plane_scale,
+    solve_on_curve,
 )
 from rattle.continuation.conditions import EventKind
 from rattle.continuation.followed import FollowedBranch, start_of_doubled_branch
@@ -28,19 +28,19 @@ from rattle.continuation.line import (
     Parameter,
     ParameterLine,
     Span,
-    line_through,
+    parameter_line_through,
 )
 from rattle.errors import RattleError, require, require_number
 from rattle.impacting.bifurcations.events import (
     Event,
     find_events,
-    origin_of_doubling,
+    find_flip_of_doubled_branch,
     points_between_close_events,
     repeats_first_half,
 )
-from rattle.impacting.bifurcations.registry import name_of
+from rattle.impacting.bifurcations.registry import curve_name_of_event
 from rattle.impacting.orbits.equations import Itinerary, equations_on_line
-from rattle.impacting.orbits.periodic import PeriodicOrbit, as_periodic, orbit_of
+from rattle.impacting.orbits.periodic import PeriodicOrbit, orbit_of, to_periodic_orbit
 from rattle.numerics.complex_step import Array
 from rattle.orbits.orbits_a_to_d import Orbit
 from rattle.orbits.periodic_motions import equivalent_unknowns, solve_at_parameters
@@ -82,7 +82,7 @@ class Branch(FollowedBranch):
         return {}
 
     @property
-    def unfolded_times(self) -> Array:
+    def unwrapped_times(self) -> Array:
         """Times (k, n) of the impacts, which change continuously along the branch, so that they may leave [0, m)."""
         return self.times - self.times[:, :1] + np.unwrap(self.times[:, 0], period=1.0)[:, None]
 
@@ -101,7 +101,7 @@ class Branch(FollowedBranch):
 
     def curve_of(self, event: Event) -> str | None:
         """Return the name of the curve of `rattle.curves` on which an event lies; None if it lies on no such curve."""
-        return name_of(event)
+        return curve_name_of_event(event)
 
     def orbit(self, index: int) -> PeriodicOrbit:
         """Return the motion at point number `index`."""
@@ -139,11 +139,11 @@ def branch(
     RattleError
         If the orbit does not solve the impact equations.
     """
-    orbit = as_periodic(orbit)
-    line = line_through(orbit.delta, orbit.epsilon, parameter, span, resolution)
+    orbit = to_periodic_orbit(orbit)
+    line = parameter_line_through(orbit.delta, orbit.epsilon, parameter, span, resolution)
     start = np.append(orbit.times, 0.0)
     fixed = np.append(np.zeros(orbit.times.size), 1.0)
-    solved = newton_on_curve(equations_on_line(orbit.itinerary, line.origin, line.direction), start, fixed)
+    solved = solve_on_curve(equations_on_line(orbit.itinerary, line.origin, line.direction), start, fixed)
     if solved is None:
         raise RattleError("the orbit does not solve the impact equations: get an orbit from periodic_orbit")
     return _follow_both_ways(orbit.itinerary, line, solved[0])
@@ -169,10 +169,10 @@ def doubled(
     require(isinstance(event, Event), f"event must be an Event of a branch, got {type(event).__name__}")
     if event.kind is not EventKind.FLIP:
         raise RattleError(f"event must be a flip (PD), where the period doubles, got {event.kind}")
-    line = line_through(event.delta, event.epsilon, parameter, span, resolution)
+    line = parameter_line_through(event.delta, event.epsilon, parameter, span, resolution)
     itinerary = event.itinerary.with_doubled_period()
     start = start_of_doubled_branch(event.itinerary, event.unknowns)
-    path = _follower(itinerary, line).follow(*start, MOST_POINTS, FIRST_OF_DOUBLED)
+    path = _branch_follower(itinerary, line).follow(*start, MOST_POINTS, FIRST_OF_DOUBLED)
     return _build_branch(itinerary, line, path.points, path.tangents, 0, ("flip", _reason_of_end(itinerary, path)))
 
 
@@ -194,7 +194,7 @@ def beyond(event: Event, parameter: Parameter = "epsilon", span: Span = None) ->
     require(isinstance(event, Event), f"event must be an Event of a branch, got {type(event).__name__}")
     if event.impact is None:
         raise RattleError(f"event must be a graze (GR), where motions of different itineraries meet, got {event.kind}")
-    line = line_through(event.delta, event.epsilon, parameter, span)
+    line = parameter_line_through(event.delta, event.epsilon, parameter, span)
     misses, touches = np.delete(event.unknowns, event.impact)[:-2], event.unknowns[:-2]
     return (
         _follow_both_ways(event.itinerary.without_impact(event.impact), line, np.append(misses, 0.0)),
@@ -212,11 +212,11 @@ def branch_through(itinerary: Itinerary, x: Array, parameter: Parameter, span: S
     Branch
         Points in order along the branch.
     """
-    line = line_through(float(x[-2]), float(x[-1]), parameter, span, resolution)
+    line = parameter_line_through(float(x[-2]), float(x[-1]), parameter, span, resolution)
     return _follow_both_ways(itinerary, line, np.append(x[:-2], 0.0))
 
 
-def fate(orbit: PeriodicOrbit | Orbit, delta: float, epsilon: float) -> PeriodicOrbit | Event | None:
+def continue_to(orbit: PeriodicOrbit | Orbit, delta: float, epsilon: float) -> PeriodicOrbit | Event | None:
     """Follow a motion along the straight line to other parameters.
 
     The line is not followed if Newton's method finds the motion at the other parameters at once, with equal stability,
@@ -235,7 +235,7 @@ def fate(orbit: PeriodicOrbit | Orbit, delta: float, epsilon: float) -> Periodic
     RattleError
         If the orbit does not solve the impact equations.
     """
-    orbit = as_periodic(orbit)
+    orbit = to_periodic_orbit(orbit)
     delta, epsilon = require_number("delta", delta, positive=True), require_number("epsilon", epsilon)
     there = solve_at_parameters(orbit.itinerary, np.append(orbit.times, [delta, epsilon]))
     if there is not None and np.max(np.abs(there[:-2] - orbit.times)) < LONGEST:
@@ -258,21 +258,21 @@ def _leads_back(found: PeriodicOrbit, orbit: PeriodicOrbit) -> bool:
     return back is not None and bool(np.max(np.abs(back[:-2] - orbit.times)) < SAME_MOTION)
 
 
-def _follower(itinerary: Itinerary, line: ParameterLine) -> Follower:
-    """Return the `Follower` of branches of motions with this itinerary on a line of parameters."""
+def _branch_follower(itinerary: Itinerary, line: ParameterLine) -> CurveFollower:
+    """Return the `CurveFollower` of branches of motions with this itinerary on a line of parameters."""
     problem = equations_on_line(itinerary, line.origin, line.direction)
-    longest = longest_step(line.span, line.resolution, LONGEST)
+    longest = make_longest_step_function(line.span, line.resolution, LONGEST)
     bounds = (Bound(-1, *line.span),)
-    return Follower(
+    return CurveFollower(
         problem,
         bounds,
-        lambda y: _why_degenerate(itinerary, y) is None,
+        lambda y: _reason_of_degeneracy(itinerary, y) is None,
         longest,
         partial(equivalent_unknowns, itinerary),
     )
 
 
-def _why_degenerate(itinerary: Itinerary, y: Array) -> str | None:
+def _reason_of_degeneracy(itinerary: Itinerary, y: Array) -> str | None:
     """Return why a branch ends at a motion with impact times y[:-1]: impacts merge, or the period halves; else None."""
     if np.min(np.diff(np.append(y[:-1], y[0] + itinerary.m))) < SHORTEST_FLIGHT:
         return "two impacts become one"
@@ -281,7 +281,7 @@ def _why_degenerate(itinerary: Itinerary, y: Array) -> str | None:
 
 def _follow_both_ways(itinerary: Itinerary, line: ParameterLine, start: Array) -> Branch:
     """Return the branch through `start` = (times, position p on the line), ordered so that p rises at `start`."""
-    followed = _follower(itinerary, line).follow_both_ways(start, -1, MOST_POINTS)
+    followed = _branch_follower(itinerary, line).follow_both_ways(start, -1, MOST_POINTS)
     ends = (CLOSED, CLOSED)
     if followed.paths is not None:
         ends = _reason_of_end(itinerary, followed.paths[0]), _reason_of_end(itinerary, followed.paths[1])
@@ -296,7 +296,7 @@ def _reason_of_end(itinerary: Itinerary, path: OneWayPath) -> str:
             if len(path.points) >= MOST_POINTS
             else "the equations become singular"
         )
-    return _why_degenerate(itinerary, path.outside) or "span"
+    return _reason_of_degeneracy(itinerary, path.outside) or "span"
 
 
 def _is_same_event(one: Event, other: Event) -> bool:
@@ -329,7 +329,7 @@ def _build_branch(
     orbits = [orbit_of(itinerary, line.unknowns_at(y)) for y in points]
     events = list(find_events(itinerary, line, problem, points, tangents))
     for end, at, place in ((ends[0], 0, 0), (ends[1], len(points) - 1, len(events))):
-        flip = origin_of_doubling(itinerary, line, points[at], max(at - 1, 0)) if end == HALF_PERIOD else None
+        flip = find_flip_of_doubled_branch(itinerary, line, points[at], max(at - 1, 0)) if end == HALF_PERIOD else None
         if flip is not None and not any(_is_same_event(flip, event) for event in events):
             events.insert(place, flip)
     return Branch(

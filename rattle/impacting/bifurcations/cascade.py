@@ -3,7 +3,7 @@
 import numpy as np
 
 from rattle.continuation.conditions import EventKind
-from rattle.continuation.line import Parameter, Span, line_through
+from rattle.continuation.line import Parameter, Span, parameter_line_through
 from rattle.errors import require_integer
 from rattle.impacting.bifurcations.branches import Branch, branch, doubled
 from rattle.impacting.bifurcations.events import Event
@@ -37,14 +37,14 @@ def cascade(
             return tuple(found)
         gap = np.hypot(event.delta - last[0], event.epsilon - last[1])
         last = event.delta, event.epsilon
-        here = doubled(event, *_line_near(event, parameter, span, 2 * gap if len(found) > 1 else np.inf))
+        here = doubled(event, *_direction_and_span_near(event, parameter, span, 2 * gap if len(found) > 1 else np.inf))
 
 
-def _line_near(
+def _direction_and_span_near(
     event: Event, parameter: Parameter, span: Span, reach: float
 ) -> tuple[tuple[float, float], tuple[float, float]]:
     """Return the direction of a line of parameters through an event, and its span within `reach` of the event."""
-    line = line_through(event.delta, event.epsilon, parameter, span)
+    line = parameter_line_through(event.delta, event.epsilon, parameter, span)
     reach /= float(np.hypot(*line.direction))
     low, high = max(line.span[0], -reach), min(line.span[1], reach)
     return (float(line.direction[0]), float(line.direction[1])), (low, high)

@@ -19,7 +19,7 @@ from itertools import combinations
 
 import numpy as np
 
-from rattle.continuation.arclength import ContinuationProblem, plane_scale, solution_with_value, tangent_at
+from rattle.continuation.arclength import ContinuationProblem, plane_scale, solve_with_fixed_unknown, tangent_at
 from rattle.continuation.conditions import condition
 from rattle.errors import RattleError, require_number
 from rattle.impacting.bifurcations.registry import CURVES
@@ -46,24 +46,24 @@ def _scaled_cosine(delta: float, beta: float) -> float:
     return 4 * math.pi * -math.expm1(-delta) * cosine / delta**2
 
 
-def _flip_at_graze(delta: float, beta: float) -> float:
+def _flip_at_graze_residual(delta: float, beta: float) -> float:
     """Return a number that vanishes where the grazing motion flips, at COD20."""
     return _scaled_cosine(delta, beta) - 2 * (1 + math.exp(-delta))
 
 
-def _equal_multipliers(delta: float, beta: float) -> float:
+def _residual_of_equal_multipliers(delta: float, beta: float) -> float:
     """Return a number that vanishes where both multipliers of the grazing motion are e^(−δ/2), at COD21."""
     return _scaled_cosine(delta, beta) - (1 - math.exp(-delta / 2)) ** 2
 
 
-def _multiplier_two_thirds(delta: float, beta: float) -> float:
+def _two_thirds_condition(delta: float, beta: float) -> float:
     """Return a number that vanishes where the larger multiplier of the grazing motion is 2/3."""
     return _scaled_cosine(delta, beta) - (1 / 3 - math.exp(-delta) / 2)
 
 
-def _square_root_factor(delta: float, beta: float) -> float:
+def _cod23_condition(delta: float, beta: float) -> float:
     """Return −M = −(det J(1) + det J(−1))/2 of the grazing motion. It is 0 at COD23, and NaN if there is no graze."""
-    sigma = closed_form.next_grazing(closed_form.EDGE, delta, beta)
+    sigma = closed_form.find_next_grazing_sigma(closed_form.EDGE, delta, beta)
     if not sigma < 0.5:
         return math.nan
     at = family_members(np.array([sigma]), delta, beta)
@@ -71,7 +71,7 @@ def _square_root_factor(delta: float, beta: float) -> float:
 
 
 @dataclass(frozen=True)
-class PointCondition:
+class CodimensionTwoCondition:
     """The condition that a codimension-two point meets on the grazing curve, and the curves that meet at this point.
 
     residual: a function of (δ, β) that is 0 at the point. curves: {name of a curve: side of the point on which this
@@ -84,14 +84,18 @@ class PointCondition:
 
 
 POINTS = {
-    "COD20": PointCondition("C flips as it grazes: a multiplier is −1", _flip_at_graze, {"PDC": -1, "G1": -1}),
-    "COD21": PointCondition("the multipliers of the grazing C become equal, and real", _equal_multipliers, {"G1": -1}),
-    "COD23": PointCondition(
+    "COD20": CodimensionTwoCondition(
+        "C flips as it grazes: a multiplier is −1", _flip_at_graze_residual, {"PDC": -1, "G1": -1}
+    ),
+    "COD21": CodimensionTwoCondition(
+        "the multipliers of the grazing C become equal, and real", _residual_of_equal_multipliers, {"G1": -1}
+    ),
+    "COD23": CodimensionTwoCondition(
         "SN2 and PD1 end on G1: beyond this point C meets D instead of B",
-        _square_root_factor,
+        _cod23_condition,
         {"SN2": -1, "PD1": -1, "G1": -1},
     ),
-    "COD22": PointCondition(
+    "COD22": CodimensionTwoCondition(
         "SN1 ends where A and C are born grazing: G1 becomes G2",
         _scaled_cosine,
         {"SN1": -1, "G1": -1, "G2": 1},
@@ -197,14 +201,16 @@ def _tangency_orders(curves: dict[str, int], delta: float, epsilon: float, beta:
             continue  # G1 and G2 are parts of one smooth curve: they have no order of contact
         offsets = curves[other] * distances
         try:
-            gaps = _curve_near(one, delta, epsilon, beta, offsets) - _curve_near(other, delta, epsilon, beta, offsets)
+            gaps = _epsilon_along_curve(one, delta, epsilon, beta, offsets) - _epsilon_along_curve(
+                other, delta, epsilon, beta, offsets
+            )
         except (RattleError, np.linalg.LinAlgError):
             continue
         orders[one, other] = float(np.polyfit(np.log(distances), np.log(np.abs(gaps)), 1)[0])
     return orders
 
 
-def _curve_near(name: str, delta: float, epsilon: float, beta: float, offsets: Array) -> Array:
+def _epsilon_along_curve(name: str, delta: float, epsilon: float, beta: float, offsets: Array) -> Array:
     """Return ε of the curve `name` at `offsets` in δ from its point (δ, ε), also where the curve is virtual.
 
     offsets (n,): all of one sign, the smallest size first, because the curve is followed from each to the next.
@@ -239,7 +245,7 @@ def _curve_near(name: str, delta: float, epsilon: float, beta: float, offsets: A
 
 def _solution_at_delta(problem: ContinuationProblem, guess: Array, delta: float) -> Array:
     """Return the solution near a guess at this damping. Raises RattleError if Newton's method finds none."""
-    x = solution_with_value(problem, guess, -2, delta)
+    x = solve_with_fixed_unknown(problem, guess, -2, delta)
     if x is None:
         raise RattleError(f"Newton's method finds no point of the bifurcation curve at delta = {delta}")
     return x
@@ -268,5 +274,5 @@ def robust_chaos_interval(beta: float = 0.6) -> tuple[float, float]:
     beta = require_number("beta", beta, positive=True)
     lower, upper = (_point_on_grazing_curve(name, POINTS[name].residual, beta)[0] for name in ("COD21", "COD22"))
     if math.exp(-lower / 2) < 2 / 3:
-        lower = _point_on_grazing_curve("multiplier 2/3", _multiplier_two_thirds, beta)[0]
+        lower = _point_on_grazing_curve("multiplier 2/3", _two_thirds_condition, beta)[0]
     return lower, upper

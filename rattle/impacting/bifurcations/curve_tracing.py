@@ -3,28 +3,28 @@
 import numpy as np
 
 from rattle.continuation.arclength import ContinuationProblem
-from rattle.continuation.conditions import condition, scale_at
+from rattle.continuation.conditions import condition, scale_of_unknowns
 from rattle.continuation.curve_continuation import (
     POINTS_ACROSS,
     QUIET_LIMIT,
     Curve,
-    CurveDescription,
+    MotionAtCurvePoint,
     PlaneWindow,
     interior_points,
-    quiet_limit_curve,
     require_window_range,
     trace_problem,
+    trace_quiet_limit,
 )
 from rattle.errors import RattleError, require, require_integer, require_number, require_one_of
 from rattle.flight.forcing import Forcing, phase_of_least_force
 from rattle.impacting.bifurcations.codimension_two import codimension_two
 from rattle.impacting.bifurcations.events import Event
 from rattle.impacting.bifurcations.registry import CURVES, NAMES, CurveDefinition
-from rattle.impacting.orbits.equations import Itinerary, smooth_multipliers
+from rattle.impacting.orbits.equations import Itinerary, multipliers_without_graze
 from rattle.impacting.orbits.limits import quiet_limit
-from rattle.impacting.orbits.periodic import why_virtual
+from rattle.impacting.orbits.periodic import reason_for_virtual_motion
 from rattle.numerics.complex_step import Array
-from rattle.orbits.periodic_motions import unknowns_from_impact
+from rattle.orbits.periodic_motions import unknowns_counted_from_impact
 
 MOST_ACROSS = 1000  # largest allowed number of points of a curve across a window
 # starting points of a curve are also searched on both sides of each codimension-two point, this far away, relative in δ
@@ -73,7 +73,7 @@ def trace(
     dampings = _dampings_to_search(window, beta)
     try:
         return (
-            _quiet_limit(beta, window, dampings)
+            _trace_quiet_limit(beta, window, dampings)
             if name == QUIET_LIMIT
             else _trace_registered_curve(name, beta, window, dampings)
         )
@@ -93,7 +93,7 @@ def _trace_registered_curve(name: str, beta: float, window: PlaneWindow, damping
         condition(itinerary, definition.kind, definition.impact),
         (x for d in dampings for x in definition.starts(float(d), beta)),
         window,
-        lambda x: _why_off_curve(definition, itinerary, x),
+        lambda x: _reason_off_curve(definition, itinerary, x),
         lambda x: describe_motion(itinerary, x, definition.impact),
         lambda x, reason: _reason_with_point(name, x, reason, beta),
     )
@@ -138,7 +138,7 @@ def bifurcation_curve(
         require_window_range("delta", delta, positive=True), require_window_range("epsilon", epsilon), resolution
     )
     require(
-        window.why_outside(event.unknowns) is None,
+        window.reason_outside_window(event.unknowns) is None,
         f"the window of delta and epsilon must contain the event at ({event.delta}, {event.epsilon})",
     )
     itinerary, x, impact = _rotate_to_sigma_plus(event)
@@ -149,7 +149,7 @@ def bifurcation_curve(
         condition(itinerary, event.kind, impact),
         [x],
         window,
-        lambda y: why_virtual(itinerary, y, impact) if event.admissible else None,
+        lambda y: reason_for_virtual_motion(itinerary, y, impact) if event.admissible else None,
         lambda y: describe_motion(itinerary, y, impact),
         lambda _, reason: reason,
     )
@@ -160,18 +160,18 @@ def _rotate_to_sigma_plus(event: Event) -> tuple[Itinerary, Array, int | None]:
     itinerary = event.itinerary
     begin = next((i for i, wall in enumerate(itinerary.walls) if wall > 0 and i != event.impact), 0)
     impact = None if event.impact is None else (event.impact - begin) % itinerary.n
-    return itinerary.with_first_impact(begin), unknowns_from_impact(itinerary, event.unknowns, begin), impact
+    return itinerary.with_first_impact(begin), unknowns_counted_from_impact(itinerary, event.unknowns, begin), impact
 
 
-def _why_off_curve(definition: CurveDefinition, itinerary: Itinerary, x: Array) -> str | None:
+def _reason_off_curve(definition: CurveDefinition, itinerary: Itinerary, x: Array) -> str | None:
     """Return the reason why a solution is not on a curve, None if it is on the curve."""
-    return definition.belongs(x) or why_virtual(itinerary, x, definition.impact)
+    return definition.belongs(x) or reason_for_virtual_motion(itinerary, x, definition.impact)
 
 
-def describe_motion(itinerary: Itinerary, x: Array, grazed: int | None = None) -> CurveDescription:
+def describe_motion(itinerary: Itinerary, x: Array, grazed: int | None = None) -> MotionAtCurvePoint:
     """Return phase, speed and multipliers of the motion at x; at a graze, multipliers without the grazing impact."""
     tau = float(x[0] - np.floor(x[0]))
-    return CurveDescription(tau, float(-itinerary.flights(x).w0[0]), smooth_multipliers(itinerary, x, grazed))
+    return MotionAtCurvePoint(tau, float(-itinerary.flights(x).w0[0]), multipliers_without_graze(itinerary, x, grazed))
 
 
 def _reason_with_point(name: str, x: Array, reason: str, beta: float) -> str:
@@ -185,7 +185,7 @@ def _reason_with_point(name: str, x: Array, reason: str, beta: float) -> str:
     return f"{nearest}: {reason}" if nearest and off[nearest] < SAME_POINT else reason
 
 
-def _quiet_limit(beta: float, window: PlaneWindow, dampings: Array) -> Curve:
+def _trace_quiet_limit(beta: float, window: PlaneWindow, dampings: Array) -> Curve:
     """Return the curve `quiet_limit`, on which the minimum of the contact force on Σ⁺ is 0.
 
     The unknowns are x = (phase, δ, ε). The equations are that the force and its time derivative vanish.
@@ -197,7 +197,7 @@ def _quiet_limit(beta: float, window: PlaneWindow, dampings: Array) -> Curve:
     """
 
     def equations(x: Array) -> Array:
-        return Forcing(x[..., 2]).force_and_rate(x[..., 0], x[..., 1])
+        return Forcing(x[..., 2]).quiet_limit_residuals(x[..., 0], x[..., 1])
 
     guesses = (np.array([phase_of_least_force(float(d)), d, float(quiet_limit(d))]) for d in dampings)
-    return quiet_limit_curve(beta, ContinuationProblem(equations, scale=scale_at), guesses, window)
+    return trace_quiet_limit(beta, ContinuationProblem(equations, scale=scale_of_unknowns), guesses, window)

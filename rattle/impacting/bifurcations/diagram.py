@@ -10,8 +10,8 @@ from numpy.typing import ArrayLike
 
 from rattle.attractors.speeds import SampleSpec, SpeedLimit
 from rattle.continuation.arclength import ContinuationProblem
-from rattle.continuation.bifurcation_diagram import Diagram, diagram_of, require_end
-from rattle.continuation.motions import POINTS_ACROSS, Motion, Motions, Segment, split_into_runs
+from rattle.continuation.bifurcation_diagram import Diagram, check_segment_end, compute_diagram
+from rattle.continuation.motions import POINTS_ACROSS, Motion, MotionsOnSegment, ParameterSegment, split_into_runs
 from rattle.errors import RattleError, require_number
 from rattle.impacting.attractors.classifier import ImpactingClassifier
 from rattle.impacting.bifurcations.branches import Branch, branch_through, doubled
@@ -25,8 +25,8 @@ from rattle.parameters import Parameters
 
 
 @dataclass(frozen=True)
-class ImpactingMotions(Motions):
-    """The periodic motions of the impacting gear along the segment of a diagram (`Motions`)."""
+class ImpactingMotions(MotionsOnSegment):
+    """The periodic motions of the impacting gear along the segment of a diagram (`MotionsOnSegment`)."""
 
     classifier = ImpactingClassifier
 
@@ -129,5 +129,5 @@ def diagram(
         If an argument is outside its domain.
     """
     beta = require_number("beta", beta, positive=True)
-    segment = Segment(require_end("start", start), require_end("end", end))
-    return diagram_of(ImpactingMotions(segment, beta), beta, steps, impacts, most, SampleSpec(count, v_max, seed))
+    segment = ParameterSegment(check_segment_end("start", start), check_segment_end("end", end))
+    return compute_diagram(ImpactingMotions(segment, beta), beta, steps, impacts, most, SampleSpec(count, v_max, seed))

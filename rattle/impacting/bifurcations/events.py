@@ -14,15 +14,15 @@ from numpy.typing import NDArray
 from rattle.continuation.arclength import (
     ContinuationProblem,
     bracket_admissible_edge,
-    newton_on_curve,
     root_between,
-    solution_above_chord,
+    solve_beside_chord,
+    solve_on_curve,
     tangent_at,
 )
 from rattle.continuation.conditions import EventKind, condition
 from rattle.continuation.line import ParameterLine
-from rattle.impacting.orbits.equations import Itinerary, smooth_multipliers
-from rattle.impacting.orbits.periodic import PeriodicOrbit, first_failure, is_admissible, orbit_of
+from rattle.impacting.orbits.equations import Itinerary, multipliers_without_graze
+from rattle.impacting.orbits.periodic import PeriodicOrbit, find_impossible_flight, is_admissible, orbit_of
 from rattle.numerics.complex_step import Array
 
 # the two halves of a motion count as equal if the impact times in the second half, minus half the period, differ from
@@ -57,7 +57,7 @@ class Event:
 
     Attributes
     ----------
-    kind : Kind
+    kind : EventKind
         SN (saddle-node), PD (flip) or GR (graze).
     unknowns : ndarray, (n + 2,)
         Times, δ and ε of the motion at the event.
@@ -105,7 +105,7 @@ class Event:
     @property
     def multipliers(self) -> NDArray[np.complex128]:
         """Both Floquet multipliers (2,); at a graze, those of the motion that misses the wall."""
-        return smooth_multipliers(self.itinerary, self.unknowns, self.impact)
+        return multipliers_without_graze(self.itinerary, self.unknowns, self.impact)
 
 
 def find_events(
@@ -121,8 +121,8 @@ def find_events(
     Event
         The next event.
     """
-    tests = _test_functions(itinerary, line, problem)
-    values = _test_values(itinerary, line, points, tangents)
+    tests = _event_test_functions(itinerary, line, problem)
+    values = _values_of_test_functions(itinerary, line, points, tangents)
     real = [is_admissible(itinerary, line.unknowns_at(y)) for y in points]
     for k in range(len(points) - 1):
         a, b = points[k], points[k + 1]
@@ -136,7 +136,7 @@ def find_events(
             if y is not None:
                 found.append(EventCandidate(y, kind, itinerary, line.unknowns_at(y), impact))
         if real[k] != real[k + 1] and not any(at.kind is EventKind.GRAZING for at in found):
-            found += _touch_candidates(itinerary, line, problem, *((a, b) if real[k] else (b, a)))
+            found += _find_touch_candidates(itinerary, line, problem, *((a, b) if real[k] else (b, a)))
         near = SAME_PLACE * float(np.max(np.abs(b - a)))
         for candidate in sorted(found, key=lambda at: float(np.linalg.norm(at.y - points[k]))):
             solved = _solve_event(line, candidate, k, near)
@@ -157,7 +157,10 @@ def points_between_close_events(
         For each further point the index of the point before it, its times and position on the line (n + 1,), and the
         tangent; by rising index.
     """
-    tests, values = _test_functions(itinerary, line, problem), _test_values(itinerary, line, points, tangents)
+    tests, values = (
+        _event_test_functions(itinerary, line, problem),
+        _values_of_test_functions(itinerary, line, points, tangents),
+    )
     length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
     size, found = np.abs(values), []
     least = (size[1:-1] <= size[:-2]) & (size[1:-1] <= size[2:])
@@ -170,14 +173,14 @@ def points_between_close_events(
         if not length[i] < at < length[i + 2] or lowest / value > DIP_SHARE:
             continue
         k = int(i if at < length[i + 1] else i + 1)
-        y = solution_above_chord(problem, points[k], points[k + 1], (at - length[k]) / (length[k + 1] - length[k]))
+        y = solve_beside_chord(problem, points[k], points[k + 1], (at - length[k]) / (length[k + 1] - length[k]))
         if y is not None and tests[j][2](points[k + 1] - points[k], y) * values[k, j] < 0:
             found.append((k, y, tangent_at(problem, y, tangents[k])))
     return found
 
 
-def _test_values(itinerary: Itinerary, line: ParameterLine, points: Array, tangents: Array) -> Array:
-    """Return the values (k, tests) of the test functions at k solutions, in the order of `_test_functions`."""
+def _values_of_test_functions(itinerary: Itinerary, line: ParameterLine, points: Array, tangents: Array) -> Array:
+    """Return the values (k, tests) of the test functions at k solutions, in the order of `_event_test_functions`."""
     departures = np.array([itinerary.flights(line.unknowns_at(y)).w0 for y in points])
     flips = [_flip_test(itinerary, line, y) for y in points]
     return np.column_stack([tangents[:, -1], flips, departures])
@@ -187,7 +190,7 @@ def _test_values(itinerary: Itinerary, line: ParameterLine, points: Array, tange
 Test = Callable[[Array, Array], float]
 
 
-def _test_functions(
+def _event_test_functions(
     itinerary: Itinerary, line: ParameterLine, problem: ContinuationProblem
 ) -> list[tuple[EventKind, int | None, Test]]:
     """Return (kind, number of the grazing impact or None, test function) for every event that a branch may have."""
@@ -208,7 +211,7 @@ def _flip_test(itinerary: Itinerary, line: ParameterLine, y: Array) -> float:
     return float(np.linalg.det(matrix / np.linalg.norm(matrix, axis=1, keepdims=True)))
 
 
-def _touch_candidates(
+def _find_touch_candidates(
     itinerary: Itinerary, line: ParameterLine, problem: ContinuationProblem, inside: Array, outside: Array
 ) -> list[EventCandidate]:
     """Return the candidate for a graze between an admissible point and a virtual point, in a list that may be empty.
@@ -224,7 +227,7 @@ def _touch_candidates(
     edge, beyond = bracket_admissible_edge(
         problem, inside, outside, lambda y: is_admissible(itinerary, line.unknowns_at(y))
     )
-    failure = first_failure(itinerary, line.unknowns_at(beyond))
+    failure = find_impossible_flight(itinerary, line.unknowns_at(beyond))
     if failure is None or failure[1] == 0:
         return []
     departure, wall, time = failure
@@ -247,7 +250,7 @@ def _solve_event(line: ParameterLine, candidate: EventCandidate, after: int, nea
     half = _half_period_motion(itinerary, guess) if kind is EventKind.SADDLE_NODE else None
     if half is not None:
         kind, (itinerary, guess) = EventKind.FLIP, half
-    found = newton_on_curve(condition(itinerary, kind, impact), guess, line.line_normal(itinerary.n))
+    found = solve_on_curve(condition(itinerary, kind, impact), guess, line.line_normal(itinerary.n))
     if found is None or np.max(np.abs((found[0] - guess)[-2:])) > near:
         return None
     return Event(kind, itinerary, found[0], impact, is_admissible(itinerary, found[0], impact), after)
@@ -261,7 +264,7 @@ def repeats_first_half(itinerary: Itinerary, y: Array, tolerance: float) -> bool
     return bool(np.max(np.abs(y[n : 2 * n] - y[:n] - m)) < tolerance)
 
 
-def origin_of_doubling(itinerary: Itinerary, line: ParameterLine, y: Array, after: int) -> Event | None:
+def find_flip_of_doubled_branch(itinerary: Itinerary, line: ParameterLine, y: Array, after: int) -> Event | None:
     """Return the flip at which a branch of doubled period begins; None if Newton's method finds no flip.
 
     y: the point at the end of the branch, next to the flip. after: the number of the last point of the branch before

@@ -52,7 +52,7 @@ class CurveDefinition:
         return Itinerary(self.walls, 1, beta)
 
 
-def _why_not_on_g1(x: Array) -> str | None:
+def _reason_not_on_g1(x: Array) -> str | None:
     """Return None for a graze of C, which is on G1, and the reason why a graze of A is not on G1.
 
     G1 and G2 are parts of one smooth curve, which SN1 touches at the point between them, where cos 2πτ = 0.
@@ -65,7 +65,7 @@ def _why_not_on_g1(x: Array) -> str | None:
     return None if np.cos(2 * np.pi * x[0]) >= 0.0 else "the grazing motion is A from here on, on G2"
 
 
-def _why_not_on_g2(x: Array) -> str | None:
+def _reason_not_on_g2(x: Array) -> str | None:
     """Return None for a graze of A, which is on G2, and the reason why a graze of C is not on G2."""
     return None if np.cos(2 * np.pi * x[0]) <= 0.0 else "the grazing motion is C from here on, on G1"
 
@@ -73,7 +73,7 @@ def _why_not_on_g2(x: Array) -> str | None:
 def _first_flip(delta: float, beta: float) -> Sequence[Array]:
     """Return a list with the first flip of D after SN2 if D loses stability there; otherwise an empty list."""
     found = starts.two_impact_flips(delta, beta)
-    return found[:1] if found and starts.loses_stability(found[0], beta) else ()
+    return found[:1] if found and starts.loses_stability_at_flip(found[0], beta) else ()
 
 
 def _later_flips(delta: float, beta: float) -> Sequence[Array]:
@@ -88,7 +88,7 @@ CURVES: dict[str, CurveDefinition] = {
         EventKind.SADDLE_NODE,
         "saddle-node at which A and C, P(1,1,0), are born as ε grows; ends at COD22",
         f"{PAPER}, equation (4.1)",
-        lambda delta, _: starts.single_impact_starts(EventKind.SADDLE_NODE, delta),
+        lambda delta, _: starts.find_single_impact_starting_points(EventKind.SADDLE_NODE, delta),
     ),
     "SN2": CurveDefinition(
         (1, -1),
@@ -111,7 +111,7 @@ CURVES: dict[str, CurveDefinition] = {
         f"{PAPER}, section 5.2, Figure 7",
         starts.two_impact_grazes,
         impact=1,
-        belongs=_why_not_on_g1,
+        belongs=_reason_not_on_g1,
     ),
     "G2": CurveDefinition(
         (1, -1),
@@ -120,14 +120,14 @@ CURVES: dict[str, CurveDefinition] = {
         f"{PAPER}, section 5.2, Figure 7",
         starts.two_impact_grazes,
         impact=1,
-        belongs=_why_not_on_g2,
+        belongs=_reason_not_on_g2,
     ),
     "PDC": CurveDefinition(
         (1,),
         EventKind.FLIP,
         "flip (period doubling) at which C, P(1,1,0), loses stability as ε grows; ends on G1 at COD20",
         "not in the paper; closed form in rattle.flip",
-        lambda delta, _: starts.single_impact_starts(EventKind.FLIP, delta),
+        lambda delta, _: starts.find_single_impact_starting_points(EventKind.FLIP, delta),
     ),
     "PD2": CurveDefinition(
         (1, -1),
@@ -152,7 +152,7 @@ def describe(name: str) -> str:
     return f"{CURVES[name].meaning} ({CURVES[name].source})"
 
 
-def name_of(event: Event) -> str | None:
+def curve_name_of_event(event: Event) -> str | None:
     """Return the name of the registered curve on which an event of a branch lies; None if it lies on no such curve."""
     walls, x, beta = event.itinerary.walls, event.unknowns, event.itinerary.beta
     near: list[tuple[float, str]] = []

@@ -9,7 +9,7 @@ import numpy as np
 from rattle.continuation.conditions import EventKind
 from rattle.impacting.orbits import closed_form
 from rattle.impacting.orbits.equations import Itinerary
-from rattle.impacting.orbits.limits import flip_formula, sine_offset, sn1_formula
+from rattle.impacting.orbits.limits import epsilon_sine_of_single_impact, flip_formula, sn1_formula
 from rattle.numerics.complex_step import Array
 
 # number of members of the family that a refinement computes between the two neighbours of a zero; largest number of
@@ -20,7 +20,7 @@ FINER, FINEST = 33, 12
 CLOSE = 0.02
 
 
-class StartFamily(NamedTuple):
+class TwoImpactFamily(NamedTuple):
     """The P(1,1,1) motions at one damping: k members in the order of the time 1/2 + σ from Σ⁺ to Σ⁻, with σ > 0.
 
     Attributes
@@ -43,26 +43,26 @@ class StartFamily(NamedTuple):
     flip: Array
 
 
-def family_members(sigma: Array, delta: float, beta: float) -> StartFamily:
-    """Return the P(1,1,1) motions at one damping. sigma (k,): their rising values of σ, see `StartFamily`."""
+def family_members(sigma: Array, delta: float, beta: float) -> TwoImpactFamily:
+    """Return the P(1,1,1) motions at one damping. sigma (k,): their rising values of σ, see `TwoImpactFamily`."""
     closed = np.array([closed_form.closure_numerators(each, delta, beta) for each in sigma]).reshape(-1, 5)
     x, y = closed[:, 0] / closed[:, 4], closed[:, 1] / closed[:, 4]
     tau = np.arctan2(y, x) / (2 * np.pi)
     unknowns = np.column_stack([tau, tau + 0.5 + sigma, np.full_like(sigma, delta), np.hypot(x, y)])
     itinerary = Itinerary((1, -1), 1, beta)
     at_one, at_minus_one = (np.linalg.det(itinerary.jacobian(unknowns, multiplier)) for multiplier in (1.0, -1.0))
-    return StartFamily(sigma, unknowns, closed[:, 3] / closed[:, 4], at_one, at_minus_one)
+    return TwoImpactFamily(sigma, unknowns, closed[:, 3] / closed[:, 4], at_one, at_minus_one)
 
 
 @lru_cache(maxsize=256)
-def two_impact_family(delta: float, beta: float) -> StartFamily:
+def two_impact_family(delta: float, beta: float) -> TwoImpactFamily:
     """Return the P(1,1,1) motions (B and D) at one damping, at the nodes σ > 0 of `closed_form.nodes_of_family`."""
     sigma, epsilon = closed_form.nodes_of_family(delta, beta)
     return family_members(sigma[(sigma > 0.0) & np.isfinite(epsilon)], delta, beta)
 
 
 def find_zeros(
-    values: Callable[[StartFamily], Array], coarse: StartFamily, members_at: Callable[[Array], StartFamily]
+    values: Callable[[TwoImpactFamily], Array], coarse: TwoImpactFamily, members_at: Callable[[Array], TwoImpactFamily]
 ) -> list[Array]:
     """Find the roots of a function along a family of motions, close enough to start Newton's method.
 
@@ -70,7 +70,7 @@ def find_zeros(
     ----------
     values : callable
         The function: it takes members (k,) of the family and returns values (k,).
-    coarse : StartFamily
+    coarse : TwoImpactFamily
         Members between which sign changes are searched.
     members_at : callable
         A function that returns the members at given values of σ.
@@ -96,38 +96,38 @@ def find_zeros(
     return found
 
 
-def _zeros_of(values: Callable[[StartFamily], Array], delta: float, beta: float) -> list[Array]:
+def _motions_at_zeros(values: Callable[[TwoImpactFamily], Array], delta: float, beta: float) -> list[Array]:
     """Return the unknowns at the roots of a function along the P(1,1,1) motions at one damping."""
     return find_zeros(values, two_impact_family(delta, beta), lambda sigma: family_members(sigma, delta, beta))
 
 
 def two_impact_folds(delta: float, beta: float) -> list[Array]:
     """Return the unknowns at the saddle-nodes of B and D, close enough to start Newton's method."""
-    return _zeros_of(lambda at: at.saddle_node, delta, beta)
+    return _motions_at_zeros(lambda at: at.saddle_node, delta, beta)
 
 
 @lru_cache(maxsize=256)
 def two_impact_grazes(delta: float, beta: float) -> tuple[Array, ...]:
     """Return the unknowns of each P(1,1,1) whose speed at Σ⁻ is 0, close enough to start Newton's method."""
-    return tuple(_zeros_of(lambda at: at.u, delta, beta))
+    return tuple(_motions_at_zeros(lambda at: at.u, delta, beta))
 
 
 @lru_cache(maxsize=256)
 def two_impact_flips(delta: float, beta: float) -> tuple[Array, ...]:
     """Return the unknowns at the flips of B and D, close enough to start Newton's method."""
-    return tuple(_zeros_of(lambda at: at.flip, delta, beta))
+    return tuple(_motions_at_zeros(lambda at: at.flip, delta, beta))
 
 
-def loses_stability(x: Array, beta: float) -> bool:
+def loses_stability_at_flip(x: Array, beta: float) -> bool:
     """Return whether D loses stability, as ε grows, at the flip of D whose times, δ and ε are x (4,)."""
     at = two_impact_family(float(x[-2]), beta)
     # ε grows with σ along D, and `flip` is negative where D is stable
     return bool(at.flip[np.searchsorted(at.sigma, x[1] - x[0] - 0.5) - 1] < 0)
 
 
-def single_impact_starts(kind: EventKind, delta: float) -> list[Array]:
+def find_single_impact_starting_points(kind: EventKind, delta: float) -> list[Array]:
     """Return the unknowns (τ, δ, ε) of SN1 or of PDC, the flip of C; an empty list if the formula gives no ε > 0."""
-    offset = float(sine_offset(delta))
+    offset = float(epsilon_sine_of_single_impact(delta))
     epsilon = float(sn1_formula(delta) if kind is EventKind.SADDLE_NODE else flip_formula(delta))
     if not np.isfinite(epsilon) or epsilon == 0.0:
         return []

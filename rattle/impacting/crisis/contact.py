@@ -63,7 +63,7 @@ class Crisis:
     chaotic: bool = True
 
     @property
-    def gap(self) -> float:
+    def epsilon_above_sn1(self) -> float:
         """The crisis's ε minus the ε of the saddle-node SN1 at this damping, by the formula of SN1."""
         return self.epsilon - float(sn1_formula(self.delta))
 
@@ -82,7 +82,7 @@ class SaddleManifolds:
         return local_manifold(self.saddle, stable=True)
 
     @cached_property
-    def to_eigenvectors(self) -> Array:
+    def matrix_to_eigenvectors(self) -> Array:
         """The matrix (2, 2) that maps (τ, v) − A to its components along the unstable and the stable eigenvector."""
         return np.asarray(np.linalg.inv(np.stack(eigenvectors(self.saddle), axis=1)), np.float64)
 
@@ -97,12 +97,15 @@ class SaddleManifolds:
         tuple[Array, Array]
             Distances and positions, each (n,).
         """
-        along, across = self.to_eigenvectors[1] @ (states - self.at), self.to_eigenvectors[0] @ (states - self.at)
+        along, across = (
+            self.matrix_to_eigenvectors[1] @ (states - self.at),
+            self.matrix_to_eigenvectors[0] @ (states - self.at),
+        )
         series = (
             self.stable_manifold.powers
             - self.stable_manifold.powers[0] * (np.arange(self.stable_manifold.powers.shape[0]) == 0)[:, None]
         ).T
-        unstable, stable = self.to_eigenvectors @ series
+        unstable, stable = self.matrix_to_eigenvectors @ series
         t = along / self.stable_manifold.size
         with np.errstate(all="ignore"):
             for _ in range(NEWTON):
@@ -120,7 +123,7 @@ class SaddleManifolds:
         powers = chebyshev.chebfit(chebyshev.chebpts1(NODES), (states - self.at).T, NODES - 1)
         return np.asarray(chebyshev.chebval((2.0 * s - low - high) / (high - low), powers) + self.at, np.float64)
 
-    def distances_after(self, s: Array, n: int) -> tuple[Array, NDArray[np.int64]]:
+    def distances_after_impacts(self, s: Array, n: int) -> tuple[Array, NDArray[np.int64]]:
         """Return the distances (m,) of Πⁿ(W(s)) from the local part of W^s(A), and hashes of the itineraries.
 
         W(s) are the points of W^u(A) at the positions s (m,), and Π is the impact map. A distance is inf if the state
@@ -147,7 +150,7 @@ class SaddleManifolds:
         low, high = window
         for _ in range(ZOOMS):
             s = np.linspace(low, high, GRID)
-            values = self.distances_after(s, n)[0]
+            values = self.distances_after_impacts(s, n)[0]
             i = int(np.argmin(values))
             low, high = s[max(i - 1, 0)], s[min(i + 1, GRID - 1)]
         return float(values[i]), float(s[i])
@@ -173,7 +176,9 @@ def saddle_manifolds_at(delta: float, epsilon: float, beta: float) -> SaddleMani
     return SaddleManifolds(delta, epsilon, beta)
 
 
-def solve_contact(delta: float, beta: float, gap: float, window: tuple[float, float], n: int, bracket: float) -> Crisis:
+def solve_manifold_contact(
+    delta: float, beta: float, gap: float, window: tuple[float, float], n: int, bracket: float
+) -> Crisis:
     """Return the contact of a piece of W^u(A) with W^s(A) at the damping delta, near ε = SN1 + gap.
 
     Parameters
@@ -183,7 +188,7 @@ def solve_contact(delta: float, beta: float, gap: float, window: tuple[float, fl
     n : int
         Impacts on Σ⁺ after which the piece returns to A.
     bracket : float
-        Expected error of the guess `gap`, relative to `gap`.
+        Expected error of the guess `epsilon_above_sn1`, relative to `epsilon_above_sn1`.
 
     Returns
     -------
@@ -201,17 +206,21 @@ def solve_contact(delta: float, beta: float, gap: float, window: tuple[float, fl
         return saddle_manifolds_at(delta, floor + x, beta).least_distance(window, n)[0]
 
     return _build_crisis(
-        delta, floor + _find_contact("epsilon - SN1", least_distance_at, gap, bracket * gap, 0.2), beta, window, n
+        delta,
+        floor + _solve_for_manifold_contact("epsilon - SN1", least_distance_at, gap, bracket * gap, 0.2),
+        beta,
+        window,
+        n,
     )
 
 
-def solve_contact_at_gap(
+def solve_manifold_contact_above_sn1(
     delta: float, beta: float, gap: float, window: tuple[float, float], n: int, bracket: float, most: float
 ) -> Crisis:
     """Return the contact of a piece of W^u(A) with W^s(A) at ε = SN1 + gap. δ is the unknown, and `delta` its guess.
 
     bracket: the expected error of the guess. most: the longest step in δ while a root is searched. The other arguments
-    and the errors are those of `solve_contact`.
+    and the errors are those of `solve_manifold_contact`.
 
     Returns
     -------
@@ -222,11 +231,13 @@ def solve_contact_at_gap(
     def least_distance_at(x: float) -> float:
         return saddle_manifolds_at(x, float(sn1_formula(x)) + gap, beta).least_distance(window, n)[0]
 
-    found = _find_contact("delta", least_distance_at, delta, bracket, most / delta)
+    found = _solve_for_manifold_contact("delta", least_distance_at, delta, bracket, most / delta)
     return _build_crisis(found, float(sn1_formula(found)) + gap, beta, window, n)
 
 
-def _find_contact(name: str, distance_at: Callable[[float], float], x: float, half_width: float, most: float) -> float:
+def _solve_for_manifold_contact(
+    name: str, distance_at: Callable[[float], float], x: float, half_width: float, most: float
+) -> float:
     """Return the value near x at which the distance of a piece of W^u(A) from W^s(A) is 0.
 
     name: the name of the unknown, for the message. The interval from x − half_width to x + half_width is moved in steps
@@ -275,7 +286,7 @@ def _build_crisis(delta: float, epsilon: float, beta: float, window: tuple[float
     return Crisis(delta, epsilon, beta, contact, max(sides, key=sum), s, n)
 
 
-def contact_position(crisis: Crisis) -> float:
+def manifold_contact_position(crisis: Crisis) -> float:
     """Return where W^u(A) touches the local series of W^s(A), as a position: 0 at A, 1 at the end of the series."""
     here = saddle_manifolds_at(crisis.delta, crisis.epsilon, crisis.beta)
     start = here.manifold_points(np.array([crisis.parameter]))
@@ -301,7 +312,7 @@ def square_root_coefficient(crisis: Crisis) -> float:
     """
     here, s, n = saddle_manifolds_at(crisis.delta, crisis.epsilon, crisis.beta), crisis.parameter, crisis.steps
     around = s * (1.0 + np.concatenate([-np.geomspace(0.05, 1e-12, 60), np.geomspace(1e-12, 0.05, 60)]))
-    word = here.distances_after(around, n)[1]
+    word = here.distances_after_impacts(around, n)[1]
     edges = np.flatnonzero(word[1:] != word[:-1])
     if not edges.size:
         raise RattleError(
@@ -311,10 +322,10 @@ def square_root_coefficient(crisis: Crisis) -> float:
     i = int(edges[np.argmin(np.abs(around[edges] - s))])
     low, high, first = around[i], around[i + 1], word[i]
     while low < (middle := 0.5 * (low + high)) < high:
-        same = here.distances_after(np.array([middle]), n)[1][0] == first
+        same = here.distances_after_impacts(np.array([middle]), n)[1][0] == first
         low, high = (middle, high) if same else (low, middle)
     more = 1 if sum(here.symbols(high, n)) > sum(here.symbols(low, n)) else -1
     root = np.linspace(0.2, 1.0, 12) * 1e-2
-    heights = here.distances_after((high if more > 0 else low) + more * s * root**2, n)[0]
-    corner = float(here.distances_after(np.array([low if more > 0 else high]), n)[0][0])
+    heights = here.distances_after_impacts((high if more > 0 else low) + more * s * root**2, n)[0]
+    corner = float(here.distances_after_impacts(np.array([low if more > 0 else high]), n)[0][0])
     return float(np.polyfit(root, (heights - corner) / root, 4)[-1])

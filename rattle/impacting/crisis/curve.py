@@ -13,14 +13,14 @@ import numpy as np
 from rattle.errors import RattleError, require, require_number
 from rattle.impacting.crisis.contact import (
     Crisis,
-    contact_position,
+    manifold_contact_position,
     saddle_manifolds_at,
-    solve_contact,
-    solve_contact_at_gap,
+    solve_manifold_contact,
+    solve_manifold_contact_above_sn1,
     square_root_coefficient,
 )
-from rattle.impacting.crisis.escape import is_chaotic_below
-from rattle.impacting.crisis.search import boundary_crisis, end_of_crisis_curve, has_escaping_piece
+from rattle.impacting.crisis.escape import is_chaotic_below_crisis
+from rattle.impacting.crisis.search import boundary_crisis, delta_of_cod22, has_escaping_piece
 from rattle.orbits.saddles import Array
 
 START = 0.98  # the curve is followed in both directions from this multiple of the δ of COD22, by default
@@ -35,7 +35,7 @@ DOMAIN = 0.3  # largest half-width of the window of s, divided by the length of 
 MARGIN, CHECK_DENSITY = 1e-3, 4000
 SMALLEST = 1e-4  # smallest step in δ, relative to the δ of COD22; the curve ends where it needs a smaller step
 WIDEST = 0.05  # widest range of δ without chaos that the curve crosses, relative to the δ of COD22
-# if `contact_position` of a crisis exceeds this, the orbit of the next crisis is followed for one more impact
+# if `manifold_contact_position` of a crisis exceeds this, the orbit of the next crisis is followed for one more impact
 INSIDE = 0.6
 
 
@@ -79,7 +79,7 @@ def _extrapolate_crises(known: list[Crisis], x: Array, y: Array, target: float) 
     return np.asarray([np.polyval(column, target - x[-1]) for column in powers.T], np.float64)
 
 
-def _search_window(known: list[Crisis], s: float) -> tuple[float, float]:
+def _window_to_search(known: list[Crisis], s: float) -> tuple[float, float]:
     """Return the window (low, high) of positions on W^u(A), around the guess s, in which the next contact is searched.
 
     known: the crises of the curve that are found so far; the last of them is the nearest to the next crisis.
@@ -97,10 +97,10 @@ def _search_window(known: list[Crisis], s: float) -> tuple[float, float]:
 
 def _steps_of_next_crisis(last: Crisis) -> int:
     """Return the number of impacts on Σ⁺ in which the contact's orbit comes back to A, for the crisis after `last`."""
-    return last.steps + (1 if contact_position(last) > INSIDE else 0)
+    return last.steps + (1 if manifold_contact_position(last) > INSIDE else 0)
 
 
-def contact_at_delta(known: list[Crisis], delta: float) -> Crisis:
+def crisis_at_damping(known: list[Crisis], delta: float) -> Crisis:
     """Return the crisis at a damping. The search starts at a guess that is extrapolated from known crises.
 
     known: the crises found so far, in the order of the curve; the last of them is the nearest to the new one.
@@ -115,14 +115,14 @@ def contact_at_delta(known: list[Crisis], delta: float) -> Crisis:
     RattleError
         If no crisis is found at this damping.
     """
-    y = np.log([[point.gap, point.parameter] for point in known])
+    y = np.log([[point.epsilon_above_sn1, point.parameter] for point in known])
     gap, s = np.exp(_extrapolate_crises(known, np.array([point.delta for point in known]), y, delta))
-    return solve_contact(
-        delta, known[-1].beta, float(gap), _search_window(known, float(s)), _steps_of_next_crisis(known[-1]), BRACKET
+    return solve_manifold_contact(
+        delta, known[-1].beta, float(gap), _window_to_search(known, float(s)), _steps_of_next_crisis(known[-1]), BRACKET
     )
 
 
-def contact_at_gap(known: list[Crisis], gap: float, end: float) -> Crisis:
+def contact_above_sn1(known: list[Crisis], gap: float, end: float) -> Crisis:
     """Return the crisis at ε = SN1 + gap, close to COD22, by a search that starts from an extrapolated guess.
 
     known: the crises found so far, in the order of the curve; the last of them is the nearest to COD22. end: δ of
@@ -134,22 +134,22 @@ def contact_at_gap(known: list[Crisis], gap: float, end: float) -> Crisis:
         The crisis.
     """
     last = known[-1]
-    root = np.sqrt([point.gap for point in known])
+    root = np.sqrt([point.epsilon_above_sn1 for point in known])
     y = np.array([[point.delta - end, point.parameter] for point in known]) / root[:, None]
     offset, s = _extrapolate_crises(known, root, y, float(np.sqrt(gap))) * np.sqrt(gap)
     bracket = BRACKET * max(abs(float(offset)), float(np.sqrt(gap)) * 0.01)
-    return solve_contact_at_gap(
+    return solve_manifold_contact_above_sn1(
         end + float(offset),
         last.beta,
         gap,
-        _search_window(known, float(s)),
+        _window_to_search(known, float(s)),
         _steps_of_next_crisis(last),
         bracket,
         abs(last.delta - end),
     )
 
 
-def _follow_down(start: Crisis, low: float, resolution: float, end: float) -> tuple[list[Crisis], str]:
+def _follow_to_smaller_damping(start: Crisis, low: float, resolution: float, end: float) -> tuple[list[Crisis], str]:
     """Return the points of the crisis curve from `start` down to δ = `low`, and the reason why the curve ends."""
     # `chaotic` is the index of the last point with a chaotic attractor; the curve also crosses short ranges of δ in
     # which the motion is periodic
@@ -158,8 +158,8 @@ def _follow_down(start: Crisis, low: float, resolution: float, end: float) -> tu
         step = min(step, resolution)
         delta = max(low, known[-1].delta - step)
         try:
-            found = contact_at_delta(known, delta)
-            if has_escaping_piece(delta, found.beta, found.gap * (1.0 - MARGIN), CHECK_DENSITY):
+            found = crisis_at_damping(known, delta)
+            if has_escaping_piece(delta, found.beta, found.epsilon_above_sn1 * (1.0 - MARGIN), CHECK_DENSITY):
                 raise RattleError("another piece of W^u(A) touches W^s(A) at a smaller epsilon")
         except RattleError as error:
             step /= 4.0
@@ -169,7 +169,7 @@ def _follow_down(start: Crisis, low: float, resolution: float, end: float) -> tu
                     why = f"below delta = {known[chaotic].delta:.5f} the attractor of W^u(A) is not chaotic, and {why}"
                 return known[: chaotic + 1], why
             continue
-        known.append(replace(found, chaotic=is_chaotic_below(found)))
+        known.append(replace(found, chaotic=is_chaotic_below_crisis(found)))
         step *= 2.0
         if known[-1].chaotic:
             chaotic = len(known) - 1
@@ -191,16 +191,16 @@ def _follow_towards_cod22(start: Crisis, top: float, end: float) -> tuple[list[C
         The points by rising δ, and the reason why they end before `top`; ignore the reason if they reach `top`.
     """
     known, last = [start], CLOSEST * start.epsilon
-    while known[-1].gap > last and known[-1].delta <= top:
-        gap = max(known[-1].gap * RATIO, 0.999 * last)
+    while known[-1].epsilon_above_sn1 > last and known[-1].delta <= top:
+        gap = max(known[-1].epsilon_above_sn1 * RATIO, 0.999 * last)
         try:
-            known.append(contact_at_gap(known, gap, end))
+            known.append(contact_above_sn1(known, gap, end))
         except RattleError as error:
             return known, str(error)
     return known, "it continues to COD22, and is not followed this close to SN1"
 
 
-def _shape_changes(points: list[Crisis]) -> list[Crisis]:
+def _find_shape_changes(points: list[Crisis]) -> list[Crisis]:
     """Return the crises between these points at which the contact changes between corner and tangency.
 
     `square_root_coefficient` is 0 at such a crisis.
@@ -219,11 +219,11 @@ def _shape_changes(points: list[Crisis]) -> list[Crisis]:
 
         def slope(delta: float, one: Crisis = one, other: Crisis = other) -> float:
             near = min(one, other, key=lambda point: abs(point.delta - delta))
-            return square_root_coefficient(near if near.delta == delta else contact_at_delta([near], delta))
+            return square_root_coefficient(near if near.delta == delta else crisis_at_damping([near], delta))
 
         delta = float(brentq(slope, one.delta, other.delta, xtol=1e-10))
         near = min(one, other, key=lambda point: abs(point.delta - delta))
-        found.append(contact_at_delta([near], delta))
+        found.append(crisis_at_damping([near], delta))
     return found
 
 
@@ -249,17 +249,17 @@ def crisis_curve(
     """
     beta = require_number("beta", beta, positive=True)
     resolution = require_number("resolution", resolution, positive=True)
-    end = end_of_crisis_curve(beta)
+    end = delta_of_cod22(beta)
     bottom = 0.0 if low is None else require_number("low", low, positive=True)
     top = np.inf if high is None else require_number("high", high, positive=True)
     require(bottom < top, f"low must be below high, got low = {bottom:g} and high = {top:g}")
     start = boundary_crisis(min(max(START * end, bottom), top), beta)
-    falling, low_end = _follow_down(start, bottom, resolution, end)
+    falling, low_end = _follow_to_smaller_damping(start, bottom, resolution, end)
     rising, high_end = [start], "the requested end"
     if top > start.delta:
         rising, high_end = _follow_towards_cod22(start, top, end)
         if rising[-1].delta > top:
             rising, high_end = rising[:-1], "the requested end"
-            rising.append(contact_at_delta(rising, top))
+            rising.append(crisis_at_damping(rising, top))
     points = [*falling[:0:-1], *rising]
-    return CrisisCurve(beta, tuple(points), tuple(_shape_changes(points)), low_end, high_end)
+    return CrisisCurve(beta, tuple(points), tuple(_find_shape_changes(points)), low_end, high_end)

@@ -13,18 +13,18 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rattle.attractors.classify import new_trajectories
+from rattle.attractors.classify import create_trajectories
 from rattle.attractors.samples import Outcome
 from rattle.errors import RattleError
 from rattle.flight.forcing import DRIFT
 from rattle.impacting.attractors.classifier import ImpactingClassifier, cells_of
 from rattle.impacting.crisis.contact import Crisis
-from rattle.impacting.map.impact_map import impact_tangent
+from rattle.impacting.map.impact_map import apply_impact_map_with_tangent
 from rattle.impacting.map.iterate import iterate_tangent
 from rattle.impacting.map.quiet import LONGEST_REST, impacts_until_quiet, most_impacts_until_quiet
 from rattle.impacting.orbits.limits import quiet_limit, sn1_formula
 from rattle.impacting.orbits.period_one import period_one
-from rattle.orbits.iterates import fold
+from rattle.orbits.iterates import fold_phases
 from rattle.orbits.saddles import Array
 from rattle.parameters import Parameters
 
@@ -82,13 +82,13 @@ class Saddles(NamedTuple):
         return self._impacts_until_quiet(RETURNS)
 
     @property
-    def is_decidable(self) -> Flags:
+    def decidable_points(self) -> Flags:
         """Flags (n,) of the points at which W^u(A) can be followed until it is decided whether a part becomes quiet.
 
         There A is a saddle, quiet motion exists, and becoming quiet takes fewer impacts than a limit (MOST_IMPACTS, at
         weak damping more).
         """
-        below, most = self.epsilon < quiet_limit(self.delta), MOST_IMPACTS * _limit_factor(self.delta)
+        below, most = self.epsilon < quiet_limit(self.delta), MOST_IMPACTS * _impact_limit_factor(self.delta)
         return self.exists & (self.multiplier > 1.0) & below & (self.impacts_until_quiet_at_later_return < most)
 
     @property
@@ -101,7 +101,7 @@ class Saddles(NamedTuple):
         """Return the number of impacts (n,) within which a sample becomes quiet.
 
         returns: the number of impacts on Σ⁺ that a sample may make between leaving A and crossing W^s(A) if damping is
-        strong. If damping is weak, `_limit_factor` multiplies this number.
+        strong. If damping is weak, `_impact_limit_factor` multiplies this number.
 
         Returns
         -------
@@ -109,10 +109,10 @@ class Saddles(NamedTuple):
             The sum of the numbers of impacts to leave A, to cross W^s(A), and to become quiet after that.
         """
         rest = impacts_until_quiet(self.delta, self.epsilon, self.beta)
-        return np.asarray(self._impacts_to_leave + returns * _limit_factor(self.delta) + 2.0 * rest, np.float64)
+        return np.asarray(self._impacts_to_leave + returns * _impact_limit_factor(self.delta) + 2.0 * rest, np.float64)
 
 
-def _limit_factor(delta: Array) -> Array:
+def _impact_limit_factor(delta: Array) -> Array:
     """Return the factor by which limits of impacts are larger at these dampings than at strong damping.
 
     It is 1 at strong damping, and grows like `most_impacts_until_quiet`, the limit of the impacts until a motion is
@@ -137,7 +137,7 @@ def _unstable_direction(
     delta: float, epsilon: float, beta: float, tau: float, v: float, multiplier: float
 ) -> tuple[float, float]:
     """Return the unit eigenvector (τ, v) of the unstable multiplier at A, which points towards rising v."""
-    j00, j01, j10, j11 = impact_tangent(tau, v, delta, epsilon, beta, DRIFT, False)[5:9]
+    j00, j01, j10, j11 = apply_impact_map_with_tangent(tau, v, delta, epsilon, beta, DRIFT, False)[5:9]
     one, other = (j01, multiplier - j00), (multiplier - j11, j10)
     x, y = one if np.hypot(*one) > np.hypot(*other) else other
     size = np.copysign(np.hypot(x, y), y if abs(y) > 1e-9 * abs(x) else x)
@@ -147,40 +147,42 @@ def _unstable_direction(
 class FollowedManifold:
     """Samples of W^u(A) at n parameter points, `count` for each, followed for `impacts` (n,) impacts on Σ⁺.
 
-    `Saddles.is_decidable` must hold at each point. The samples lie in one fundamental domain. s (n, count) holds the
-    initial distances of the samples from A, which are their positions on W^u(A).
+    `Saddles.decidable_points` must hold at each point. The samples lie in one fundamental domain. s (n, count) holds
+    the initial distances of the samples from A, which are their positions on W^u(A).
     """
 
     def __init__(self, a: Saddles, count: int, impacts: Array) -> None:
         along = np.array([_unstable_direction(*at) for at in zip(*a, strict=True)])
         nothing, cell = np.zeros((a.delta.size, 0)), np.repeat(np.arange(a.delta.size), count)
         self.s = NEAREST * a.multiplier[:, None] ** ((np.arange(count) + 0.5) / count)
-        tau, v = fold(a.tau[:, None] + self.s * along[:, :1]), a.v[:, None] + self.s * along[:, 1:]
-        self.samples = new_trajectories(cell, tau.ravel(), v.ravel(), impacts.astype(np.int64)[cell])
+        tau, v = fold_phases(a.tau[:, None] + self.s * along[:, :1]), a.v[:, None] + self.s * along[:, 1:]
+        self.samples = create_trajectories(cell, tau.ravel(), v.ravel(), impacts.astype(np.int64)[cell])
         at = Parameters(ImpactingClassifier.model, a.delta, a.epsilon, a.beta)
         self.classifier = ImpactingClassifier(cells_of(at), nothing, nothing)
         self.classifier.settle(np.arange(cell.size), self.samples)
 
     @property
-    def becomes_quiet(self) -> Flags:
+    def quiet_sample_flags(self) -> Flags:
         """Flags (n, count), True for samples that are certain to become quiet."""
         return np.asarray(self.samples.status.reshape(self.s.shape) == Outcome.QUIET)
 
 
 def has_escaping_part(delta: float, epsilon: Array, beta: float) -> Flags:
-    """Return flags (n,) of eccentricities at which a part of W^u(A) becomes quiet; False where not `is_decidable`."""
+    """Return flags (n,) of ε at which a part of W^u(A) becomes quiet; False where not `decidable_points`."""
     a = saddles_at(np.full(epsilon.size, delta), epsilon, np.full(epsilon.size, beta))
-    found = a.is_decidable
+    found = a.decidable_points
     if found.any():
         a = a.select(found)
-        found[found] = FollowedManifold(a, SAMPLES, a.impacts_until_quiet_at_first_return).becomes_quiet.any(axis=1)
+        found[found] = FollowedManifold(a, SAMPLES, a.impacts_until_quiet_at_first_return).quiet_sample_flags.any(
+            axis=1
+        )
     return found
 
 
 def saddle_at(delta: float, epsilon: float, beta: float) -> Saddles:
-    """Return the saddle A at one point. Raises RattleError unless the point is `Saddles.is_decidable`."""
+    """Return the saddle A at one point. Raises RattleError unless the point is `Saddles.decidable_points`."""
     a = saddles_at(*(np.array([x]) for x in (delta, epsilon, beta)))
-    if not a.is_decidable[0]:
+    if not a.decidable_points[0]:
         raise RattleError(
             f"W^u(A) cannot be followed at delta = {delta}, epsilon = {epsilon}, beta = {beta}: the saddle A or quiet "
             "motion does not exist there, or becoming quiet takes too many impacts; choose another point"
@@ -210,17 +212,17 @@ def chaotic_share(delta: float, epsilon: float, beta: float, transient: int = TR
         return 0.0
     watched = iterate_tangent(delta, epsilon, found.samples.tau[left], found.samples.v[left], LYAPUNOV_IMPACTS, beta)
     nothing, once = np.zeros(watched.v.size, np.int64), np.ones(watched.v.size, np.int64)
-    stay = found.classifier.outcomes_of(nothing, watched.tau, watched.v, once) == Outcome.UNRESOLVED
+    stay = found.classifier.outcomes_of_states(nothing, watched.tau, watched.v, once) == Outcome.UNRESOLVED
     return float(np.count_nonzero(stay & (watched.lyapunov[0] > CHAOTIC))) / CHAOS_SAMPLES
 
 
-def is_chaotic_below(contact: Crisis) -> bool:
+def is_chaotic_below_crisis(contact: Crisis) -> bool:
     """Return whether W^u(A) goes to a chaotic attractor at ε just below a contact of W^u(A) with W^s(A)."""
-    floor, gap = float(sn1_formula(contact.delta)), contact.gap
+    floor, gap = float(sn1_formula(contact.delta)), contact.epsilon_above_sn1
     return any(chaotic_share(contact.delta, floor + gap * (1.0 - x), contact.beta) > LEAST_CHAOTIC_SHARE for x in BELOW)
 
 
-def is_chaotic_above(contact: Crisis) -> bool:
+def is_chaotic_above_crisis(contact: Crisis) -> bool:
     """Return whether W^u(A) still goes to a chaotic attractor at ε just above a contact of W^u(A) with W^s(A)."""
-    epsilon = float(sn1_formula(contact.delta)) + contact.gap * (1.0 + ABOVE)
+    epsilon = float(sn1_formula(contact.delta)) + contact.epsilon_above_sn1 * (1.0 + ABOVE)
     return chaotic_share(contact.delta, epsilon, contact.beta) > MOST_CHAOTIC_SHARE

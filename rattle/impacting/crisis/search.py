@@ -10,13 +10,13 @@ import numpy as np
 
 from rattle.errors import RattleError, require_number
 from rattle.impacting.bifurcations.codimension_two import codimension_two
-from rattle.impacting.crisis.contact import Crisis, saddle_manifolds_at, solve_contact
+from rattle.impacting.crisis.contact import Crisis, saddle_manifolds_at, solve_manifold_contact
 from rattle.impacting.crisis.escape import (
     SAMPLES,
     FollowedManifold,
     has_escaping_part,
-    is_chaotic_above,
-    is_chaotic_below,
+    is_chaotic_above_crisis,
+    is_chaotic_below_crisis,
     saddle_at,
 )
 from rattle.impacting.orbits.limits import quiet_limit, sn1_formula
@@ -47,7 +47,7 @@ NEAR, QUIET_SPEED_SHARE = 0.3, 0.5
 MOST_WIDENINGS_OF_WINDOW = 12  # most doublings of the width of a window in s
 
 
-def end_of_crisis_curve(beta: float) -> float:
+def delta_of_cod22(beta: float) -> float:
     """Return δ of COD22, where the crisis curve ends. Raises RattleError if COD22 does not exist at this beta."""
     for point in codimension_two(beta):
         if point.name == "COD22":
@@ -55,7 +55,7 @@ def end_of_crisis_curve(beta: float) -> float:
     raise RattleError(f"COD22, where the curve of crises ends, does not exist at beta = {beta}: choose another beta")
 
 
-def _gaps_to_try(delta: float, beta: float) -> Array:
+def _distances_above_sn1_to_try(delta: float, beta: float) -> Array:
     """Return the values of ε − SN1 to try, rising by 4 % each, at which A exists.
 
     They end where ε reaches the quiet limit or, from δ = 0.3 on, 3 SN1 if this is less.
@@ -71,7 +71,7 @@ def _gaps_to_try(delta: float, beta: float) -> Array:
         If A is born at or above the quiet limit, or COD22 does not exist at this half-backlash.
     """
     floor, top = float(sn1_formula(delta)), float(quiet_limit(delta))
-    first = LOWEST * floor * min(0.02, max(SMALLEST, (1.0 - delta / end_of_crisis_curve(beta)) ** 2))
+    first = LOWEST * floor * min(0.02, max(SMALLEST, (1.0 - delta / delta_of_cod22(beta)) ** 2))
     last = top * (1.0 - 1e-9) - floor
     if delta >= WEAK:
         last = min(last, HIGHEST * floor)
@@ -95,7 +95,7 @@ def _follow_manifold(delta: float, beta: float, gap: float, density: int) -> Fol
     Raises
     ------
     RattleError
-        If the point is not `Saddles.is_decidable`.
+        If the point is not `Saddles.decidable_points`.
     """
     a = saddle_at(delta, float(sn1_formula(delta)) + gap, beta)
     return FollowedManifold(a, int(SAMPLES + density * np.log(a.multiplier[0])), a.impacts_until_quiet_at_first_return)
@@ -111,10 +111,10 @@ def has_escaping_piece(delta: float, beta: float, gap: float, density: int) -> b
     bool
         False also if the piece lies between two neighbouring samples.
     """
-    return bool(_follow_manifold(delta, beta, gap, density).becomes_quiet.any())
+    return bool(_follow_manifold(delta, beta, gap, density).quiet_sample_flags.any())
 
 
-def _narrow_gap_range(delta: float, beta: float, low: float, high: float) -> tuple[float, float]:
+def _narrow_escape_range(delta: float, beta: float, low: float, high: float) -> tuple[float, float]:
     """Narrow the range (low, high) of ε − SN1 in which W^u(A) begins to escape, by bisection.
 
     At the upper end of the range a sample of W^u(A) becomes quiet, at the lower end no sample does.
@@ -130,7 +130,7 @@ def _narrow_gap_range(delta: float, beta: float, low: float, high: float) -> tup
     return low, high
 
 
-def _escaping_runs(delta: float, beta: float, gap: float) -> list[Array]:
+def _find_runs_of_escaping_samples(delta: float, beta: float, gap: float) -> list[Array]:
     """Return the runs of neighbouring samples of W^u(A) that become quiet at ε = SN1 + gap, the longest run first.
 
     A run is an array of positions s in a fundamental domain. It includes one more sample on either side, which does not
@@ -147,7 +147,7 @@ def _escaping_runs(delta: float, beta: float, gap: float) -> list[Array]:
         If no sample becomes quiet.
     """
     found = _follow_manifold(delta, beta, gap, PIECE_DENSITY)
-    s, gone = found.s[0], found.becomes_quiet[0]
+    s, gone = found.s[0], found.quiet_sample_flags[0]
     edges = np.flatnonzero(np.diff(np.concatenate([[False], gone, [False]]).astype(int))).reshape(-1, 2)
     if not edges.size:
         raise RattleError(
@@ -190,7 +190,7 @@ def _count_returns_of_orbit(delta: float, beta: float, gap: float, s: float) -> 
     return met, entries
 
 
-def contact_near(delta: float, beta: float, low: float, high: float) -> Crisis:
+def find_manifold_contact_near(delta: float, beta: float, low: float, high: float) -> Crisis:
     """Return the contact of a piece of W^u(A) that escapes at ε = SN1 + high but not at ε = SN1 + low.
 
     If there are several such pieces, the longest one for which a contact is found is taken.
@@ -200,14 +200,14 @@ def contact_near(delta: float, beta: float, low: float, high: float) -> Crisis:
     Crisis
         The contact, with ε near the range from SN1 + low to SN1 + high.
     """
-    *runs, last = _escaping_runs(delta, beta, high)[:MOST_RUNS]
+    *runs, last = _find_runs_of_escaping_samples(delta, beta, high)[:MOST_RUNS]
     for run in runs:
         with suppress(RattleError):
-            return _contact_of_run(delta, beta, low, high, run)
-    return _contact_of_run(delta, beta, low, high, last)
+            return _contact_of_escaping_samples(delta, beta, low, high, run)
+    return _contact_of_escaping_samples(delta, beta, low, high, last)
 
 
-def _contact_of_run(delta: float, beta: float, low: float, high: float, run: Array) -> Crisis:
+def _contact_of_escaping_samples(delta: float, beta: float, low: float, high: float, run: Array) -> Crisis:
     """Return the contact with W^s(A) of a piece of W^u(A): the piece that a run of escaping samples covers.
 
     The orbit in the middle of the run comes back to A one or more times. Each of these returns may give a contact; the
@@ -241,7 +241,9 @@ def _contact_of_run(delta: float, beta: float, low: float, high: float, run: Arr
                 break
             width *= 2.0
         try:
-            found.append(solve_contact(delta, beta, (low + high) / 2.0, window, n, (high - low) / (high + low)))
+            found.append(
+                solve_manifold_contact(delta, beta, (low + high) / 2.0, window, n, (high - low) / (high + low))
+            )
         except RattleError as error:
             last = error
     if not found:
@@ -249,7 +251,7 @@ def _contact_of_run(delta: float, beta: float, low: float, high: float, run: Arr
     return min(found, key=lambda contact: contact.epsilon)
 
 
-def first_contact(delta: float, beta: float, low: float, high: float) -> Crisis:
+def find_lowest_crisis(delta: float, beta: float, low: float, high: float) -> Crisis:
     """Return the contact of W^u(A) with W^s(A) that has the least ε between SN1 + low and SN1 + high.
 
     Returns
@@ -263,11 +265,11 @@ def first_contact(delta: float, beta: float, low: float, high: float) -> Crisis:
         If no contact is found, or W^u(A) still escapes below each contact found.
     """
     for _ in range(MOST_PIECES):
-        found = contact_near(delta, beta, low, high)
-        below = found.gap * (1.0 - MARGIN)
+        found = find_manifold_contact_near(delta, beta, low, high)
+        below = found.epsilon_above_sn1 * (1.0 - MARGIN)
         if not has_escaping_piece(delta, beta, below, PIECE_DENSITY):
             return found
-        low, high = found.gap * (1.0 - 10.0 * MARGIN), below
+        low, high = found.epsilon_above_sn1 * (1.0 - 10.0 * MARGIN), below
     raise RattleError(
         f"the least epsilon at which W^u(A) touches W^s(A) is not found at delta = {delta}: below each epsilon that "
         "was found, another piece of W^u(A) becomes quiet"
@@ -303,7 +305,7 @@ def boundary_crisis(delta: float, beta: float = 0.6) -> Crisis:
             f"delta must be at least {WEAKEST:g} for a boundary crisis, got {delta:g}: damping is too weak below, "
             "where becoming quiet takes thousands of impacts and few attractors are chaotic; use rattle.crisis_side"
         )
-    gaps = _gaps_to_try(delta, beta)
+    gaps = _distances_above_sn1_to_try(delta, beta)
     if gaps.size < 2:
         raise RattleError(
             f"the saddle A exists at fewer than two of the tried values of epsilon at delta = {delta}, beta = {beta}: "
@@ -313,13 +315,13 @@ def boundary_crisis(delta: float, beta: float = 0.6) -> Crisis:
     reasons = []
     for i in np.flatnonzero(gone[1:] & ~gone[:-1])[::-1]:
         try:
-            found = first_contact(delta, beta, *_narrow_gap_range(delta, beta, gaps[i], gaps[i + 1]))
+            found = find_lowest_crisis(delta, beta, *_narrow_escape_range(delta, beta, gaps[i], gaps[i + 1]))
         except RattleError as error:
             reasons.append(str(error))
             continue
-        if not is_chaotic_below(found):
+        if not is_chaotic_below_crisis(found):
             reason = "the attractor of W^u(A) there is not chaotic"
-        elif is_chaotic_above(found):
+        elif is_chaotic_above_crisis(found):
             reason = "the chaotic attractor continues at larger epsilon"
         else:
             return found

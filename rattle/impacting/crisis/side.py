@@ -42,11 +42,11 @@ def crisis_side(delta: ArrayLike, epsilon: ArrayLike, beta: ArrayLike = 0.6) -> 
     """
     broadcast = broadcast_parameters(delta, epsilon, beta)
     a = saddles_at(*(np.array(x, order="C").ravel() for x in broadcast))
-    side, known = np.where(a.exists, UNSURE, NO_SADDLE).astype(np.int8), a.is_decidable
+    side, known = np.where(a.exists, UNSURE, NO_SADDLE).astype(np.int8), a.decidable_points
     if known.any():
         a = a.select(known)
         side[known] = np.where(
-            FollowedManifold(a, SAMPLES, a.impacts_until_quiet_at_later_return).becomes_quiet.any(axis=1),
+            FollowedManifold(a, SAMPLES, a.impacts_until_quiet_at_later_return).quiet_sample_flags.any(axis=1),
             ESCAPES,
             INSIDE,
         )

@@ -26,16 +26,16 @@ def departure(
     if abs(position) < beta:
         flight = flight_from_phase(tau, velocity, delta, epsilon, DRIFT)
         status, target, time = search_crossing(tau, flight, -beta - position, beta - position)
-        _require_found(status)
+        _require_departure_found(status)
         wall, tau, w = SIGMA_PLUS if target > 0 else SIGMA_MINUS, fold_phase(tau + time), evaluate(time, flight)[1]
     while wall == SIGMA_MINUS:
         status, time, wall, w, *_ = first_impact(wall, tau, reflected_velocity(w), delta, epsilon, beta, DRIFT)
-        _require_found(status)
+        _require_departure_found(status)
         tau = fold_phase(tau + time)
     return float(tau), max(float(w), 0.0)
 
 
-def _require_found(status: int) -> None:
+def _require_departure_found(status: int) -> None:
     if status != OK:
         raise RattleError(
             f"the motion cannot be followed: a flight has no impact within {LONGEST:g} forcing periods, or parameters "

@@ -16,7 +16,7 @@ from rattle.flight.law import fold_phase
 from rattle.flight.tangent import flight_tangent
 from rattle.intensity.visit import bounce, mean_force_at
 from rattle.numerics.compile import implement_for_type, kernel
-from rattle.orbits.return_map import inverse_step, step, step_tangent
+from rattle.orbits.return_map import inverse_step, step, step_with_tangent
 
 
 @kernel
@@ -49,7 +49,7 @@ def impact(tau, v, delta, epsilon, beta, drift):
 
 
 @kernel
-def impact_tangent(tau, v, delta, epsilon, beta, drift, energy):
+def apply_impact_map_with_tangent(tau, v, delta, epsilon, beta, drift, energy):
     """Apply Π to (τ, v), and return the new state with the tangent matrix (2, 2) of Π.
 
     The coordinates are (τ, v), or (τ, v²/2) if `energy` is true. In (τ, v²/2) each flight of duration s has determinant
@@ -113,9 +113,9 @@ def _step(tau, v, point):
     return impact(tau, v, point.delta, point.epsilon, point.beta, DRIFT)
 
 
-@implement_for_type(step_tangent, ImpactingPoint)
+@implement_for_type(step_with_tangent, ImpactingPoint)
 def _step_tangent(tau, v, point):
-    return impact_tangent(tau, v, point.delta, point.epsilon, point.beta, DRIFT, False)
+    return apply_impact_map_with_tangent(tau, v, point.delta, point.epsilon, point.beta, DRIFT, False)
 
 
 @implement_for_type(inverse_step, ImpactingPoint)

@@ -12,35 +12,35 @@ from rattle.flight.lanes.block import (
     GROUP,
     GROUPS,
     NONE,
+    allocate_lane_block,
     check_lane_limits,
     classify_force,
     clear_block,
     is_near_overflow,
-    load_trajectory,
-    new_block,
     normalise_tangent,
     prepare_flights,
+    put_trajectory_on_lane,
 )
 from rattle.flight.lanes.rescan import SAFE, SCANNED
 from rattle.flight.lanes.stages import advance
 from rattle.numerics.compile import kernel
-from rattle.orbits.iterates import Iterates, Stretched, checked_states
+from rattle.orbits.iterates import Iterates, IteratesWithExponents, check_states_and_parameters
 
 # number of flights between two checks of the lanes; it divides the round numbers of impacts that users choose
 FLIGHTS = np.int64(20)
 
 
-class _Memory(threading.local):
+class _ThreadLaneMemory(threading.local):
     """Scratch memory of kernels: each thread has a block of lanes of its own."""
 
     def __init__(self) -> None:
-        self.block = new_block()
+        self.block = allocate_lane_block()
 
 
-_memory = _Memory()
+_memory = _ThreadLaneMemory()
 
 
-def working_block() -> Any:
+def lane_block_of_thread() -> Any:
     """Return this thread's block of lanes for kernels: an array (1,) of one record."""
     return _memory.block
 
@@ -81,7 +81,9 @@ def _build_iterate_lanes(tangent: bool) -> Any:
                     n_plus[k], n_minus[k], status[k] = b.n_plus[i], b.n_minus[i], b.stuck[i]
                     b.who[i] = -1
                 if fresh < size:
-                    load_trajectory(b, i, tau[fresh], v[fresh], delta[fresh], epsilon[fresh], beta[fresh], n[fresh])
+                    put_trajectory_on_lane(
+                        b, i, tau[fresh], v[fresh], delta[fresh], epsilon[fresh], beta[fresh], n[fresh]
+                    )
                     b.who[i] = fresh
                     fresh += 1
             groups = prepare_flights(b, groups, fresh == size)
@@ -110,14 +112,14 @@ def iterate(
     Iterates
         States and numbers of impacts.
     """
-    flat, shape = checked_states(delta, epsilon, tau, v, n, beta)
-    _status, *out, _growth = _iterate_lanes_plain(working_block(), *flat, np.zeros(2, np.int64))
+    flat, shape = check_states_and_parameters(delta, epsilon, tau, v, n, beta)
+    _status, *out, _growth = _iterate_lanes_plain(lane_block_of_thread(), *flat, np.zeros(2, np.int64))
     return Iterates(*(x.reshape(shape) for x in out))
 
 
 def iterate_tangent(
     delta: ArrayLike, epsilon: ArrayLike, tau: ArrayLike, v: ArrayLike, n: ArrayLike, beta: ArrayLike = 0.6
-) -> Stretched:
+) -> IteratesWithExponents:
     """Return the results of `iterate` with both Lyapunov exponents over the n impacts.
 
     A tangent vector that points along the phase at first is re-normalised repeatedly, in the coordinates (t, v²/2), in
@@ -126,7 +128,7 @@ def iterate_tangent(
 
     Returns
     -------
-    Stretched
+    IteratesWithExponents
         States, times and exponents.
 
     Raises
@@ -134,12 +136,12 @@ def iterate_tangent(
     ParameterError
         If an argument is outside its domain.
     """
-    flat, shape = checked_states(delta, epsilon, tau, v, n, beta)
-    _status, *out, growth = _iterate_lanes_tangent(working_block(), *flat, np.zeros(2, np.int64))
-    return Stretched.from_growth(out, growth, shape)
+    flat, shape = check_states_and_parameters(delta, epsilon, tau, v, n, beta)
+    _status, *out, growth = _iterate_lanes_tangent(lane_block_of_thread(), *flat, np.zeros(2, np.int64))
+    return IteratesWithExponents.from_growth(out, growth, shape)
 
 
-def flight_counts(
+def count_flights(
     delta: ArrayLike, epsilon: ArrayLike, tau: ArrayLike, v: ArrayLike, n: ArrayLike, beta: ArrayLike = 0.6
 ) -> tuple[int, int, int]:
     """Return how many flights `iterate` computes, how many of these need a scan, and how many need a safe search.
@@ -152,7 +154,7 @@ def flight_counts(
     tuple[int, int, int]
         All flights, scanned flights, and safely searched flights.
     """
-    flat, _shape = checked_states(delta, epsilon, tau, v, n, beta)
+    flat, _shape = check_states_and_parameters(delta, epsilon, tau, v, n, beta)
     counted = np.zeros(2, np.int64)
-    _status, _tau, _v, n_plus, n_minus, _growth = _iterate_lanes_plain(working_block(), *flat, counted)
+    _status, _tau, _v, n_plus, n_minus, _growth = _iterate_lanes_plain(lane_block_of_thread(), *flat, counted)
     return int(n_plus.sum() + n_minus.sum()), int(counted[SCANNED]), int(counted[SAFE])

@@ -18,7 +18,14 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from rattle.flight.forcing import DRIFT, Forcing, contact_force, contact_force_rate, contact_force_swing, sampled_phases
+from rattle.flight.forcing import (
+    DRIFT,
+    Forcing,
+    contact_force,
+    contact_force_amplitude,
+    contact_force_rate,
+    sampled_phases,
+)
 from rattle.numerics.compile import kernel
 
 Array = NDArray[np.float64]
@@ -54,7 +61,7 @@ def largest_eta(delta):
 @kernel
 def compiled_capture_invariant(delta, epsilon, beta, largest):
     """Return what `capture_invariant` returns, for callers in kernels. `largest` (ABREAST,) is scratch memory."""
-    smallest = DRIFT * delta - contact_force_swing(delta, epsilon)
+    smallest = DRIFT * delta - contact_force_amplitude(delta, epsilon)
     if smallest <= 0.0:
         return 0.0
     rate = max(math.pi, delta)

@@ -8,7 +8,7 @@ from rattle.flight.forcing import DRIFT
 from rattle.flight.impact_law import reflected_velocity
 from rattle.flight.law import evaluate, fold_phase
 from rattle.numerics.compile import kernel
-from rattle.orbits.iterates import MOST_IMPACTS, Trajectory, sampled_motion
+from rattle.orbits.iterates import MOST_IMPACTS, Trajectory, sample_motion
 
 AT_REST = 1e-4  # impact speed below which a motion that is certain to become quiet counts as at rest
 
@@ -53,4 +53,4 @@ def trajectory(
     delta: float, epsilon: float, beta: float, tau: float, v: float, periods: float, points: int, slowest: float
 ) -> Trajectory:
     """Return Φ and Φ' of a motion (`Gear.trajectory`); motions slower than `slowest` are certain to become quiet."""
-    return sampled_motion(fill_trajectory, tau, v, (delta, epsilon, beta, min(slowest, AT_REST)), periods, points)
+    return sample_motion(fill_trajectory, tau, v, (delta, epsilon, beta, min(slowest, AT_REST)), periods, points)

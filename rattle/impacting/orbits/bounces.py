@@ -8,10 +8,10 @@ stable orbit are therefore consecutive: for smaller n the node is unstable, for 
 
 import math
 
-from rattle.flight.forcing import phase_of_least_force, relative_force, relative_force_amplitude
+from rattle.flight.forcing import phase_of_least_force, relative_contact_force, relative_force_amplitude
 from rattle.flight.impact_law import determinant
-from rattle.impacting.orbits.circuits import keep_if_stable, walk_circuit
-from rattle.impacting.orbits.impact_times import MOST_IMPACTS, SECTIONS, newton_on_times
+from rattle.impacting.orbits.circuits import keep_orbit_if_stable, walk_circuit
+from rattle.impacting.orbits.impact_times import MOST_IMPACTS, SECTIONS, solve_for_impact_times
 from rattle.numerics.compile import kernel
 
 ALL_TRIED_UP_TO = 6  # every n up to this number is tried, because the flips of small n are not in the order of n
@@ -36,14 +36,14 @@ def fill_bounce_distribution(work, x):
     shares = work.shares
     shares[0] = 0.0
     for i in range(SECTIONS):
-        g = relative_force(x, (i + 0.5) / SECTIONS)
+        g = relative_contact_force(x, (i + 0.5) / SECTIONS)
         shares[i + 1] = shares[i] + max(g, WEAKEST) ** (2.0 / 3.0)
     for i in range(1, SECTIONS + 1):
         shares[i] /= shares[SECTIONS]
 
 
 @kernel
-def space_bounces(work, n, offset, least):
+def guess_bounce_times(work, n, offset, least):
     """Set the times in `work` to a guess of n bounces in a period that all have the same v³/g.
 
     least: the phase of least contact force. offset: the place of the first bounce, counted in bounces from this phase:
@@ -73,14 +73,14 @@ def find_node(n, least, work, delta, epsilon, beta):
     int
         NONE if the node is not found, else STABLE or UNSTABLE.
     """
-    space_bounces(work, n, 0.0, least)
-    solved, at_one = newton_on_times(work, n, 0.5, delta, epsilon, beta)
+    guess_bounce_times(work, n, 0.0, least)
+    solved, at_one = solve_for_impact_times(work, n, 0.5, delta, epsilon, beta)
     if solved and at_one > 0.0:
-        keep_if_stable(work, n, delta, epsilon, beta)
+        keep_orbit_if_stable(work, n, delta, epsilon, beta)
         return STABLE if at_one < 2.0 * (1.0 + determinant(delta, 1.0, n)) else UNSTABLE
     # near or beyond the saddle-node the guess may fail, so all phases of the first bounce are tried
     before = work.n_found
-    space_bounces(work, n, -0.5, least)
+    guess_bounce_times(work, n, -0.5, least)
     bounce = work.times[1] - work.times[0]
     _how, zeros = walk_circuit(work, n, bounce, math.sqrt(n) * bounce / 6.0, delta, epsilon, beta)
     if zeros == 0:

@@ -14,8 +14,8 @@ from rattle.flight.law import wrap_phase_difference
 from rattle.impacting.orbits.impact_times import (
     eliminate_times,
     find_fastest_impact,
-    move_times,
-    newton_on_times,
+    move_impact_times,
+    solve_for_impact_times,
     write_equations,
 )
 from rattle.numerics.compile import inline, kernel
@@ -59,7 +59,7 @@ def add_orbit_if_new(n_plus, n_minus, tau, v, trace, work):
 
 
 @kernel
-def keep_if_stable(work, n, delta, epsilon, beta):
+def keep_orbit_if_stable(work, n, delta, epsilon, beta):
     """Add the orbit whose n impacts have the times in `work` to `work.found`, if it is admissible and stable."""
     write_equations(work, n, delta, epsilon, beta)
     _value, _slope, at_one = eliminate_times(work, n)
@@ -95,7 +95,7 @@ def correct_to_curve(work, n, s, farthest, delta, epsilon, beta):
             off += work.direction[i] * work.change[i]
             along += work.direction[i] * work.response[i]
         first = -off / along
-        size = move_times(work, n, first)
+        size = move_impact_times(work, n, first)
         if not size < farthest:
             break
         if size < CORRECTED:
@@ -143,9 +143,9 @@ def keep_stable_orbit_between(work, n, lo, hi, f_lo, f_hi, farthest, delta, epsi
         if inside and abs(step) < close:
             break
         s = s + step if inside else 0.5 * (lo + hi)
-    solved, _at_one = newton_on_times(work, n, 0.1, delta, epsilon, beta)
+    solved, _at_one = solve_for_impact_times(work, n, 0.1, delta, epsilon, beta)
     if solved:
-        keep_if_stable(work, n, delta, epsilon, beta)
+        keep_orbit_if_stable(work, n, delta, epsilon, beta)
 
 
 @kernel
@@ -186,7 +186,7 @@ def find_sign_change(work, n, hi, f_lo, slope_lo, f_hi, slope_hi, delta, epsilon
 
 
 @inline
-def is_resolved(s, f0, slope0, f1, slope1):
+def is_step_short_enough(s, f0, slope0, f1, slope1):
     """Return whether a step of length s is so short that the residual R_0 bends little over the step.
 
     f0, slope0: R_0 and its slope at the beginning of the step. f1, slope1: the same at the end.
@@ -253,7 +253,11 @@ def walk_circuit(work, n, span, longest, delta, epsilon, beta):
     for step in range(MOST_STEPS if ok else 0):
         ok, f1, slope1 = correct_to_curve(work, n, s, s, delta, epsilon, beta)
         cosine, length = compare_step_with_curve(work, n)
-        if not ok or cosine < LEAST_COSINE or (s > FINEST * longest and not is_resolved(s, f0, slope0, f1, slope1)):
+        if (
+            not ok
+            or cosine < LEAST_COSINE
+            or (s > FINEST * longest and not is_step_short_enough(s, f0, slope0, f1, slope1))
+        ):
             s *= 0.4
             if s < SHORTEST:
                 break

@@ -25,7 +25,7 @@ from rattle.flight.first_impact import SIGMA_MINUS, SIGMA_PLUS, first_impact
 from rattle.flight.forcing import DRIFT, TWO_PI, versines
 from rattle.flight.law import flight_from_sine_cosine, fold_phase
 from rattle.flight.tangent import flight_tangent
-from rattle.impacting.orbits.limits import SMALL, sine_offset_series
+from rattle.impacting.orbits.limits import SMALL, epsilon_sine_series
 from rattle.numerics.compile import inline, kernel
 from rattle.numerics.secant import narrow_bracket
 
@@ -43,9 +43,9 @@ Array = NDArray[np.float64]
 
 
 @inline
-def sine_offset_kernel(delta):
+def epsilon_sine_of_single_impact_kernel(delta):
     """Return ε sin 2πτ = 2 − δ coth(δ/2) of A and C, for callers in kernels."""
-    return sine_offset_series(delta * delta) if delta < SMALL else 2.0 - delta / math.tanh(0.5 * delta)
+    return epsilon_sine_series(delta * delta) if delta < SMALL else 2.0 - delta / math.tanh(0.5 * delta)
 
 
 @kernel
@@ -70,7 +70,10 @@ def closure_numerators(sigma, delta, beta):
     apart = math.copysign(-slow * math.expm1(-2.0 * delta * h), sigma)  # e^(−δ(1 − s)) − e^(−δs), for s = 1/2 + σ
     k_r = both - apart
     root = math.expm1(-delta * h)
-    b1 = 2.0 * le * math.tanh(0.25 * delta) * sine_offset_kernel(0.5 * delta) - 4.0 * slow * root * root
+    b1 = (
+        2.0 * le * math.tanh(0.25 * delta) * epsilon_sine_of_single_impact_kernel(0.5 * delta)
+        - 4.0 * slow * root * root
+    )
     a11, a12 = -k_r * siny, 2.0 * apart + k_r * omc
     f = ls / (delta * le)
     a21 = 2.0 - omc - f * FOUR_PI * er * siny
@@ -108,7 +111,7 @@ def family_residual(kind, level, sigma, delta, beta):
 
 
 @kernel
-def solve_bracketed(kind, level, lo, hi, delta, beta):
+def find_root_in_bracket(kind, level, lo, hi, delta, beta):
     """Return the σ between lo and hi at which `family_residual`(kind, level, σ, …) is 0, to rounding.
 
     The residual must have different signs at lo and hi. A secant step that leaves the bracket is replaced by bisection.
@@ -151,7 +154,7 @@ def turning_point(lo, hi, sign, delta, beta):
 
 
 @kernel
-def fill_nodes(delta, beta, sigma, e):
+def write_family_nodes(delta, beta, sigma, e):
     """Write σ and ε of `nodes_of_family` to `sigma` and `e` (MOST_NODES,), and return the number of nodes."""
     n = NODES_PER_SIDE
     for i in range(n):
@@ -188,7 +191,7 @@ def nodes_of_family(delta: float, beta: float) -> tuple[Array, Array]:
         σ and ε, of equal length.
     """
     sigma, e = np.zeros(MOST_NODES), np.zeros(MOST_NODES)
-    n = fill_nodes(delta, beta, sigma, e)
+    n = write_family_nodes(delta, beta, sigma, e)
     return sigma[:n], e[:n]
 
 
@@ -267,7 +270,7 @@ def record_orbit(orbit, admissible, tau, v, trace, exists, phase, speed, traces,
 
 
 @kernel
-def fill_period_one(order, delta, epsilon, beta, offset, sigma, e, exists, phase, speed, traces):
+def fill_period_one_orbits(order, delta, epsilon, beta, offset, sigma, e, exists, phase, speed, traces):
     """Write the admissible orbits A to D of n cells to the last four arguments, arrays (4, n).
 
     Before the call `exists` holds False and the other three arrays hold NaN, which remain where an orbit does not
@@ -283,11 +286,11 @@ def fill_period_one(order, delta, epsilon, beta, offset, sigma, e, exists, phase
         ok, tau, v, trace = single_impact_orbit(1.0, d, eps, b, offset[i])
         record_orbit(C, ok, tau, v, trace, exists, phase, speed, traces, i)
         if last < 0 or d != delta[last] or b != beta[last]:
-            n = fill_nodes(d, b, sigma, e)
+            n = write_family_nodes(d, b, sigma, e)
         last = i
         for j in range(n - 2, -1, -1):
             if (e[j] - eps) * (e[j + 1] - eps) <= 0.0 and not sigma[j] < 0.0 < sigma[j + 1]:
-                root = solve_bracketed(0, eps, sigma[j], sigma[j + 1], d, b)
+                root = find_root_in_bracket(0, eps, sigma[j], sigma[j + 1], d, b)
                 ok, tau, v, trace = double_impact_orbit(root, d, eps, b)
                 record_orbit(D if e[j + 1] > e[j] else B, ok, tau, v, trace, exists, phase, speed, traces, i)
 
@@ -308,12 +311,12 @@ def closed_form_orbits(
     exists = np.zeros((4, delta.size), np.bool_)
     phase, speed, traces = np.full((3, *exists.shape), np.nan)
     sigma, e = np.zeros((2, MOST_NODES))
-    fill_period_one(order, delta, epsilon, beta, offset, sigma, e, exists, phase, speed, traces)
+    fill_period_one_orbits(order, delta, epsilon, beta, offset, sigma, e, exists, phase, speed, traces)
     return exists, phase, speed, traces
 
 
 @kernel
-def next_grazing(sigma, delta, beta):
+def find_next_grazing_sigma(sigma, delta, beta):
     """Return the next larger σ at which the P(1,1,1) has speed 0 at Σ⁻; NaN if there is none up to 1/2."""
     lo, f_lo = sigma, closure_numerators(sigma, delta, beta)[3]
     ratio = (0.5 / EDGE) ** (1.0 / (2.0 * NODES_PER_SIDE))
@@ -321,14 +324,14 @@ def next_grazing(sigma, delta, beta):
         hi = min(lo * ratio, 0.5)
         f_hi = closure_numerators(hi, delta, beta)[3]
         if (f_lo > 0.0) != (f_hi > 0.0):
-            return solve_bracketed(1, 0.0, lo, hi, delta, beta)
+            return find_root_in_bracket(1, 0.0, lo, hi, delta, beta)
         lo, f_lo = hi, f_hi
     return math.nan
 
 
 @kernel
-def grazing_point(sigma, delta, beta):
-    """Return the P(1,1,1) that touches Σ⁻ with speed 0, at a σ from `next_grazing`.
+def grazing_motion_at_sigma(sigma, delta, beta):
+    """Return the P(1,1,1) that touches Σ⁻ with speed 0, at a σ from `find_next_grazing_sigma`.
 
     The motion is admissible if, between its impacts on Σ⁺, it meets Σ⁻ in this touch only.
 
@@ -357,13 +360,13 @@ def fill_grazing(curve, delta, beta, epsilon, phase, trace):
     curve: 0 for G1, 1 for G2. The entries of points at which the curve does not exist remain NaN.
     """
     for i in range(delta.size):
-        sigma = next_grazing(EDGE, delta[i], beta[i])
+        sigma = find_next_grazing_sigma(EDGE, delta[i], beta[i])
         while sigma < 0.5:
-            admissible, eps, tau, x = grazing_point(sigma, delta[i], beta[i])
+            admissible, eps, tau, x = grazing_motion_at_sigma(sigma, delta[i], beta[i])
             if admissible and (x >= 0.0) == (curve == 0):
                 epsilon[i], phase[i], trace[i] = eps, tau, trace_of_one_flight(delta[i], x)
                 break
-            sigma = next_grazing(sigma * (1.0 + 1e-11), delta[i], beta[i])
+            sigma = find_next_grazing_sigma(sigma * (1.0 + 1e-11), delta[i], beta[i])
 
 
 def grazing_curve(curve: int, delta: Array, beta: Array) -> tuple[Array, Array, Array]:
@@ -382,6 +385,6 @@ def grazing_curve(curve: int, delta: Array, beta: Array) -> tuple[Array, Array, 
 @kernel
 def grazing_cosine(delta, beta):
     """Return ε cos 2πτ and ε at the first σ > 0 at which the P(1,1,1) grazes Σ⁻; NaN if there is none."""
-    sigma = next_grazing(EDGE, delta, beta)
+    sigma = find_next_grazing_sigma(EDGE, delta, beta)
     x, y, _v, _u, determinant = closure_numerators(sigma, delta, beta)
     return x / determinant, math.hypot(x, y) / abs(determinant)

@@ -28,10 +28,10 @@ from numpy.typing import NDArray
 
 from rattle.continuation.arclength import ContinuationProblem, line_scale
 from rattle.flight.between import DECAY, PULL, W0, W0_T0, W1, W1_T1, Flights, flight_between
-from rattle.flight.forcing import analytic_phase
+from rattle.flight.forcing import sine_cosine_of_complex_time
 from rattle.flight.impact_law import arrival_term, impact_mismatch
 from rattle.numerics.compile import kernel
-from rattle.numerics.complex_step import Array, batch_of, reshape_like
+from rattle.numerics.complex_step import Array, reshape_like, to_complex_batch
 from rattle.orbits.orbits_a_to_d import multipliers_of
 from rattle.orbits.periodic_motions import Equations
 
@@ -47,13 +47,13 @@ def fill_equations(x, gaps, m, multiplier, flights, residual, matrix):
     k, n, size = x.shape[0], gaps.size, matrix.shape[1]
     for j in range(k):
         delta, epsilon = x[j, n], x[j, n + 1]
-        first = analytic_phase(x[j, 0])
+        first = sine_cosine_of_complex_time(x[j, 0])
         turn1 = first
         for i in range(n):
             turn0, t1 = turn1, x[j, 0] + m
             if i < n - 1:
                 t1 = x[j, i + 1]
-                turn1 = analytic_phase(t1)
+                turn1 = sine_cosine_of_complex_time(t1)
             else:
                 turn1 = first
             found = flight_between(x[j, i], t1, turn0, turn1, gaps[i], delta, epsilon)
@@ -79,7 +79,7 @@ class Itinerary(Equations):
         return len(self.walls)
 
     @cached_property
-    def gaps(self) -> Array:
+    def wall_distances(self) -> Array:
         """Distances (n,) of the flights from wall to wall: 0 or ±2β."""
         walls = np.asarray(self.walls)
         return self.beta * (np.roll(walls, -1) - walls)
@@ -88,10 +88,10 @@ class Itinerary(Equations):
         self, x: NDArray, multiplier: complex = 1.0, *, with_matrix: bool = False
     ) -> tuple[NDArray, ...]:
         """Return flights (6, …, n), residual R (…, n) and Jacobian J(λ) (…, n, n); without `with_matrix` J is empty."""
-        batch, n = batch_of(x), self.n
+        batch, n = to_complex_batch(x), self.n
         k, size = len(batch), n if with_matrix else 0
         flights, residual, matrix = (np.zeros(shape, complex) for shape in ((6, k, n), (k, n), (k, size, size)))
-        fill_equations(batch, self.gaps, self.m, complex(multiplier), flights, residual, matrix)
+        fill_equations(batch, self.wall_distances, self.m, complex(multiplier), flights, residual, matrix)
         return reshape_like(x, flights, axis=1), reshape_like(x, residual), reshape_like(x, matrix)
 
     def flights(self, x: NDArray) -> Flights:
@@ -166,7 +166,7 @@ def equations_on_line(itinerary: Itinerary, origin: Array, direction: Array) -> 
     return ContinuationProblem(equations, scale=line_scale(origin, direction))
 
 
-def smooth_multipliers(itinerary: Itinerary, x: Array, grazed: int | None = None) -> NDArray[np.complex128]:
+def multipliers_without_graze(itinerary: Itinerary, x: Array, grazed: int | None = None) -> NDArray[np.complex128]:
     """Return both multipliers (2,) of the motion at x (n + 2,).
 
     If the motion grazes, `grazed` is the number of the grazing impact. The result is then for the motion without this

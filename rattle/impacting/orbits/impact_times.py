@@ -15,14 +15,14 @@ from rattle.flight.forcing import (
     DRIFT,
     add_acceleration,
     add_slope,
-    phase_changes,
+    drop_below_tangent_line,
+    sine_change_and_new_cosine,
     sine_cosine_at,
-    slope_loss_of_change,
-    tangent_drop,
+    slope_loss_from_sine_change,
     versines,
 )
 from rattle.flight.impact_law import arrival_term
-from rattle.flight.law import LONGEST_DECAY, decay64, fold_phase
+from rattle.flight.law import LONGEST_DECAY, decay_remainder64, fold_phase
 from rattle.numerics.compile import inline, kernel
 
 SAME_TIME = 1e-6  # largest difference of two times of flight, in forcing periods, that counts as the same flight
@@ -74,11 +74,11 @@ def flight_velocities(s, sin0, cos0, gap, delta, epsilon):
     """
     step = versines(s)
     x = delta * s
-    k = x * decay64(x) if x <= LONGEST_DECAY else 1.0 + math.expm1(-x) / x
+    k = x * decay_remainder64(x) if x <= LONGEST_DECAY else 1.0 + math.expm1(-x) / x
     rest = add_slope(DRIFT, sin0, cos0, epsilon)
-    w0 = (gap + tangent_drop(step, sin0, cos0, epsilon) - rest * s * k) / (s * (1.0 - k))
+    w0 = (gap + drop_below_tangent_line(step, sin0, cos0, epsilon) - rest * s * k) / (s * (1.0 - k))
     lost = x * (1.0 - k)
-    w1 = w0 + (rest - w0) * lost - slope_loss_of_change(phase_changes(step, sin0, cos0)[0], epsilon)
+    w1 = w0 + (rest - w0) * lost - slope_loss_from_sine_change(sine_change_and_new_cosine(step, sin0, cos0)[0], epsilon)
     return w0, w1, lost
 
 
@@ -158,7 +158,7 @@ def eliminate_times(work, n):
 
 
 @kernel
-def move_times(work, n, first):
+def move_impact_times(work, n, first):
     """Move the times in `work` by `work.change` + first · `work.response`, where first is the change of the first time.
 
     All changes are shortened by a common factor if otherwise the duration of a flight would almost vanish.
@@ -184,7 +184,7 @@ def move_times(work, n, first):
 
 
 @kernel
-def newton_on_times(work, n, farthest, delta, epsilon, beta):
+def solve_for_impact_times(work, n, farthest, delta, epsilon, beta):
     """Solve all n impact equations by Newton's method, starting from the times in `work`.
 
     The method fails if a step is longer than `farthest`, in forcing periods, or if the motion would come from behind a
@@ -199,7 +199,7 @@ def newton_on_times(work, n, farthest, delta, epsilon, beta):
     for _ in range(NEWTON_STEPS):
         real = write_equations(work, n, delta, epsilon, beta)
         value, slope, at_one = eliminate_times(work, n)
-        last, size = size, move_times(work, n, -value / slope)
+        last, size = size, move_impact_times(work, n, -value / slope)
         if not size < farthest:
             break
         if size < SOLVED or (size < NEARLY and size >= 0.5 * last):

@@ -17,11 +17,11 @@ from rattle.errors import real_array, require
 from rattle.flight.forcing import quiet_eccentricity
 from rattle.numerics.compile import inline
 
-SMALL = 0.05  # damping below which the series of `sine_offset_series` is exact to rounding
+SMALL = 0.05  # damping below which the series of `epsilon_sine_series` is exact to rounding
 FloatArray = NDArray[np.float64]
 
 
-def _checked_damping(delta: ArrayLike) -> FloatArray:
+def _require_valid_damping(delta: ArrayLike) -> FloatArray:
     """Return the damping as an array. Raises ParameterError unless all values are finite and greater than 0."""
     value = real_array("delta", delta)
     require(bool(np.all(np.isfinite(value) & (value > 0))), "delta must be finite and greater than 0")
@@ -29,17 +29,17 @@ def _checked_damping(delta: ArrayLike) -> FloatArray:
 
 
 @inline
-def sine_offset_series(q: Any) -> Any:
+def epsilon_sine_series(q: Any) -> Any:
     """Return 2 − δ coth(δ/2) as a series in q = δ²."""
     return -q / 6 * (1 - q / 60 * (1 - q / 42 * (1 - q / 40)))
 
 
-def sine_offset(delta: ArrayLike) -> FloatArray:
+def epsilon_sine_of_single_impact(delta: ArrayLike) -> FloatArray:
     """Return 2 − δ coth(δ/2) ≤ 0, which is ε sin 2πτ of A and C. At small δ a series avoids cancellation."""
     d = np.asarray(delta, dtype=np.float64)
     # floating-point errors occur only in values that np.where does not choose
     with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
-        series, exact = sine_offset_series(d * d), 2.0 - d / np.tanh(d / 2)
+        series, exact = epsilon_sine_series(d * d), 2.0 - d / np.tanh(d / 2)
     return np.where(d < SMALL, series, exact)
 
 
@@ -51,7 +51,7 @@ def sn1_formula(delta: ArrayLike) -> FloatArray:
     FloatArray
         ε, also where the motion is virtual because it would have to pass Σ⁻.
     """
-    return np.abs(sine_offset(_checked_damping(delta)))
+    return np.abs(epsilon_sine_of_single_impact(_require_valid_damping(delta)))
 
 
 def flip_formula(delta: ArrayLike) -> FloatArray:
@@ -62,9 +62,9 @@ def flip_formula(delta: ArrayLike) -> FloatArray:
     FloatArray
         ε, also where C is virtual because it would have to pass Σ⁻.
     """
-    d = _checked_damping(delta)
+    d = _require_valid_damping(delta)
     with np.errstate(over="ignore"):  # δ² coth(δ/2) overflows from δ = 1.3e154 on
-        return np.hypot(sn1_formula(d), d * (2.0 - sine_offset(d)) / (2 * np.pi))
+        return np.hypot(sn1_formula(d), d * (2.0 - epsilon_sine_of_single_impact(d)) / (2 * np.pi))
 
 
 def quiet_limit(delta: ArrayLike) -> FloatArray:
@@ -78,5 +78,5 @@ def quiet_limit(delta: ArrayLike) -> FloatArray:
     float or ndarray
         ε, of the shape of delta.
     """
-    d = _checked_damping(delta)
+    d = _require_valid_damping(delta)
     return quiet_eccentricity(d)

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from rattle.errors import broadcast_parameters, require_one_of
 from rattle.flight.impact_law import ELASTIC
 from rattle.impacting.orbits import closed_form
-from rattle.impacting.orbits.limits import flip_formula, sine_offset, sn1_formula
+from rattle.impacting.orbits.limits import epsilon_sine_of_single_impact, flip_formula, sn1_formula
 from rattle.orbits.orbits_a_to_d import (
     NAMES,
     MissingLimit,
@@ -34,7 +34,7 @@ CURVES = ("G1", "G2")
 JUST_ABOVE, LARGEST = 1.0 + 1e-9, np.finfo(np.float64).max
 
 
-class Grazing(NamedTuple):
+class GrazingPoints(NamedTuple):
     """Points of a grazing curve at dampings of shape S: ε (*S), phase τ and speed v at Σ⁺ (*S), multipliers (2, *S).
 
     All fields are NaN where the curve does not exist.
@@ -46,14 +46,14 @@ class Grazing(NamedTuple):
     multipliers: NDArray[np.complex128]
 
 
-def grazing(curve: str, delta: ArrayLike, beta: ArrayLike = 0.6) -> Grazing:
+def grazing(curve: str, delta: ArrayLike, beta: ArrayLike = 0.6) -> GrazingPoints:
     """Return the orbits on the grazing curve G1 or G2 at every element of the broadcast damping and half-backlash.
 
     Raises ParameterError if an argument is outside its domain. Source: paper, section 5.2.
 
     Returns
     -------
-    Grazing
+    GrazingPoints
         The grazing orbits; NaN where the curve does not exist at this damping.
     """
     require_one_of("curve", curve, CURVES)
@@ -62,7 +62,7 @@ def grazing(curve: str, delta: ArrayLike, beta: ArrayLike = 0.6) -> Grazing:
     epsilon, tau, trace = (x.reshape(d.shape) for x in flat)
     multipliers = multipliers_of(trace, ELASTIC.determinant(d, 1, 1))
     multipliers[:, np.isnan(epsilon)] = complex(np.nan, np.nan)
-    return Grazing(epsilon, tau, np.where(np.isnan(epsilon), np.nan, 2 * np.pi * d), multipliers)
+    return GrazingPoints(epsilon, tau, np.where(np.isnan(epsilon), np.nan, 2 * np.pi * d), multipliers)
 
 
 def period_one(delta: ArrayLike, epsilon: ArrayLike, beta: ArrayLike = 0.6) -> PeriodOne:
@@ -84,7 +84,7 @@ def period_one(delta: ArrayLike, epsilon: ArrayLike, beta: ArrayLike = 0.6) -> P
     shape = d.shape
     d, e, b = (np.array(x, order="C").ravel() for x in (d, e, b))
     order = np.lexsort((d, b))
-    exists, tau, v, trace = closed_form.closed_form_orbits(order, d, e, b, sine_offset(d))
+    exists, tau, v, trace = closed_form.closed_form_orbits(order, d, e, b, epsilon_sine_of_single_impact(d))
     decay = ELASTIC.determinant(d, 1, 1)
     multipliers = np.moveaxis(multipliers_of(trace, decay), 0, 1)
     multipliers[~exists[:, None].repeat(2, axis=1)] = complex(np.nan, np.nan)

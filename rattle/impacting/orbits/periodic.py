@@ -15,7 +15,7 @@ from rattle.impacting.orbits.equations import Itinerary
 from rattle.impacting.orbits.period_one import orbits_at
 from rattle.numerics.complex_step import Array
 from rattle.orbits.orbits_a_to_d import Orbit
-from rattle.orbits.periodic_motions import MOST_IMPACTS, Periodic, solve_at_parameters, with_shortest_period
+from rattle.orbits.periodic_motions import MOST_IMPACTS, PeriodicMotion, solve_at_parameters, with_shortest_period
 
 SAME_TIME = 1e-6  # largest difference of two times of flight, in forcing periods, that counts as the same flight
 GRAZING_SPEED = 1e-6  # largest impact speed, in units of `law.speed_unit`, that rounding may give to a graze
@@ -25,8 +25,8 @@ GRAZING_TIME = 1e-4
 
 
 @dataclass(frozen=True, repr=False)
-class PeriodicOrbit(Periodic):
-    """A periodic motion of the impacting gear at one parameter point, with the fields of `Periodic`."""
+class PeriodicOrbit(PeriodicMotion):
+    """A periodic motion of the impacting gear at one parameter point, with the fields of `PeriodicMotion`."""
 
     @property
     def departures(self) -> Array:
@@ -66,10 +66,10 @@ def is_admissible(itinerary: Itinerary, x: Array, grazed: int | None = None) -> 
     bool
         False if the motion is virtual.
     """
-    return first_failure(itinerary, x, grazed) is None
+    return find_impossible_flight(itinerary, x, grazed) is None
 
 
-def first_failure(itinerary: Itinerary, x: Array, grazed: int | None = None) -> tuple[int, int, float] | None:
+def find_impossible_flight(itinerary: Itinerary, x: Array, grazed: int | None = None) -> tuple[int, int, float] | None:
     """Return the first impossible flight of the motion at x; None if the motion is admissible.
 
     If `grazed` is given, impact number `grazed` has speed 0, and the motion may make or miss this impact.
@@ -205,7 +205,7 @@ def periodic_orbit(
     return orbit_of(*with_shortest_period(itinerary, found))
 
 
-def as_periodic(orbit: PeriodicOrbit | Orbit) -> PeriodicOrbit:
+def to_periodic_orbit(orbit: PeriodicOrbit | Orbit) -> PeriodicOrbit:
     """Return a motion as a `PeriodicOrbit`. For an `Orbit` the impact equations are solved.
 
     Returns
@@ -232,7 +232,7 @@ def as_periodic(orbit: PeriodicOrbit | Orbit) -> PeriodicOrbit:
     return periodic_orbit(orbit.delta, orbit.epsilon, orbit.tau, orbit.v, orbit.n_plus, orbit.beta)
 
 
-def why_virtual(itinerary: Itinerary, x: Array, grazed: int | None = None) -> str | None:
+def reason_for_virtual_motion(itinerary: Itinerary, x: Array, grazed: int | None = None) -> str | None:
     """Return None if the motion at x is admissible, else a clause that says which of its flights is impossible.
 
     If `grazed` is given, impact number `grazed` has speed 0, and the motion may make or miss this impact.
@@ -242,7 +242,7 @@ def why_virtual(itinerary: Itinerary, x: Array, grazed: int | None = None) -> st
     str | None
         Such as "the flight after impact 0 on Σ⁺ touches Σ⁻ on its way".
     """
-    failure = first_failure(itinerary, x, grazed)
+    failure = find_impossible_flight(itinerary, x, grazed)
     if failure is None:
         return None
     impact, wall, _ = failure

@@ -16,10 +16,10 @@ from rattle.flight.first_impact import SIGMA_MINUS, SIGMA_PLUS
 from rattle.flight.forcing import phase_of_least_force, relative_force_amplitude
 from rattle.flight.impact_law import determinant
 from rattle.impacting.orbits.bounces import find_bouncing_orbits
-from rattle.impacting.orbits.circuits import CLOSED, LOST, add_orbit_if_new, keep_if_stable, walk_circuit
+from rattle.impacting.orbits.circuits import CLOSED, LOST, add_orbit_if_new, keep_orbit_if_stable, walk_circuit
 from rattle.impacting.orbits.closed_form import single_impact_orbit
-from rattle.impacting.orbits.impact_times import allocate_workspace, newton_on_times
-from rattle.impacting.orbits.limits import sine_offset
+from rattle.impacting.orbits.impact_times import allocate_workspace, solve_for_impact_times
+from rattle.impacting.orbits.limits import epsilon_sine_of_single_impact
 from rattle.numerics.compile import kernel
 
 Array = NDArray[np.float64]
@@ -103,8 +103,8 @@ def find_orbits_with_single_impact(single, others, least, work, delta, epsilon, 
             work.times[i] = t
             t += crossing if i == 0 else (1.0 - 2.0 * crossing) / (others - 1)
         # keep the orbit that Newton's method finds, because a walk that begins there may miss it
-        if solved and newton_on_times(work, n, 0.3, delta, epsilon, beta)[0]:
-            keep_if_stable(work, n, delta, epsilon, beta)
+        if solved and solve_for_impact_times(work, n, 0.3, delta, epsilon, beta)[0]:
+            keep_orbit_if_stable(work, n, delta, epsilon, beta)
         how, _zeros = walk_circuit(work, n, 1.0, 0.1 * math.sqrt(n), delta, epsilon, beta)
         if how == CLOSED:
             break
@@ -128,7 +128,7 @@ def add_stable_orbits_of_cell(work, delta, epsilon, beta, offset):
 
 
 @kernel
-def sort_by_impacts(work):
+def sort_by_impact_count(work):
     """Sort the orbits in `work.found` by their number of impacts in a period."""
     rows = work.found
     for i in range(1, work.n_found):
@@ -140,7 +140,7 @@ def sort_by_impacts(work):
 
 
 @kernel
-def fill_stable(work, delta, epsilon, beta, offset, stable):
+def fill_stable_orbits(work, delta, epsilon, beta, offset, stable):
     """Write the stable orbits at flat arrays of parameters (cells,) to `stable`, a `StableOrbits` of zeros and NaN.
 
     work: the scratch memory. offset (cells,): ε sin 2πτ of A and C.
@@ -148,7 +148,7 @@ def fill_stable(work, delta, epsilon, beta, offset, stable):
     for cell in range(delta.size):
         work.n_found = 0
         add_stable_orbits_of_cell(work, delta[cell], epsilon[cell], beta[cell], offset[cell])
-        sort_by_impacts(work)
+        sort_by_impact_count(work)
         stable.n[cell] = work.n_found
         for j in range(min(work.n_found, stable.tau.shape[1])):
             row = work.found[j]
@@ -165,5 +165,5 @@ def find_stable_orbits(delta: Array, epsilon: Array, beta: Array, room: int) -> 
         np.full((3, *shape), np.nan),
     )
     stable = StableOrbits(n, n_plus, n_minus, tau, v, trace)
-    fill_stable(allocate_workspace(), delta, epsilon, beta, sine_offset(delta), stable)
+    fill_stable_orbits(allocate_workspace(), delta, epsilon, beta, epsilon_sine_of_single_impact(delta), stable)
     return stable

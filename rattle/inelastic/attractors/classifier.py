@@ -18,25 +18,25 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rattle.attractors.ball import Centres, find_radii_one_by_one
+from rattle.attractors.ball import CaptureCentres, find_radii_one_by_one
 from rattle.attractors.classify import BUDGET, STAGES, Classifier, ProbeRecord
 from rattle.attractors.samples import CONTACT, Outcome, Trajectories
 from rattle.attractors.speeds import SampleSpec, SpeedLimit
 from rattle.attractors.table import AttractorTable, attractors_of_samples
-from rattle.families.join import cells_between
-from rattle.impacting.attractors.classifier import relative_force_amplitudes, sorted_by_roughness
+from rattle.families.join import interpolate_cells
+from rattle.impacting.attractors.classifier import relative_force_amplitudes, sort_by_roughness
 from rattle.impacting.attractors.settle import CHUNK, LONG_CHUNK, ImpactingCells
 from rattle.impacting.attractors.settle import follow_probes as measure_in_lanes
 from rattle.impacting.attractors.settle import settle as settle_in_lanes
-from rattle.impacting.map.iterate import working_block
+from rattle.impacting.map.iterate import lane_block_of_thread
 from rattle.inelastic.attractors.settle import (
     ContactStates,
     count_contact_phases,
+    find_orbits_of_contact_samples,
     follow_probes,
-    resolve_contacts,
     settle,
 )
-from rattle.inelastic.given import Harmonics, checked_harmonics, inelastic_points
+from rattle.inelastic.given import Harmonics, check_inelastic_parameters, checked_harmonics
 from rattle.inelastic.map.cells import InelasticCells, cells_of_forcing_shape, inelastic_cells
 from rattle.inelastic.map.harmonics import forcing_shape
 from rattle.inelastic.map.iterate import apply_inelastic_returns
@@ -54,7 +54,7 @@ def cells_of(parameters: Parameters) -> InelasticCells:
     return inelastic_cells(parameters.delta, parameters.epsilon, parameters.beta, *added, parameters.harmonics)
 
 
-@cells_between.register
+@interpolate_cells.register
 def _(
     cells: InelasticCells, here: NDArray[np.int64], there: NDArray[np.int64], share: NDArray[np.float64]
 ) -> InelasticCells:
@@ -87,7 +87,7 @@ class InelasticClassifier(Classifier):
             np.zeros(room[0], np.int64), np.zeros(room), np.zeros(room), np.zeros(room, np.int64)
         )
         given = cells.delta, cells.epsilon, cells.beta, cells.quiet_invariant, cells.restitution, cells.capture
-        self.lanes, self.block, self.paths = ImpactingCells(*given), working_block(), np.zeros(2, np.int64)
+        self.lanes, self.block, self.paths = ImpactingCells(*given), lane_block_of_thread(), np.zeros(2, np.int64)
         self.roughness = relative_force_amplitudes(cells)
         self.is_lossy = cells.restitution < 1.0
         # multiple of EXPOSURE in each cell's next test; it doubles after a test in which a state left the chaotic set
@@ -99,10 +99,10 @@ class InelasticClassifier(Classifier):
     cells_of = staticmethod(cells_of)
 
     @staticmethod
-    def states_after(
+    def states_after_returns(
         parameters: Parameters, tau: NDArray[np.float64], v: NDArray[np.float64], returns: int
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
-        """Return states after a number of returns, and flags of quiet states: see `Classifier.states_after`."""
+        """Return states after a number of returns, and flags of quiet states: see `Classifier.states_after_returns`."""
         cells, quiet = cells_of(parameters), np.zeros(tau.size, np.int8)
         tau, v, cell = tau.copy(), v.copy(), np.zeros(tau.size, np.int64)
         if parameters.size > 1:
@@ -117,7 +117,7 @@ class InelasticClassifier(Classifier):
         return 0.0
 
     @property
-    def has_quiet(self) -> NDArray[np.bool_]:
+    def cell_has_quiet_motion(self) -> NDArray[np.bool_]:
         """The flags (n_cells,) of cells that have a quiet motion: their contact force is positive at all phases."""
         return np.asarray((self.cells.zero_count == 0) & (self.cells.positive == 1))
 
@@ -134,7 +134,7 @@ class InelasticClassifier(Classifier):
         """
         return np.asarray(cells.delta - 2.0 * np.log(cells.restitution))
 
-    def may_lose_samples(self, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
+    def flag_cells_losing_samples(self, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
         """Return flags (k,) of cells where a chaotic set may lose samples so slowly that the probes show no loss.
 
         The flags are those of the base class, except that a cell where impacts lose energy is flagged at weak damping
@@ -145,9 +145,9 @@ class InelasticClassifier(Classifier):
         ndarray of bool, (k,)
             True for cells whose unresolved samples must all be followed.
         """
-        return super().may_lose_samples(cells) & (~self.is_lossy[cells] | self.weak[cells])
+        return super().flag_cells_losing_samples(cells) & (~self.is_lossy[cells] | self.weak[cells])
 
-    def should_defer_probes(self, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
+    def cells_with_deferred_probes(self, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
         """Return flags (k,) of the cells whose probes are not measured while samples still reach attractors.
 
         Returns
@@ -158,13 +158,13 @@ class InelasticClassifier(Classifier):
         return ~self.is_lossy[cells]
 
     def judge_by_probes(self, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """Measure probes and return flags (k,) of decided cells; where r < 1, `watch_for_contact` revises the flags."""
+        """Measure probes; return flags (k,) of decided cells, which `check_escape_from_chaos` revises where r < 1."""
         decided = super().judge_by_probes(cells)
         lossy = self.is_lossy[cells] & (self.status[cells] == Outcome.UNRESOLVED).any(axis=1)
-        decided[lossy] = self.watch_for_contact(cells[lossy], decided[lossy])
+        decided[lossy] = self.check_escape_from_chaos(cells[lossy], decided[lossy])
         return decided
 
-    def watch_for_contact(self, cells: NDArray[np.int64], decided: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    def check_escape_from_chaos(self, cells: NDArray[np.int64], decided: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """Follow PROBES states close to unresolved samples of each cell (k,), to see if they leave the chaotic set.
 
         If no state of a cell becomes quiet or periodic, the flag of the cell in `decided` (k,) stays as it is.
@@ -218,13 +218,13 @@ class InelasticClassifier(Classifier):
         while waiting.size:
             left = np.zeros_like(waiting)
             tables = samples.to_kernel_tuple(), self.orbits.to_kernel_tuple(), self.balls.to_kernel_tuple()
-            waiting = left[: resolve_contacts(waiting, self.cells, *tables, self.states, left)]
+            waiting = left[: find_orbits_of_contact_samples(waiting, self.cells, *tables, self.states, left)]
             self.grow_capture_regions()
             if waiting.size:
                 self.make_room(2 * self.orbits.m.shape[1])
         super().resolve(which[~exact], samples)
 
-    def find_radii(self, centres: Centres) -> None:
+    def find_capture_radii(self, centres: CaptureCentres) -> None:
         """Find the radii of the capture regions around these centres, and write them to `centres.radius`."""
         find_radii_one_by_one(centres, self.cells)
 
@@ -235,7 +235,7 @@ class InelasticClassifier(Classifier):
         capture more often.
         """
         in_lanes, tables = self.in_lanes[samples.cell[which]], (samples.to_kernel_tuple(), self.balls.to_kernel_tuple())
-        some, flights = sorted_by_roughness(which[in_lanes], samples, self.roughness), CHUNK if early else LONG_CHUNK
+        some, flights = sort_by_roughness(which[in_lanes], samples, self.roughness), CHUNK if early else LONG_CHUNK
         settle_in_lanes(self.block, some, flights, self.lanes, *tables, self.paths)
         settle(which[~in_lanes], self.cells, *tables, self.states)
 
@@ -293,5 +293,5 @@ def attractors_of(
     ParameterError
         If a parameter is outside its domain.
     """
-    cells = inelastic_points(delta, epsilon, beta, restitution, load, checked_harmonics(harmonics))
+    cells = check_inelastic_parameters(delta, epsilon, beta, restitution, load, checked_harmonics(harmonics))
     return attractors_of_samples(InelasticClassifier, cells, SampleSpec(count, v_max, seed, budget, tau, v_min))

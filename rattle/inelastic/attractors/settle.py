@@ -21,9 +21,9 @@ from rattle.attractors.samples import (
     Outcome,
     ReferenceState,
     bitmap_top_speed,
-    capturing_orbit,
-    check_sample,
-    first_reference,
+    check_sample_outcome,
+    find_capturing_orbit,
+    first_reference_state,
     store_sample,
 )
 from rattle.attractors.samples import mark_visited_cell as visit
@@ -31,8 +31,8 @@ from rattle.flight.contact_phase import IN_CONTACT
 from rattle.flight.first_impact import OK
 from rattle.flight.law import speed_unit, wrap_phase_difference
 from rattle.inelastic.map.cells import point_at
-from rattle.inelastic.map.impact_map import next_impact_on_plus, step, step_tangent
-from rattle.inelastic.map.runs import contacts_and_merged_impacts
+from rattle.inelastic.map.impact_map import next_impact_on_plus, step, step_with_tangent
+from rattle.inelastic.map.runs import count_contacts_and_merged_impacts
 from rattle.numerics.compile import inline, kernel
 
 #: Codes in place of the number of the orbit to which a state after contact leads. NO_ORBIT: the motion makes no
@@ -89,7 +89,7 @@ def outcome_after_contact(tau, v, k, samples, states):
 
 
 @inline
-def inelastic_outcome(code):
+def outcome_without_return(code):
     """Return the outcome QUIET or FAILED of a sample that does not return to Σ⁺, from the status code of `step`."""
     return Outcome.QUIET if code == IN_CONTACT else Outcome.FAILED
 
@@ -102,18 +102,18 @@ def settle(which, cells, samples, balls, states):
         point = point_at(samples.cell[k], cells)
         tau, v, n, total = samples.tau[k], samples.v[k], 0, 0.0
         unit = speed_unit(point.delta, point.epsilon, point.beta)
-        reference = first_reference(tau, v)
-        status, orbit, reference = check_sample(tau, v, n, k, reference, samples, balls, unit)
+        reference = first_reference_state(tau, v)
+        status, orbit, reference = check_sample_outcome(tau, v, n, k, reference, samples, balls, unit)
         while status == Outcome.UNRESOLVED and samples.impacts[k] + n < samples.limit[k]:
             code, tau, v, time, _below, on_plus, on_minus = step(tau, v, point)
             if code != OK:
-                status = inelastic_outcome(code)
+                status = outcome_without_return(code)
                 break
             n, total = n + 1, total + time
             if on_plus + on_minus > 0:
                 status, orbit = outcome_after_contact(tau, v, k, samples, states)
             if status == Outcome.UNRESOLVED:
-                status, orbit, reference = check_sample(tau, v, n, k, reference, samples, balls, unit)
+                status, orbit, reference = check_sample_outcome(tau, v, n, k, reference, samples, balls, unit)
         store_sample(tau, v, n, total, k, status, orbit, samples)
 
 
@@ -132,17 +132,19 @@ def follow_probes(which, least, periods, cells, samples, balls, states, sums, fo
         tau, v, n, x, y, total = samples.tau[k], samples.v[k], 0, 1.0, 0.0, 0.0
         unit = speed_unit(point.delta, point.epsilon, point.beta)
         most = float(samples.limit[k] - samples.impacts[k])
-        reference = first_reference(tau, v)
-        status, orbit, reference = check_sample(tau, v, n, k, reference, samples, balls, unit)
+        reference = first_reference_state(tau, v)
+        status, orbit, reference = check_sample_outcome(tau, v, n, k, reference, samples, balls, unit)
         while status == Outcome.UNRESOLVED:
             share = min((n - ALIGNMENT) / (least[j] - ALIGNMENT), total / periods[j])
             share = max(share, n / most)
             if share >= 1.0:
                 break
             before = v
-            code, tau, v, time, _below, j00, j01, j10, j11, log_det, on_plus, on_minus = step_tangent(tau, v, point)
+            code, tau, v, time, _below, j00, j01, j10, j11, log_det, on_plus, on_minus = step_with_tangent(
+                tau, v, point
+            )
             if code != OK:
-                status = inelastic_outcome(code)
+                status = outcome_without_return(code)
                 break
             n, total = n + 1, total + time
             # the tangent is kept in (t, v²/2), because `log_det` is ln|det| in these coordinates
@@ -161,7 +163,7 @@ def follow_probes(which, least, periods, cells, samples, balls, states, sums, fo
             if on_plus + on_minus > 0:
                 status, orbit = outcome_after_contact(tau, v, k, samples, states)
             if status == Outcome.UNRESOLVED:
-                status, orbit, reference = check_sample(tau, v, n, k, reference, samples, balls, unit)
+                status, orbit, reference = check_sample_outcome(tau, v, n, k, reference, samples, balls, unit)
         store_sample(tau, v, n, total, k, status, orbit, samples)
 
 
@@ -181,12 +183,12 @@ def follow_after_contact(tau, v, cell, point, balls, states):
     """
     unit = speed_unit(point.delta, point.epsilon, point.beta)
     mark_tau, mark_v, mark_n, contacts, following = tau, v, 0, 0, 1
-    reference = first_reference(tau, v)
+    reference = first_reference_state(tau, v)
     for n in range(1, MOST_RETURNS + 1):
         code, tau, v, _time, _below, on_plus, on_minus = step(tau, v, point)
         if code != OK:
             break
-        orbit = capturing_orbit(tau, v, cell, balls)
+        orbit = find_capturing_orbit(tau, v, cell, balls)
         if on_plus + on_minus > 0:
             orbit = max(orbit, orbit_after_contact(tau, v, cell, states))
             if orbit < 0 and tau == mark_tau and v == mark_v:
@@ -213,7 +215,7 @@ def record_contact_state(tau, v, orbit, cell, states):
 
 
 @kernel
-def resolve_contacts(which, cells, samples, orbits, balls, states, waiting):
+def find_orbits_of_contact_samples(which, cells, samples, orbits, balls, states, waiting):
     """Find the orbits of samples with contact phases, and record new orbits and their states after contact.
 
     samples.gap[k] is the wall with which sample k is in contact, 0 if its contact phase is over. A sample whose cell
@@ -265,7 +267,7 @@ def follow_to_sigma_plus(k, samples, point):
     )
     samples.gap[k] = 0
     if code != OK:
-        samples.status[k] = inelastic_outcome(code)
+        samples.status[k] = outcome_without_return(code)
         return False
     samples.tau[k], samples.v[k] = tau, v
     samples.impacts[k] += 1
@@ -311,7 +313,7 @@ def count_contact_phases(grown, cells, orbits):
         for j in range(grown[cell], orbits.n[cell]):
             if orbits.first[cell, j] == -math.inf:
                 point = point_at(cell, cells)
-                found = contacts_and_merged_impacts(
+                found = count_contacts_and_merged_impacts(
                     orbits.tau[cell, j], orbits.v[cell, j], orbits.n_plus[cell, j], point
                 )
                 orbits.contacts[cell, j], orbits.merged[cell, j] = found

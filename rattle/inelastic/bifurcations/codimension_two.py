@@ -23,16 +23,16 @@ from numpy.typing import NDArray
 from rattle.continuation.arclength import (
     Bound,
     ContinuationProblem,
-    Follower,
+    CurveFollower,
     OneWayPath,
-    solution_with_value,
+    solve_with_fixed_unknown,
     tangent_at,
 )
 from rattle.errors import RattleError, require_number, require_one_of
 from rattle.impacting.bifurcations.codimension_two import POINTS, CodimensionTwo, codimension_two
 from rattle.impacting.orbits.equations import Itinerary
-from rattle.impacting.orbits.periodic import why_virtual
-from rattle.inelastic.bifurcations.starts import TWO_IMPACT_WALLS, graze_starts
+from rattle.impacting.orbits.periodic import reason_for_virtual_motion
+from rattle.inelastic.bifurcations.starts import TWO_IMPACT_WALLS, graze_guesses
 from rattle.inelastic.orbits.equations import InelasticItinerary
 from rattle.notebook import Columns, TabularResult
 from rattle.numerics.complex_step import Array
@@ -153,7 +153,7 @@ class CodimensionTwoCurve(TabularResult):
         i = int(passed[0])
         share = apart[i] / (apart[i] - apart[i + 1]) if apart[i] != apart[i + 1] else 0.0
         guess = self._points[i] + share * (self._points[i + 1] - self._points[i])
-        found = solution_with_value(_problem_of_point(self.name, self.beta), guess, R, r)
+        found = solve_with_fixed_unknown(_problem_of_point(self.name, self.beta), guess, R, r)
         if found is None:
             raise RattleError(
                 f"Newton's method finds no {self.name} at restitution = {r:g}: give a slightly different restitution"
@@ -210,14 +210,14 @@ def follow_codimension_two(name: str, beta: float = 0.6, lowest: float = LEAST_R
     if name not in known:
         raise RattleError(f"no {name} of the elastic gear was found at beta = {beta:g}: give another beta")
     at = known[name]
-    near = graze_starts(at.delta, beta, 1.0)
+    near = graze_guesses(at.delta, beta, 1.0)
     if not near:
         raise RattleError(
             f"the elastic gear has no graze at beta = {beta:g} from which {name} can be followed: give another beta"
         )
     problem = _problem_of_point(name, beta)
     closest = min(near, key=lambda x: abs(float(x[-1]) - at.epsilon))
-    start = solution_with_value(problem, np.append(closest, 1.0), R, 1.0)
+    start = solve_with_fixed_unknown(problem, np.append(closest, 1.0), R, 1.0)
     if start is None:
         raise RattleError(f"Newton's method finds no {name} at restitution = 1, beta = {beta:g}: give another beta")
 
@@ -226,10 +226,10 @@ def follow_codimension_two(name: str, beta: float = 0.6, lowest: float = LEAST_R
             return f"restitution = {lowest:g}" if x[R] < lowest else "restitution = 1"
         if not 0.0 < x[DELTA] < LARGEST_DAMPING * beta:
             return "the damping leaves the range that is followed"
-        return why_virtual(InelasticItinerary(TWO_IMPACT_WALLS, 1, beta, float(x[R])), x[:R], 1)
+        return reason_for_virtual_motion(InelasticItinerary(TWO_IMPACT_WALLS, 1, beta, float(x[R])), x[:R], 1)
 
     bounds = (Bound(R, lowest, 1.0), Bound(DELTA, 1e-3, LARGEST_DAMPING * beta))
-    follower = Follower(problem, bounds, lambda x: reason_to_end(x) is None, lambda _: LONGEST_STEP)
+    follower = CurveFollower(problem, bounds, lambda x: reason_to_end(x) is None, lambda _: LONGEST_STEP)
     down = np.zeros(5)
     down[R] = -1.0
     path = follower.follow(start, tangent_at(problem, start, down))
@@ -252,12 +252,12 @@ def _curve_of_path(
 
 
 @lru_cache(maxsize=64)
-def _cached_curve(name: str, beta: float) -> CodimensionTwoCurve:
+def _cached_codimension_two_curve(name: str, beta: float) -> CodimensionTwoCurve:
     """Return the curve of a codimension-two point down to LEAST_RESTITUTION, computed once for each name and beta."""
     return follow_codimension_two(name, beta)
 
 
-def points_at(beta: float, restitution: float, load: float = 0.0) -> tuple[CodimensionTwo, ...]:
+def codimension_two_points_at(beta: float, restitution: float, load: float = 0.0) -> tuple[CodimensionTwo, ...]:
     """Return the codimension-two points of the (δ, ε) plane at one restitution and load.
 
     Points that cannot be followed from r = 1 to this restitution are left out. `CodimensionTwo.tangency`, which is
@@ -271,7 +271,7 @@ def points_at(beta: float, restitution: float, load: float = 0.0) -> tuple[Codim
     found = []
     for name, condition in POINTS.items():
         try:
-            delta, epsilon = _cached_curve(name, beta / (1.0 + load)).at(restitution)
+            delta, epsilon = _cached_codimension_two_curve(name, beta / (1.0 + load)).at(restitution)
         except RattleError:
             continue
         found.append(

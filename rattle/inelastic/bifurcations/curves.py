@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rattle.continuation.arclength import ContinuationProblem
-from rattle.continuation.conditions import condition, scale_at
+from rattle.continuation.conditions import condition, scale_of_unknowns
 from rattle.continuation.curve_continuation import (
     QUIET_LIMIT,
     Curve,
-    CurveDescription,
+    MotionAtCurvePoint,
     PlaneWindow,
     interior_points,
     require_window_range,
@@ -21,13 +21,13 @@ from rattle.continuation.curve_continuation import (
 from rattle.errors import RattleError, broadcast_parameters, require, require_one_of
 from rattle.flight.forcing import DRIFT, TWO_PI
 from rattle.impacting.bifurcations.curve_tracing import ALL_EPSILON, LEAST_DELTA, REACH, describe_motion
-from rattle.impacting.orbits.periodic import why_virtual
-from rattle.inelastic.bifurcations.codimension_two import points_at
+from rattle.impacting.orbits.periodic import reason_for_virtual_motion
+from rattle.inelastic.bifurcations.codimension_two import codimension_two_points_at
 from rattle.inelastic.bifurcations.registry import INELASTIC_CURVES, NAMES
 from rattle.inelastic.given import Harmonics, checked_harmonics
 from rattle.inelastic.map.harmonics import AMPLITUDE, ORDER, PHASE, forcing_shape
 from rattle.inelastic.map.quiet import quiet_limit_with_phase
-from rattle.inelastic.orbits.equations import problem_with_load, unknowns_without_load
+from rattle.inelastic.orbits.equations import add_load_to_problem, unknowns_without_load
 from rattle.numerics.complex_step import Array
 
 SAME_EPSILON = 1e-9  # relative amount by which ε of a point on the curve may exceed the quiet limit, for rounding
@@ -111,23 +111,25 @@ def _trace_motion_curve(
                 yield np.append(x[:-1], x[-1] * unit)
 
     def reason_to_leave(x: Array) -> str | None:
-        return definition.belongs(x) or why_virtual(itinerary, unknowns_without_load(x, load), definition.impact)
+        return definition.belongs(x) or reason_for_virtual_motion(
+            itinerary, unknowns_without_load(x, load), definition.impact
+        )
 
-    def describe_solution(x: Array) -> CurveDescription:
+    def describe_solution(x: Array) -> MotionAtCurvePoint:
         found = describe_motion(itinerary, unknowns_without_load(x, load), definition.impact)
         return found._replace(v=found.v * unit)
 
-    problem = problem_with_load(condition(itinerary, definition.kind, definition.impact), load)
+    problem = add_load_to_problem(condition(itinerary, definition.kind, definition.impact), load)
 
-    def reason_with_point(x: Array, reason: str) -> str:
-        at = (each for each in points_at(beta, restitution, load) if name in each.curves)
+    def add_point_to_reason(x: Array, reason: str) -> str:
+        at = (each for each in codimension_two_points_at(beta, restitution, load) if name in each.curves)
         near = [
             each.name for each in at if abs(x[-2] - each.delta) < SAME_POINT and abs(x[-1] - each.epsilon) < SAME_POINT
         ]
         return ": ".join([*near[:1], reason])
 
     return trace_problem(
-        name, beta, problem, starting_points(), window, reason_to_leave, describe_solution, reason_with_point
+        name, beta, problem, starting_points(), window, reason_to_leave, describe_solution, add_point_to_reason
     )
 
 
@@ -160,10 +162,10 @@ def _quiet_limit_curve(
     return trace_problem(
         QUIET_LIMIT,
         beta,
-        ContinuationProblem(equations, scale=scale_at),
+        ContinuationProblem(equations, scale=scale_of_unknowns),
         guesses,
         window,
         reason_to_leave,
-        lambda x: CurveDescription(float(x[0] - np.floor(x[0])), 0.0, nothing),
+        lambda x: MotionAtCurvePoint(float(x[0] - np.floor(x[0])), 0.0, nothing),
         lambda _, reason: reason,
     )

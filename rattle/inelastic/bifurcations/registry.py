@@ -55,18 +55,20 @@ _DEFINITIONS = (
     InelasticCurveDefinition(
         "SN1",
         "saddle-node at which A and C, P(1,1,0), are born as ε grows; closed form for any restitution",
-        lambda delta, _beta, r: starts.one_impact_starts(EventKind.SADDLE_NODE, delta, r),
+        lambda delta, _beta, r: starts.one_impact_guesses(EventKind.SADDLE_NODE, delta, r),
     ),
-    InelasticCurveDefinition("SN2", "saddle-node at which B and D, P(1,1,1), are born as ε grows", starts.fold_starts),
+    InelasticCurveDefinition("SN2", "saddle-node at which B and D, P(1,1,1), are born as ε grows", starts.fold_guesses),
     InelasticCurveDefinition(
         "PD1", "flip (period doubling) at which D, P(1,1,1), loses stability as ε grows", starts.first_flip
     ),
-    InelasticCurveDefinition("G1", "grazing of C, P(1,1,0), on Σ⁻: there C and B or D become one", starts.graze_starts),
-    InelasticCurveDefinition("G2", "grazing of A, P(1,1,0), on Σ⁻: there A and D become one", starts.graze_starts),
+    InelasticCurveDefinition(
+        "G1", "grazing of C, P(1,1,0), on Σ⁻: there C and B or D become one", starts.graze_guesses
+    ),
+    InelasticCurveDefinition("G2", "grazing of A, P(1,1,0), on Σ⁻: there A and D become one", starts.graze_guesses),
     InelasticCurveDefinition(
         "PDC",
         "flip (period doubling) at which C, P(1,1,0), loses stability as ε grows; closed form for any restitution",
-        lambda delta, _beta, r: starts.one_impact_starts(EventKind.FLIP, delta, r),
+        lambda delta, _beta, r: starts.one_impact_guesses(EventKind.FLIP, delta, r),
     ),
     InelasticCurveDefinition("PD2", "flip at which D, P(1,1,1), becomes stable again at high ε", starts.later_flips),
 )

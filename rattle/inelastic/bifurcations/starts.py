@@ -14,8 +14,8 @@ import numpy as np
 
 from rattle.continuation.conditions import EventKind
 from rattle.flight.forcing import DRIFT
-from rattle.impacting.bifurcations.starts import StartFamily, find_zeros
-from rattle.inelastic.orbits.closed_form import flip_of_c, saddle_node, slope_at_departure
+from rattle.impacting.bifurcations.starts import TwoImpactFamily, find_zeros
+from rattle.inelastic.orbits.closed_form import flip_of_c, forcing_slope_at_departure, saddle_node
 from rattle.inelastic.orbits.equations import InelasticItinerary
 from rattle.inelastic.orbits.family import family_nodes, family_numerators
 from rattle.numerics.complex_step import Array
@@ -23,7 +23,7 @@ from rattle.numerics.complex_step import Array
 TWO_IMPACT_WALLS = (1, -1)  # walls of P(1,1,1), in order
 
 
-def inelastic_family_members(sigma: Array, delta: float, beta: float, r: float) -> StartFamily:
+def inelastic_family_members(sigma: Array, delta: float, beta: float, r: float) -> TwoImpactFamily:
     """Return the motions P(1,1,1) whose times from Σ⁺ to Σ⁻ are 1/2 + σ, for increasing σ (k,)."""
     closed = np.array([family_numerators(each, delta, beta, r) for each in sigma]).reshape(-1, 5)
     x, y = closed[:, 0] / closed[:, 4], closed[:, 1] / closed[:, 4]
@@ -31,25 +31,25 @@ def inelastic_family_members(sigma: Array, delta: float, beta: float, r: float) 
     unknowns = np.column_stack([tau, tau + 0.5 + sigma, np.full_like(sigma, delta), np.hypot(x, y)])
     itinerary = InelasticItinerary(TWO_IMPACT_WALLS, 1, beta, r)
     at_one, at_minus_one = (np.linalg.det(itinerary.jacobian(unknowns, multiplier)) for multiplier in (1.0, -1.0))
-    return StartFamily(sigma, unknowns, closed[:, 3] / closed[:, 4], at_one, at_minus_one)
+    return TwoImpactFamily(sigma, unknowns, closed[:, 3] / closed[:, 4], at_one, at_minus_one)
 
 
 @lru_cache(maxsize=256)
-def two_impact_starts(delta: float, beta: float, r: float) -> StartFamily:
+def two_impact_family_members(delta: float, beta: float, r: float) -> TwoImpactFamily:
     """Return motions P(1,1,1) whose times from Σ⁺ to Σ⁻ are 1/2 + σ with σ > 0.
 
     The values of σ are those of `family_nodes` at which ε(σ) is finite.
 
     Returns
     -------
-    StartFamily
+    TwoImpactFamily
         The motions, in the order of increasing σ.
     """
     sigma, epsilon = family_nodes(delta, beta, r)
     return inelastic_family_members(sigma[(sigma > 0.0) & np.isfinite(epsilon)], delta, beta, r)
 
 
-def _zeros_on_family(values: Callable[[StartFamily], Array], delta: float, beta: float, r: float) -> list[Array]:
+def _zeros_on_family(values: Callable[[TwoImpactFamily], Array], delta: float, beta: float, r: float) -> list[Array]:
     """Return the unknowns of the motions P(1,1,1) at one damping for which a function of these motions is 0.
 
     values: the function, such as the determinant of the equations' Jacobian, which is 0 at saddle-nodes.
@@ -59,23 +59,23 @@ def _zeros_on_family(values: Callable[[StartFamily], Array], delta: float, beta:
     list of ndarray
         The unknowns of each motion.
     """
-    coarse = two_impact_starts(delta, beta, r)
+    coarse = two_impact_family_members(delta, beta, r)
     return find_zeros(values, coarse, lambda sigma: inelastic_family_members(sigma, delta, beta, r))
 
 
-def fold_starts(delta: float, beta: float, r: float) -> list[Array]:
+def fold_guesses(delta: float, beta: float, r: float) -> list[Array]:
     """Return the unknowns of the saddle-nodes of B and D at one damping."""
     return _zeros_on_family(lambda at: at.saddle_node, delta, beta, r)
 
 
 @lru_cache(maxsize=256)
-def graze_starts(delta: float, beta: float, r: float) -> tuple[Array, ...]:
+def graze_guesses(delta: float, beta: float, r: float) -> tuple[Array, ...]:
     """Return the unknowns of the P(1,1,1) at one damping that arrive at Σ⁻ with speed 0."""
     return tuple(_zeros_on_family(lambda at: at.u, delta, beta, r))
 
 
 @lru_cache(maxsize=256)
-def flip_starts(delta: float, beta: float, r: float) -> tuple[Array, ...]:
+def flip_guesses(delta: float, beta: float, r: float) -> tuple[Array, ...]:
     """Return the unknowns of each flip of B and D at one damping, close enough to start Newton's method."""
     return tuple(_zeros_on_family(lambda at: at.flip, delta, beta, r))
 
@@ -90,22 +90,22 @@ def first_flip(delta: float, beta: float, r: float) -> Sequence[Array]:
     Sequence[Array]
         One array of unknowns, or none.
     """
-    found = flip_starts(delta, beta, r)
+    found = flip_guesses(delta, beta, r)
     if not found:
         return ()
-    at, x = two_impact_starts(delta, beta, r), found[0]
+    at, x = two_impact_family_members(delta, beta, r), found[0]
     loses = at.flip[np.searchsorted(at.sigma, x[1] - x[0] - 0.5) - 1] < 0
     return found[:1] if loses else ()
 
 
 def later_flips(delta: float, beta: float, r: float) -> Sequence[Array]:
     """Return the unknowns of all flips of B and D at one damping, except the flip that `first_flip` returns."""
-    return flip_starts(delta, beta, r)[len(first_flip(delta, beta, r)) :]
+    return flip_guesses(delta, beta, r)[len(first_flip(delta, beta, r)) :]
 
 
-def one_impact_starts(kind: EventKind, delta: float, r: float) -> list[Array]:
+def one_impact_guesses(kind: EventKind, delta: float, r: float) -> list[Array]:
     """Return a list of the unknowns (3,) of SN1 or, if `kind` is FLIP, of the flip of C; empty if there is none."""
-    offset = -slope_at_departure(delta, r, DRIFT) / (2 * np.pi)
+    offset = -forcing_slope_at_departure(delta, r, DRIFT) / (2 * np.pi)
     epsilon = saddle_node(delta, r, DRIFT) if kind is EventKind.SADDLE_NODE else flip_of_c(delta, r, DRIFT)
     if not np.isfinite(epsilon) or epsilon == 0.0:
         return []

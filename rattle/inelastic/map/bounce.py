@@ -25,8 +25,8 @@ from rattle.flight.law import fold_phase, wrap_phase_difference
 from rattle.inelastic.map.contact import is_chatter_captured
 from rattle.inelastic.map.flight import first_impact_of_forced_flight, forced_flight
 from rattle.inelastic.map.harmonics import AMPLITUDE, ORDER, PHASE, force_at
-from rattle.inelastic.map.impact_map import InelasticPoint, piece_number
-from rattle.intensity.forces import force_lines
+from rattle.inelastic.map.impact_map import InelasticPoint, force_piece_number
+from rattle.intensity.forces import spectral_lines_of_force
 from rattle.intensity.visit import bounce, mean_force_at
 from rattle.numerics.compile import implement_for_type, inline, kernel
 
@@ -35,7 +35,7 @@ REST_FRACTION = 1e-6
 
 
 @inline
-def force_primitive(tau, delta, harmonics):
+def force_antiderivative(tau, delta, harmonics):
     """Return e' + δe at this phase, where e is the forcing. Its time derivative is the contact force minus its mean."""
     found = 0.0
     for j in range(harmonics.shape[1]):
@@ -76,7 +76,7 @@ def follow_flight_and_impact(wall, tau, w, point):
         number = nearest_release(tau, zeros)
         tau, piece = zeros[number], number + 1
     else:
-        piece = piece_number(tau, zeros)
+        piece = force_piece_number(tau, zeros)
     flight = forced_flight(tau, w, delta, point.drift, harmonics, departure)
     if zeros.size == 0 and is_chatter_captured(wall, abs(w), flight.force, point):
         return IN_CONTACT, 0.0, wall, abs(w), 0.0, 0.0, abs(w)
@@ -90,9 +90,9 @@ def follow_flight_and_impact(wall, tau, w, point):
     slow = v < REST_FRACTION * point.capture * force * force
     if not (slow and zeros.size > 0 and is_chatter_captured(wall, v, force, point)):
         return OK, s, wall, speed, 0.0, speed + v, v
-    piece = piece_number(landed, zeros)
+    piece = force_piece_number(landed, zeros)
     end = zeros[piece] if piece < zeros.size else zeros[0] + 1.0
-    change = force_primitive(end, delta, harmonics) - force_primitive(landed, delta, harmonics)
+    change = force_antiderivative(end, delta, harmonics) - force_antiderivative(landed, delta, harmonics)
     pressed = wall * (delta * point.drift * (end - landed) + change)
     return OK, s, wall, speed, end - landed, speed + pressed, 0.0
 
@@ -107,7 +107,7 @@ def _mean_force_at(point):
     return point.delta * point.drift
 
 
-@force_lines.register
+@spectral_lines_of_force.register
 def _(point: InelasticPoint) -> list[tuple[float, complex]]:
     """Return the spectral lines of the contact force: its mean, then two lines at ± the frequency of each harmonic."""
     lines = [(0.0, complex(point.delta * point.drift))]

@@ -10,10 +10,17 @@ from numpy.typing import NDArray
 
 from rattle.flight.forcing import DRIFT
 from rattle.inelastic.map.contact import chatter_capture_limit, quiet_invariant
-from rattle.inelastic.map.harmonics import AMPLITUDE, ORDER, forcing_bounds, forcing_shape, isolated_zeros, most_zeros
+from rattle.inelastic.map.harmonics import (
+    AMPLITUDE,
+    ORDER,
+    forcing_derivative_bounds,
+    forcing_shape,
+    isolate_force_zeros,
+    max_zero_count,
+)
 from rattle.inelastic.map.impact_map import InelasticPoint
 from rattle.numerics.compile import implement_for_type, kernel
-from rattle.orbits.return_map import point_between, point_of
+from rattle.orbits.return_map import point_between, point_of_cell
 
 
 class InelasticCells(NamedTuple):
@@ -47,14 +54,14 @@ def scaled_harmonics(shape, epsilon):
 
 
 @kernel
-def fill_cells(cells):
+def fill_derived_cell_fields(cells):
     """Compute the fields of cells that follow from their parameters, from `zeros` to `quiet_invariant`, in place."""
     for i in range(cells.delta.size):
         delta, drift = cells.delta[i], DRIFT * (1.0 + cells.load[i])
         harmonics = scaled_harmonics(cells.shape, cells.epsilon[i])
-        count, positive = isolated_zeros(delta, drift, harmonics, cells.zeros[i])
+        count, positive = isolate_force_zeros(delta, drift, harmonics, cells.zeros[i])
         cells.zero_count[i], cells.positive[i] = count, 1 if positive else 0
-        cells.third[i] = forcing_bounds(delta, harmonics).third
+        cells.third[i] = forcing_derivative_bounds(delta, harmonics).third
         cells.capture[i] = (
             chatter_capture_limit(delta, cells.restitution[i], harmonics) if cells.restitution[i] < 1.0 else 0.0
         )
@@ -80,7 +87,7 @@ def point_at(cell, cells):
     )
 
 
-@implement_for_type(point_of, InelasticCells)
+@implement_for_type(point_of_cell, InelasticCells)
 def _point_of(cell, cells):
     return point_at(cell, cells)
 
@@ -90,7 +97,7 @@ def _point_between(share, one, other):
     delta = one.delta + share * (other.delta - one.delta)
     harmonics = one.harmonics + share * (other.harmonics - one.harmonics)
     room = np.empty(2 * int(harmonics[ORDER].max()) + 2)
-    count, positive = isolated_zeros(delta, one.drift, harmonics, room)
+    count, positive = isolate_force_zeros(delta, one.drift, harmonics, room)
     quiet = count == 0 and positive
     return InelasticPoint(
         delta,
@@ -101,7 +108,7 @@ def _point_between(share, one, other):
         harmonics,
         room[:count].copy(),
         positive,
-        forcing_bounds(delta, harmonics).third,
+        forcing_derivative_bounds(delta, harmonics).third,
         chatter_capture_limit(delta, one.restitution, harmonics) if one.restitution < 1.0 else 0.0,
         quiet_invariant(delta, one.drift, one.beta, harmonics) if quiet else 0.0,
     )
@@ -133,11 +140,11 @@ def cells_of_forcing_shape(
     cells = InelasticCells(
         **{name: np.ascontiguousarray(x, np.float64) for name, x in given.items()},
         shape=shape,
-        zeros=np.zeros((n, most_zeros(shape) + 2)),
+        zeros=np.zeros((n, max_zero_count(shape) + 2)),
         **{name: np.zeros(n, np.int64) for name in ("zero_count", "positive")},
         **{name: np.zeros(n) for name in ("third", "capture", "quiet_invariant")},
     )
-    fill_cells(cells)
+    fill_derived_cell_fields(cells)
     return cells
 
 

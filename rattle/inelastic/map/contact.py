@@ -23,7 +23,7 @@ import math
 from rattle.flight.contact_phase import SHARE, chatter_completes
 from rattle.flight.contact_phase import is_captured as is_quiet
 from rattle.impacting.map.quiet import largest_eta
-from rattle.inelastic.map.harmonics import ORDER, force_at, forcing_bounds
+from rattle.inelastic.map.harmonics import ORDER, force_at, forcing_derivative_bounds
 from rattle.numerics.compile import inline, kernel
 
 # factor of (1 − r) h²/max|g'| in the largest speed at which a chatter is certain to complete
@@ -34,7 +34,7 @@ PHASES = 64  # number of phases, per period of the fastest harmonic, at which th
 @inline
 def chatter_capture_limit(delta, restitution, harmonics):
     """Return the largest v/h² at which a chatter is certain to complete; v: speed after impact, h: contact force."""
-    return LEAST_SHARE * (1.0 - restitution) / forcing_bounds(delta, harmonics).force_rate
+    return LEAST_SHARE * (1.0 - restitution) / forcing_derivative_bounds(delta, harmonics).force_rate
 
 
 @inline

@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 from rattle.flight.first_impact import BISECTED, LONGEST, MOST_STEPS, NO_IMPACT, OK
 from rattle.flight.forcing import TWO_PI, sine_cosine_at, versines
-from rattle.flight.law import LONGEST_DECAY, decay64
+from rattle.flight.law import LONGEST_DECAY, decay_remainder64
 from rattle.inelastic.map.harmonics import AMPLITUDE, ORDER, PHASE
 from rattle.numerics.compile import inline, kernel
 
@@ -55,7 +55,7 @@ def evaluate_forced_flight(s, flight, harmonics, departure):
     w, a, _bend, _force, delta = flight
     x = delta * s
     if x <= LONGEST_DECAY:
-        k = x * decay64(x)  # (e^(−x) − 1 + x)/x
+        k = x * decay_remainder64(x)  # (e^(−x) − 1 + x)/x
         lost = x * (1.0 - k)
         f0 = s * (w + a * k)
     else:
@@ -165,7 +165,7 @@ def lower_bound_on_piece(length, g0, slope0, g1, slope1, delta):
 
 
 @kernel
-def crossing_on_piece(sign, s0, f0, f1, s1, e0, e1, guess, lower, upper, third, flight, harmonics, departure):
+def find_crossing_on_piece(sign, s0, f0, f1, s1, e0, e1, guess, lower, upper, third, flight, harmonics, departure):
     """Return the first time from s0 to s1 at which the displacement F leaves the interval from `lower` to `upper`.
 
     sign: the sign of the contact force from s0 to s1. Therefore sign · F falls, or rises, or first falls and then
@@ -207,7 +207,7 @@ def crossing_on_piece(sign, s0, f0, f1, s1, e0, e1, guess, lower, upper, third, 
 def first_impact_of_forced_flight(wall, tau, flight, piece, point, departure):
     """Return the first impact of a flight that departs from a wall at phase tau.
 
-    piece: the number of zeros of the contact force at or before tau (`piece_number`).
+    piece: the number of zeros of the contact force at or before tau (`force_piece_number`).
 
     Returns
     -------
@@ -239,7 +239,7 @@ def first_impact_of_forced_flight(wall, tau, flight, piece, point, departure):
             e0, e1, _f2, _lost = evaluate_forced_flight(e, flight, harmonics, departure)
             if not abs(e0) < math.inf:
                 break
-            target, t = crossing_on_piece(
+            target, t = find_crossing_on_piece(
                 sign, s, f0, f1, e, e0, e1, guess, lower, upper, third, flight, harmonics, departure
             )
             if target != 0:

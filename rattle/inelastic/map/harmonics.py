@@ -4,7 +4,7 @@
 
 Here k is the order of a harmonic, a its amplitude, φ its phase in turns, and q the drift, 4π (1 + load). The zeros of g
 cut a flight into pieces on which Φ has at most one extremum, and contact phases end at zeros of g. These zeros are
-computed once for each parameter point, with a proof that none is missed (`isolated_zeros`).
+computed once for each parameter point, with a proof that none is missed (`isolate_force_zeros`).
 """
 
 import math
@@ -46,7 +46,7 @@ def force_at(tau, delta, drift, harmonics):
 
 
 @inline
-def forcing_bounds(delta, harmonics):
+def forcing_derivative_bounds(delta, harmonics):
     """Return upper bounds of |g'|, |g''| and |e'''| (g: contact force, e: forcing), each the sum over the harmonics."""
     rate, bend, third = 0.0, 0.0, 0.0
     for j in range(harmonics.shape[1]):
@@ -78,7 +78,7 @@ def force_zero_between(low, high, falling, delta, drift, harmonics):
 
 
 @kernel
-def isolated_zeros(delta, drift, harmonics, zeros):
+def isolate_force_zeros(delta, drift, harmonics, zeros):
     """Write the phases in [0, 1) at which the contact force g changes sign to `zeros`, in rising order.
 
     An interval with centre c and half-width h is halved until one of two conditions holds: g has no zero on it, because
@@ -93,7 +93,7 @@ def isolated_zeros(delta, drift, harmonics, zeros):
     positive : bool
         Whether g is positive at phase 0.
     """
-    bend = forcing_bounds(delta, harmonics).force_bend
+    bend = forcing_derivative_bounds(delta, harmonics).force_bend
     positive = force_at(0.0, delta, drift, harmonics)[0] > 0.0
     low, high = np.empty(MOST_INTERVALS), np.empty(MOST_INTERVALS)
     low[0], high[0] = 0.0, 1.0
@@ -121,7 +121,7 @@ def isolated_zeros(delta, drift, harmonics, zeros):
     return found, positive
 
 
-def most_zeros(harmonics: NDArray[np.float64]) -> int:
+def max_zero_count(harmonics: NDArray[np.float64]) -> int:
     """Return the largest possible number of zeros of the contact force in a period: twice the highest order."""
     return 2 * int(harmonics[ORDER].max())
 

@@ -52,7 +52,7 @@ class InelasticPoint(NamedTuple):
 
 
 @inline
-def piece_number(tau, zeros):
+def force_piece_number(tau, zeros):
     """Return how many `zeros` of the contact force lie at or before phase tau: the number of the piece with tau."""
     low, high = 0, zeros.size
     while low < high:
@@ -95,7 +95,7 @@ def flight_after_impact(wall, tau, w, piece, point, departure):
 
 
 @kernel
-def step_tangent(tau, v, point):
+def step_with_tangent(tau, v, point):
     """Return the next state (τ', v') on Σ⁺ after a state (τ, v), with the tangent map.
 
     Returns
@@ -109,7 +109,7 @@ def step_tangent(tau, v, point):
     j00, j01, j10, j11, log_det = 1.0, 0.0, 0.0, 1.0, 0.0
     on_plus, on_minus = 0, 0
     loss = 2.0 * math.log(point.restitution)
-    piece = piece_number(tau, point.zeros)
+    piece = force_piece_number(tau, point.zeros)
     while True:
         begun = tau
         contact, wait, tau, piece, flight = flight_after_impact(wall, begun, w, piece, point, departure)
@@ -134,7 +134,7 @@ def step_tangent(tau, v, point):
             log_det += loss - point.delta * s
         time += s
         tau = fold_phase(tau + s)
-        piece = piece_number(tau, point.zeros)
+        piece = force_piece_number(tau, point.zeros)
         w = -point.restitution * w1
         if wall > 0:
             # v = −w at both ends, so dv = −dw
@@ -164,7 +164,7 @@ def next_impact_on_plus(wall, tau, w, point):
     departure = np.empty((2, point.harmonics.shape[1]))
     time, n_minus, run, bounces = 0.0, 0, 0, 0
     on_plus, on_minus = 0, 0
-    piece = piece_number(tau, point.zeros)
+    piece = force_piece_number(tau, point.zeros)
     while True:
         begun = tau
         contact, wait, tau, piece, flight = flight_after_impact(wall, begun, w, piece, point, departure)
@@ -183,7 +183,7 @@ def next_impact_on_plus(wall, tau, w, point):
             return status, tau, abs(w), time, n_minus, on_plus, on_minus
         time += s
         tau = fold_phase(tau + s)
-        piece = piece_number(tau, point.zeros)
+        piece = force_piece_number(tau, point.zeros)
         w = -point.restitution * w1
         if wall > 0:
             return OK, tau, abs(w), time, n_minus, on_plus, on_minus
@@ -200,7 +200,7 @@ def _step(tau, v, point):
     return status, tau1, v1, time, n_minus
 
 
-@implement_for_type(return_map.step_tangent, InelasticPoint)
+@implement_for_type(return_map.step_with_tangent, InelasticPoint)
 def _step_tangent(tau, v, point):
-    status, tau1, v1, time, n_minus, j00, j01, j10, j11, log_det, _plus, _minus = step_tangent(tau, v, point)
+    status, tau1, v1, time, n_minus, j00, j01, j10, j11, log_det, _plus, _minus = step_with_tangent(tau, v, point)
     return status, tau1, v1, time, n_minus, j00, j01, j10, j11, log_det

@@ -11,11 +11,11 @@ from numpy.typing import ArrayLike, NDArray
 from rattle.errors import ParameterError
 from rattle.flight.contact_phase import IN_CONTACT
 from rattle.flight.first_impact import OK
-from rattle.inelastic.given import Harmonics, checked_harmonics, inelastic_points
+from rattle.inelastic.given import Harmonics, check_inelastic_parameters, checked_harmonics
 from rattle.inelastic.map.cells import InelasticCells, inelastic_cells, point_at
-from rattle.inelastic.map.impact_map import step, step_tangent
+from rattle.inelastic.map.impact_map import step, step_with_tangent
 from rattle.numerics.compile import kernel
-from rattle.orbits.iterates import Iterates, Stretched, fold, require_states
+from rattle.orbits.iterates import Iterates, IteratesWithExponents, fold_phases, require_states
 from rattle.parameters import Parameters
 
 
@@ -52,7 +52,7 @@ def apply_inelastic_returns_with_tangent(tau, v, n, cell, cells, n_plus, n_minus
         point = point_at(cell[i], cells)
         x, y = 1.0, 0.0
         while n_plus[i] < n[i]:
-            code, tau1, v1, time, below, j00, j01, j10, j11, log_det, _p, _m = step_tangent(tau[i], v[i], point)
+            code, tau1, v1, time, below, j00, j01, j10, j11, log_det, _p, _m = step_with_tangent(tau[i], v[i], point)
             if code != OK:
                 break
             x, y = j00 * x + j01 / v[i] * y, v1 * (j10 * x + j11 / v[i] * y)
@@ -69,7 +69,7 @@ def apply_inelastic_returns_with_tangent(tau, v, n, cell, cells, n_plus, n_minus
             n_minus[i] += below
 
 
-def _flat_states_and_cells(
+def _broadcast_states_and_cells(
     parameters: Parameters, tau: ArrayLike, v: ArrayLike, n: ArrayLike
 ) -> tuple[list[Any], Any, tuple[int, ...]]:
     """Broadcast states and parameters, and check them.
@@ -95,7 +95,7 @@ def _flat_states_and_cells(
     flat = parameters.flat()
     added = flat.added["restitution"], flat.added["load"]
     cells: InelasticCells = inelastic_cells(flat.delta, flat.epsilon, flat.beta, *added, parameters.harmonics)
-    arrays = (fold(phases), speeds, steps.astype(np.int64), cell)
+    arrays = (fold_phases(phases), speeds, steps.astype(np.int64), cell)
     return [np.array(x, order="C").ravel() for x in arrays], cells, phases.shape
 
 
@@ -139,8 +139,8 @@ def iterate(
     ParameterError
         If a number is outside its domain.
     """
-    at = inelastic_points(delta, epsilon, beta, restitution, load, checked_harmonics(harmonics))
-    (tau_, v_, n_, cell), cells, shape = _flat_states_and_cells(at, tau, v, n)
+    at = check_inelastic_parameters(delta, epsilon, beta, restitution, load, checked_harmonics(harmonics))
+    (tau_, v_, n_, cell), cells, shape = _broadcast_states_and_cells(at, tau, v, n)
     n_plus, n_minus, contacts = _new_counters(tau_.size, 3)
     apply_inelastic_returns(
         tau_, v_, n_, cell, cells, np.zeros(tau_.size, np.int8), n_plus, n_minus, contacts, np.zeros(tau_.size)
@@ -158,7 +158,7 @@ def iterate_tangent(
     restitution: ArrayLike = 1.0,
     load: ArrayLike = 0.0,
     harmonics: Harmonics = (),
-) -> Stretched:
+) -> IteratesWithExponents:
     """Return the results of `iterate`, and both Lyapunov exponents over the n impacts: see `rattle.iterate_tangent`.
 
     λ₁ + λ₂ is −δ plus 2 ln r times the number of impacts per forcing period. After a contact phase λ₁ is −∞, and λ₂,
@@ -166,12 +166,12 @@ def iterate_tangent(
 
     Returns
     -------
-    Stretched
+    IteratesWithExponents
         States, impacts on both walls, and exponents.
     """
-    at = inelastic_points(delta, epsilon, beta, restitution, load, checked_harmonics(harmonics))
-    (tau_, v_, n_, cell), cells, shape = _flat_states_and_cells(at, tau, v, n)
+    at = check_inelastic_parameters(delta, epsilon, beta, restitution, load, checked_harmonics(harmonics))
+    (tau_, v_, n_, cell), cells, shape = _broadcast_states_and_cells(at, tau, v, n)
     n_plus, n_minus = _new_counters(tau_.size, 2)
     growth = np.zeros((3, tau_.size))
     apply_inelastic_returns_with_tangent(tau_, v_, n_, cell, cells, n_plus, n_minus, growth)
-    return Stretched.from_growth((tau_, v_, n_plus, n_minus), growth, shape)
+    return IteratesWithExponents.from_growth((tau_, v_, n_plus, n_minus), growth, shape)

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from rattle.flight.forcing import TWO_PI
-from rattle.inelastic.map.harmonics import ORDER, PHASE, forcing_bounds, forcing_shape
+from rattle.inelastic.map.harmonics import ORDER, PHASE, forcing_derivative_bounds, forcing_shape
 
 PHASES = 64  # grid points per period of the fastest harmonic at which the force is first evaluated
 
@@ -46,7 +46,7 @@ def quiet_limit_with_phase(delta: float, drift: float, shape: Any) -> tuple[floa
         return rate, -(size * order**2 * (delta * np.sin(angle) + order * np.cos(angle))).sum(axis=-1)
 
     heights = negative_varying_force(tau)
-    slack = 0.5 * forcing_bounds(delta, shape).force_bend * (0.5 / count) ** 2
+    slack = 0.5 * forcing_derivative_bounds(delta, shape).force_bend * (0.5 / count) ** 2
     near = tau[heights >= heights.max() - slack]
     for _ in range(50):
         rate, bend = derivatives_of_negative_force(near)

@@ -7,7 +7,7 @@ from rattle.numerics.compile import kernel
 
 
 @kernel
-def contacts_and_merged_impacts(tau, v, n, point):
+def count_contacts_and_merged_impacts(tau, v, n, point):
     """Count the contact phases of a motion that repeats after n returns, and the impacts that its label leaves out.
 
     In the label P(m, n₊, n₋) a run of impacts on Σ⁺ that ends in contact counts as one impact. The run begins after an

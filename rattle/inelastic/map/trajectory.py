@@ -7,15 +7,15 @@ import numpy as np
 from rattle.flight.first_impact import OK, SIGMA_PLUS
 from rattle.flight.law import fold_phase
 from rattle.inelastic.map.flight import evaluate_forced_flight, first_impact_of_forced_flight, forced_flight
-from rattle.inelastic.map.impact_map import InelasticPoint, flight_after_impact, piece_number
+from rattle.inelastic.map.impact_map import InelasticPoint, flight_after_impact, force_piece_number
 from rattle.numerics.compile import kernel
-from rattle.orbits.iterates import MOST_IMPACTS, Trajectory, sampled_motion
+from rattle.orbits.iterates import MOST_IMPACTS, Trajectory, sample_motion
 
 SHORT_CHATTER = 1e-5  # duration, in forcing periods, below which the rest of a chatter is not followed impact by impact
 
 
 @kernel
-def chatter_time(wall, v, force, point):
+def remaining_chatter_time(wall, v, force, point):
     """Return about how long a chatter still lasts after one of its impacts: 2v/((1 − r)|g|).
 
     v: the speed after this impact. force: the contact force g at the impact. The relative error is about as large as
@@ -35,9 +35,9 @@ def chatter_time(wall, v, force, point):
 def write_inelastic_motion(tau, v, point, time, phi, velocity, impact_time, impact_wall, impact_speed):
     """Write Φ and Φ' at increasing times, and the impacts before the last of these times, to given arrays.
 
-    A chatter is followed until its remaining duration, from `chatter_time`, is below SHORT_CHATTER. The error of the
-    time at which contact begins is then about SHORT_CHATTER². Impacts beyond the length of the arrays are counted but
-    not written.
+    A chatter is followed until its remaining duration, from `remaining_chatter_time`, is below SHORT_CHATTER. The error
+    of the time at which contact begins is then about SHORT_CHATTER². Impacts beyond the length of the arrays are
+    counted but not written.
 
     Returns
     -------
@@ -50,12 +50,12 @@ def write_inelastic_motion(tau, v, point, time, phi, velocity, impact_time, impa
     """
     departure = np.empty((2, point.harmonics.shape[1]))
     wall, w, now, phase, i, impacts, rest = SIGMA_PLUS, -v, 0.0, tau, 0, 0, math.inf
-    piece = piece_number(tau, point.zeros)
+    piece = force_piece_number(tau, point.zeros)
     while i < time.size:
         contact, wait, release, number, flight = flight_after_impact(wall, phase, w, piece, point, departure)
         if contact:
             flight = forced_flight(phase, w, point.delta, point.drift, point.harmonics, departure)
-            left = chatter_time(wall, abs(w), flight.force, point)
+            left = remaining_chatter_time(wall, abs(w), flight.force, point)
             if left < SHORT_CHATTER or (point.restitution == 1.0):
                 if wait == math.inf:
                     rest = now + min(left, SHORT_CHATTER)
@@ -78,7 +78,7 @@ def write_inelastic_motion(tau, v, point, time, phi, velocity, impact_time, impa
         if i == time.size:
             break
         now, phase, wall = now + s, fold_phase(phase + s), target
-        piece = piece_number(phase, point.zeros)
+        piece = force_piece_number(phase, point.zeros)
         w = -point.restitution * w1
         if impacts < impact_time.size:
             impact_time[impacts], impact_wall[impacts], impact_speed[impacts] = now, wall, abs(w1)
@@ -90,4 +90,4 @@ def write_inelastic_motion(tau, v, point, time, phi, velocity, impact_time, impa
 
 def trajectory(point: InelasticPoint, tau: float, v: float, periods: float, points: int) -> Trajectory:
     """Return Φ and Φ' of the motion from a state (τ, v) on Σ⁺, as `rattle.inelastic.InelasticGear.trajectory` does."""
-    return sampled_motion(write_inelastic_motion, tau, v, (point,), periods, points)
+    return sample_motion(write_inelastic_motion, tau, v, (point,), periods, points)

@@ -24,7 +24,7 @@ from rattle.flight.forcing import TWO_PI
 from rattle.flight.law import fold_phase, wrap_phase_difference
 from rattle.inelastic.map.harmonics import AMPLITUDE, ORDER, PHASE
 from rattle.inelastic.map.impact_map import InelasticPoint, step
-from rattle.inelastic.orbits.family import return_speed_by_drift
+from rattle.inelastic.orbits.family import departure_speed_over_drift
 from rattle.orbits.orbits_a_to_d import multipliers_of
 
 Array = NDArray[np.float64]
@@ -45,15 +45,15 @@ def departure_speed(delta: float, restitution: float, drift: float) -> float:
     return restitution * delta * drift / (1.0 + restitution)
 
 
-def slope_at_departure(delta: float, restitution: float, drift: float) -> float:
+def forcing_slope_at_departure(delta: float, restitution: float, drift: float) -> float:
     """Return the value that the derivative e' of the forcing has when a P(1,1,0) leaves Σ⁺."""
-    swing = drift * return_speed_by_drift(delta, -math.expm1(-delta))
+    swing = drift * departure_speed_over_drift(delta, -math.expm1(-delta))
     return float(swing - departure_speed(delta, restitution, drift))
 
 
 def saddle_node(delta: float, restitution: float, drift: float) -> float:
     """Return the ε of SN1, at which A and C are born under forcing by one cosine."""
-    return abs(slope_at_departure(delta, restitution, drift)) / TWO_PI
+    return abs(forcing_slope_at_departure(delta, restitution, drift)) / TWO_PI
 
 
 def flip_of_c(delta: float, restitution: float, drift: float) -> float:
@@ -75,7 +75,7 @@ def one_impact_motions(point: InelasticPoint) -> list[OneImpactMotion]:
     """Return the admissible motions P(1,1,0) under any forcing, sorted by phase."""
     delta, r, drift = point.delta, point.restitution, point.drift
     harmonics = point.harmonics
-    wanted = slope_at_departure(delta, r, drift)
+    wanted = forcing_slope_at_departure(delta, r, drift)
     v, decay = departure_speed(delta, r, drift), math.exp(-delta)
     phases = _zeros_of_periodic_function(
         lambda tau: forcing_derivatives(tau, harmonics)[0] - wanted, int(PHASES * harmonics[ORDER].max())

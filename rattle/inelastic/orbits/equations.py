@@ -77,7 +77,7 @@ def unknowns_without_load(x: NDArray, load: float) -> NDArray:
     return found
 
 
-def problem_with_load(problem: ContinuationProblem, load: float) -> ContinuationProblem:
+def add_load_to_problem(problem: ContinuationProblem, load: float) -> ContinuationProblem:
     """Return the continuation problem of a gear with load, from the problem of the equivalent gear without load."""
     if load == 0.0:
         return problem

@@ -32,13 +32,13 @@ SAME_TIME = 1e-6  # largest difference, in forcing periods, between a flight's t
 INNERMOST_NODE = 1e-9  # |σ| of the two nodes next to σ = 0, where the equations are singular
 NODES_PER_SIDE = 160  # number of values of σ < 0, and of σ > 0, at which ε(σ) is first computed
 MOST_NODES = 2 * NODES_PER_SIDE + 24  # nodes on both sides of σ = 0, and at most 24 turning points of ε(σ)
-SMALL_DAMPING = 0.05  # value of δ times the flight time below which `return_speed_by_drift` uses a series
+SMALL_DAMPING = 0.05  # value of δ times the flight time below which `departure_speed_over_drift` uses a series
 MOST_STEPS = 200  # largest number of secant steps
 Array = NDArray[np.float64]
 
 
 @inline
-def return_speed_by_drift(x, lost):
+def departure_speed_over_drift(x, lost):
     """Return x/(1 − e^(−x)) − 1 without cancellation, where `lost` is 1 − e^(−x).
 
     The value times the drift is the speed with which an unforced flight must leave Σ⁺ to return after the time x/δ.
@@ -71,8 +71,8 @@ def family_numerators(sigma, delta, beta, r):
     h = abs(sigma)
     apart = math.copysign(-max(es, er) * math.expm1(-2.0 * delta * h), sigma)  # Er − Es
     f1, f2 = delta / ls, delta / lr
-    c1 = DRIFT * return_speed_by_drift(xs, ls) + 2.0 * beta * f1
-    c2 = DRIFT * return_speed_by_drift(xr, lr) - 2.0 * beta * f2
+    c1 = DRIFT * departure_speed_over_drift(xs, ls) + 2.0 * beta * f1
+    c2 = DRIFT * departure_speed_over_drift(xr, lr) - 2.0 * beta * f2
     k1 = r * es * c1 + c2 - DRIFT * r * ls
     k2 = c1 + r * er * c2 - DRIFT * r * lr
     g1, g2 = r * es * f1 - f2, f1 - r * er * f2
@@ -88,22 +88,22 @@ def family_numerators(sigma, delta, beta, r):
 
 
 @kernel
-def family_amplitude(sigma, delta, beta, r):
+def epsilon_of_family(sigma, delta, beta, r):
     """Return the ε of the P(1,1,1) whose time from Σ⁺ to Σ⁻ is 1/2 + σ; it is infinite at the pole σ = 0."""
     x, y, _v, _u, determinant = family_numerators(sigma, delta, beta, r)
     return math.hypot(x, y) / abs(determinant)
 
 
 @kernel
-def root_of_amplitude(level, lo, hi, delta, beta, r):
-    """Return the σ in (lo, hi) at which ε(σ), computed by `family_amplitude`, equals `level`, by secant steps."""
-    f_lo, f_hi = family_amplitude(lo, delta, beta, r) - level, family_amplitude(hi, delta, beta, r) - level
+def sigma_at_epsilon(level, lo, hi, delta, beta, r):
+    """Return the σ in (lo, hi) at which ε(σ), computed by `epsilon_of_family`, equals `level`, by secant steps."""
+    f_lo, f_hi = epsilon_of_family(lo, delta, beta, r) - level, epsilon_of_family(hi, delta, beta, r) - level
     side, last = 0, math.nan
     for _ in range(MOST_STEPS):
         sigma = (lo * f_hi - hi * f_lo) / (f_hi - f_lo)
         if not (min(lo, hi) < sigma < max(lo, hi)):
             sigma = 0.5 * (lo + hi)
-        f = family_amplitude(sigma, delta, beta, r) - level
+        f = epsilon_of_family(sigma, delta, beta, r) - level
         if f == 0.0 or abs(sigma - last) <= 1e-16 * abs(sigma):
             return sigma
         last = sigma
@@ -113,19 +113,19 @@ def root_of_amplitude(level, lo, hi, delta, beta, r):
 
 @kernel
 def family_turning_point(lo, hi, sign, delta, beta, r):
-    """Return the σ in (lo, hi) at which `family_amplitude` is least (sign = 1) or greatest (sign = −1)."""
+    """Return the σ in (lo, hi) at which `epsilon_of_family` is least (sign = 1) or greatest (sign = −1)."""
     ratio = 0.5 * (math.sqrt(5.0) - 1.0)
     x1, x2 = hi - ratio * (hi - lo), lo + ratio * (hi - lo)
-    f1, f2 = sign * family_amplitude(x1, delta, beta, r), sign * family_amplitude(x2, delta, beta, r)
+    f1, f2 = sign * epsilon_of_family(x1, delta, beta, r), sign * epsilon_of_family(x2, delta, beta, r)
     while hi - lo > 1e-9 * abs(0.5 * (lo + hi)):
         if f1 < f2:
             hi, x2, f2 = x2, x1, f1
             x1 = hi - ratio * (hi - lo)
-            f1 = sign * family_amplitude(x1, delta, beta, r)
+            f1 = sign * epsilon_of_family(x1, delta, beta, r)
         else:
             lo, x1, f1 = x1, x2, f2
             x2 = lo + ratio * (hi - lo)
-            f2 = sign * family_amplitude(x2, delta, beta, r)
+            f2 = sign * epsilon_of_family(x2, delta, beta, r)
     return 0.5 * (lo + hi)
 
 
@@ -146,14 +146,14 @@ def fill_family_nodes(delta, beta, r, sigma, e):
         sigma[n - 1 - i], sigma[n + i] = -gap, gap
     size = 2 * n
     for i in range(size):
-        e[i] = family_amplitude(sigma[i], delta, beta, r)
+        e[i] = epsilon_of_family(sigma[i], delta, beta, r)
     for i in range(1, 2 * n - 1):
         below = e[i] < e[i - 1] and e[i] < e[i + 1]
         above = e[i] > e[i - 1] and e[i] > e[i + 1]
         pole = i == n - 1 or i == n
         if (below or above) and not pole and size < sigma.size:
             sigma[size] = family_turning_point(sigma[i - 1], sigma[i + 1], 1.0 if below else -1.0, delta, beta, r)
-            e[size] = family_amplitude(sigma[size], delta, beta, r)
+            e[size] = epsilon_of_family(sigma[size], delta, beta, r)
             size += 1
     for i in range(2 * n, size):  # insertion sort, because only a few turning points join nodes that are in order
         new, new_e, j = sigma[i], e[i], i
@@ -169,7 +169,7 @@ def one_impact_orbit(sign, delta, epsilon, beta, r):
     """Return (admissible, τ, v, trace of the tangent map) of A or C. sign: that of cos 2πτ, −1 for A and 1 for C."""
     decay, lost = math.exp(-delta), -math.expm1(-delta)
     v = r * delta * DRIFT / (1.0 + r)
-    offset = (v - DRIFT * return_speed_by_drift(delta, lost)) / TWO_PI  # ε sin 2πτ
+    offset = (v - DRIFT * departure_speed_over_drift(delta, lost)) / TWO_PI  # ε sin 2πτ
     if epsilon < abs(offset) or epsilon == 0.0:
         return False, 0.0, v, 0.0
     x = sign * math.sqrt((epsilon - offset) * (epsilon + offset))
@@ -245,7 +245,7 @@ def fill_family_orbits(order, delta, epsilon, beta, r, exists, phase, speed, tra
         last = i
         for j in range(n - 2, -1, -1):
             if (e[j] - eps) * (e[j + 1] - eps) <= 0.0 and not sigma[j] < 0.0 < sigma[j + 1]:
-                root = root_of_amplitude(eps, sigma[j], sigma[j + 1], d, b, rest)
+                root = sigma_at_epsilon(eps, sigma[j], sigma[j + 1], d, b, rest)
                 which = D if e[j + 1] > e[j] else B
                 store_first_orbit(which, two_impact_orbit(root, d, eps, b, rest), exists, phase, speed, traces, i)
 

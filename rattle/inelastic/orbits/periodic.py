@@ -8,9 +8,9 @@ from typing import NamedTuple
 from rattle.errors import RattleError, require_integer, require_number
 from rattle.flight.first_impact import OK
 from rattle.inelastic.map.impact_map import InelasticPoint
-from rattle.inelastic.map.runs import contacts_and_merged_impacts, count_returns_of_contact_motion
+from rattle.inelastic.map.runs import count_contacts_and_merged_impacts, count_returns_of_contact_motion
 from rattle.orbits.orbits_a_to_d import multipliers_of
-from rattle.orbits.return_map import fastest_point, find_fixed_point, power_map, shortest_return
+from rattle.orbits.return_map import apply_return_map_power, fastest_point, find_fixed_point, least_return_period
 
 MOST_RETURNS = 4096  # largest number of impacts on Σ⁺ per period of a sought motion
 SAME_STATE = 1e-6  # largest difference (of v: relative) at which a motion with contact is back at its first state
@@ -65,15 +65,15 @@ def inelastic_orbit(point: InelasticPoint, tau: float, v: float, n_plus: int = 1
             f"no periodic motion with {k} impacts on Σ⁺ was found near tau = {tau:g}, v = {v:g}: give tau and v closer "
             "to a periodic motion"
         )
-    k = shortest_return(tau1, v1, k, point)
+    k = least_return_period(tau1, v1, k, point)
     tau1, v1 = fastest_point(tau1, v1, k, point)
-    status, _t, _v, time, n_minus, a00, _a, _b, a11, log_det = power_map(tau1, v1, k, point)
+    status, _t, _v, time, n_minus, a00, _a, _b, a11, log_det = apply_return_map_power(tau1, v1, k, point)
     if status != OK:
         raise RattleError(
             f"the periodic motion near tau = {tau:g}, v = {v:g} cannot be followed: a flight is too long, or a number "
             "is beyond double precision"
         )
-    contacts, merged = contacts_and_merged_impacts(tau1, v1, k, point)
+    contacts, merged = count_contacts_and_merged_impacts(tau1, v1, k, point)
     if log_det == -math.inf:
         multipliers = (0j, 0j)
     else:

@@ -11,7 +11,7 @@ from rattle.curves import CodimensionTwo
 from rattle.impacting.attractors.classifier import ImpactingClassifier
 from rattle.impacting.gear import Gear
 from rattle.impacting.orbits.period_one import missing_limits
-from rattle.models.model import Capability, GearFunctions, Limits, Model
+from rattle.models.model import AnalyticLimits, Capability, GearFunctions, Model
 
 
 @dataclass(frozen=True)
@@ -32,10 +32,10 @@ class Impacting(Model):
         """Return the gear at one point."""
         return Gear(delta, epsilon, self.beta)
 
-    def limits(self, delta: float) -> Limits:
+    def limits(self, delta: float) -> AnalyticLimits:
         """Return the eccentricities of SN1, of the flip of C and of the quiet limit, at one damping."""
         gear = self.gear(delta, 0.0)
-        return Limits(gear.sn1, gear.flip, gear.quiet_limit, missing_limits(gear.delta, gear.beta))
+        return AnalyticLimits(gear.sn1, gear.flip, gear.quiet_limit, missing_limits(gear.delta, gear.beta))
 
     def codimension_two(self) -> Sequence[CodimensionTwo]:
         """Return the codimension-two points, where curves meet."""

@@ -18,12 +18,12 @@ from rattle.inelastic.attractors.classifier import InelasticClassifier
 from rattle.models.model import Array, Capability, GearFunctions, Model, Range
 from rattle.orbits.iterates import StatesAfterReturn
 from rattle.orbits.orbits_a_to_d import PeriodOne
-from rattle.parameters import Harmonic, Parameters, parameters_in
+from rattle.parameters import Harmonic, Parameters, read_declared_parameters
 
-RESTITUTION, LOAD = parameters_in(__file__)
+RESTITUTION, LOAD = read_declared_parameters(__file__)
 
 
-def _load_of_machine(load_torque: Any, pair: Any) -> Any:
+def _relative_load_of_machine(load_torque: Any, pair: Any) -> Any:
     """Return the load: load torque on the second gear divided by drag torque, both referred to the first gear."""
     # at speed 0 the drag torque is 0, and np.divide returns infinity where `/` of floats raises ZeroDivisionError
     return np.divide(load_torque * pair.ratio, pair.drag * pair.speed)
@@ -43,7 +43,7 @@ class Inelastic(Model):
 
     name = "inelastic"
     title = "inelastic impacts"
-    added = (RESTITUTION, replace(LOAD, of_machine=_load_of_machine))
+    added = (RESTITUTION, replace(LOAD, of_machine=_relative_load_of_machine))
     has = frozenset({Capability.BALANCE, Capability.INTENSITY, Capability.PERIOD_ONE, Capability.CONTACT_PHASES})
     functions: ClassVar[GearFunctions] = inelastic
     classifier: ClassVar[type[Classifier]] = InelasticClassifier
@@ -88,7 +88,7 @@ class Inelastic(Model):
 
     def codimension_two(self) -> Sequence[CodimensionTwo]:
         """Return the codimension-two points; none are computed for a forcing with harmonics."""
-        return () if self.harmonics else inelastic.points_at(self.beta, self.restitution, self.load)
+        return () if self.harmonics else inelastic.codimension_two_points_at(self.beta, self.restitution, self.load)
 
     @classmethod
     def states_after_return(cls, parameters: Parameters, tau: Array, v: Array) -> StatesAfterReturn:

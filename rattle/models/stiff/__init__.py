@@ -8,9 +8,9 @@ from typing import Any, ClassVar
 
 from rattle import stiff
 from rattle.flight.forcing import TWO_PI
-from rattle.models.model import Capability, GearFunctions, Limits, Model
+from rattle.models.model import AnalyticLimits, Capability, GearFunctions, Model
 from rattle.orbits.orbits_a_to_d import MissingLimit
-from rattle.parameters import parameters_in
+from rattle.parameters import read_declared_parameters
 from rattle.stiff.attractors.classifier import StiffClassifier
 
 
@@ -20,7 +20,7 @@ def _kappa_of_machine(stiffness: Any, pair: Any) -> Any:
     return stiffness * turned * turned / (pair.scale * pair.inertia)
 
 
-(KAPPA,) = parameters_in(__file__)
+(KAPPA,) = read_declared_parameters(__file__)
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,7 @@ class Stiff(Model):
     compiled_at = (0.1,)
 
     @property
-    def dwell(self) -> float:
+    def contact_duration(self) -> float:
         """The duration of the contact of a fast impact, in forcing periods: half a period of free oscillation."""
         return math.pi / math.sqrt(2.0 * self.kappa)
 
@@ -62,7 +62,7 @@ class Stiff(Model):
         """Return the gear at one point."""
         return stiff.StiffGear(delta, epsilon, self.beta, self.kappa)
 
-    def limits(self, delta: float) -> Limits:
+    def limits(self, delta: float) -> AnalyticLimits:
         """Return the eccentricities of SN1 and of the quiet limit, at one damping; the flip of C is not computed."""
         found = super().limits(delta)
         flip = MissingLimit("flip", "not computed at one damping for stiff walls; the curve PDC has it", None)

@@ -22,7 +22,7 @@ from rattle.impacting.orbits.period_one import CURVES, grazing, period_one
 from rattle.orbits.orbits_a_to_d import NAMES, classify_regions
 from rattle.proof.areas.block import ABSENT, ATTRACTING, CAPTURED, LOUD, QUIET, REGIONS, SADDLE, ProvedBlock
 from rattle.proof.areas.capture import require_captures
-from rattle.proof.areas.finder import Prover
+from rattle.proof.areas.finder import BlockProver
 from rattle.proof.areas.piece import PlanePiece, hull
 from rattle.proof.balls import ball, precision
 from rattle.proof.certificate import Ends
@@ -64,7 +64,7 @@ def cut_into_columns(delta: Ends, number: int) -> list[Ends]:
 
 def prove_column(beta: Fraction, delta: Ends, epsilon: Ends) -> list[ProvedBlock]:
     """Return all blocks that are proved in the column `delta` of a plane whose ends in ε are `epsilon`."""
-    prover, found = Prover(beta), []
+    prover, found = BlockProver(beta), []
     with precision(BITS):
         for kind, parts in COLUMN_DIVISIONS.items():
             for part in cut_into_columns(delta, parts):
@@ -118,7 +118,7 @@ def _round_inwards(low: float, high: float, plane: Ends) -> Ends:
     return least, plane[1] if high >= float(plane[1]) else floor(Fraction(high) / unit) * unit
 
 
-def _prove_ranges(prover: Prover, claim: str, delta: Ends, limits: Ends, depth: int = 0) -> list[Ends]:
+def _prove_ranges(prover: BlockProver, claim: str, delta: Ends, limits: Ends, depth: int = 0) -> list[Ends]:
     """Return the ε ranges within `limits` on which a claim is proved for all δ of a column; there may be none.
 
     depth: how often the ε range of the claim has been halved already.
@@ -166,7 +166,7 @@ def expected_spans(kind: str, beta: float, delta: Ends, epsilon: Ends) -> list[S
         (claim, low, high) of each span.
     """
     places = [float(delta[0]), float(sum(delta)) / 2, float(delta[1])]
-    found = [_spans_at(kind, place, beta, epsilon) for place in places]
+    found = [_claim_spans_at(kind, place, beta, epsilon) for place in places]
     spans = found[0]
     for others in found[1:]:
         both = [
@@ -177,7 +177,7 @@ def expected_spans(kind: str, beta: float, delta: Ends, epsilon: Ends) -> list[S
     return spans
 
 
-def _spans_at(kind: str, delta: float, beta: float, epsilon: Ends) -> list[Span]:
+def _claim_spans_at(kind: str, delta: float, beta: float, epsilon: Ends) -> list[Span]:
     """Return the spans (intervals) of ε on which each claim of a kind holds at one δ, as computed in doubles.
 
     kind: "region", "C", "D" or QUIET.

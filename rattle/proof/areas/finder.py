@@ -17,7 +17,7 @@ DELTA_HALVINGS = 3
 
 
 @dataclass
-class Prover:
+class BlockProver:
     """The prover of claims on blocks at one β.
 
     The prover keeps the cells of B and D (`two_impacts`) for further claims about the same δ interval.
@@ -55,14 +55,14 @@ class Prover:
             return
         states = CLAIMS[claim]
         for letter in states.keys() & {"A", "C"}:
-            require_state(letter, states[letter], *_find_number_and_stability(piece, letter, states[letter]))
+            require_claimed_state(letter, states[letter], *_find_number_and_stability(piece, letter, states[letter]))
         for letter in states.keys() & {"B", "D"}:
             if delta not in self._cells:
                 self._cells[delta] = two_impacts.initial_cells(piece)
-            runs, state = two_impacts.cells_of_motions(piece, self._cells[delta], letter), states[letter]
+            runs, state = two_impacts.enclose_motions_in_cells(piece, self._cells[delta], letter), states[letter]
             claims_stability = state not in (ClaimedState.NONE, ClaimedState.THERE) and len(runs) == 1
             attracts = two_impacts.attracts(piece, runs[0]) if claims_stability else None
-            require_state(letter, state, len(runs), attracts)
+            require_claimed_state(letter, state, len(runs), attracts)
 
 
 def _find_number_and_stability(piece: PlanePiece, letter: str, state: ClaimedState) -> tuple[int | None, bool | None]:
@@ -80,7 +80,7 @@ def _find_number_and_stability(piece: PlanePiece, letter: str, state: ClaimedSta
     return None if exists is None else int(exists), None
 
 
-def require_state(letter: str, state: ClaimedState, number: int | None, attracts: bool | None) -> None:
+def require_claimed_state(letter: str, state: ClaimedState, number: int | None, attracts: bool | None) -> None:
     """Raise NotProvedError unless the number and the stability of the motions with one letter are as claimed.
 
     Parameters

@@ -147,13 +147,13 @@ def _passes_sigma_minus(piece: PlanePiece, x_low: arb) -> bool:
     bool
         True if F < −2β is proved at this time; F, (15.3) of docs/proofs.md, is the displacement from Σ⁺.
     """
-    s = arb(_time_of_minimum(float(piece.delta.mid()), float(x_low.mid())))
+    s = arb(_guess_time_of_minimum(float(piece.delta.mid()), float(x_low.mid())))
     return bool(
         0 < s < 1 and mean_value_enclosure(lambda delta: flight_height(s, delta, x_low), piece.delta) < -2 * piece.beta
     )
 
 
-def _time_of_minimum(delta: float, x: float) -> float:
+def _guess_time_of_minimum(delta: float, x: float) -> float:
     """Return a guess, in doubles, of the time s at which the displacement F is least; a bad guess makes proofs fail."""
     s, step = 0.5, 0.5
     for _ in range(4):

@@ -72,7 +72,7 @@ def speed_series(s: arb_series, delta: arb_series, x: arb_series, y: arb_series)
     return v, u
 
 
-def margin_series(s: arb_series, delta: arb_series, solution: Sequence[arb_series]) -> list[arb_series]:
+def stability_margin_series(s: arb_series, delta: arb_series, solution: Sequence[arb_series]) -> list[arb_series]:
     """Return the stability margins (1 + E − T) uv/2 and (1 + E + T) uv/2, (19.2) and (19.3) of docs/proofs.md.
 
     E = e^(−δ) is the determinant, and T the trace, of the tangent map over the forcing period.
@@ -102,7 +102,7 @@ def force_at_phase(delta: Number, cosine: Number, sine: Number) -> Number:
     return 4 * PI() * delta - 4 * PI() ** 2 * cosine - 2 * PI() * delta * sine
 
 
-def solve_linear(first: Sequence[arb], second: Sequence[arb]) -> list[arb]:
+def solve_two_linear_equations(first: Sequence[arb], second: Sequence[arb]) -> list[arb]:
     """Return [X, Y] that solves two equations (factor of X, factor of Y, right side), by Cramer's rule."""
     (a11, a12, b1), (a21, a22, b2) = first, second
     determinant = a11 * a22 - a12 * a21
@@ -134,7 +134,7 @@ class SolutionCell:
         """Return the cell start ≤ s ≤ end at the δ and β of this cell; s is the time from Σ⁺ to Σ⁻."""
         return SolutionCell(start, end, self.delta, self.beta)
 
-    def _mean_value(self, centre: Iterable[arb], by_s: Iterable[arb], by_delta: Iterable[arb]) -> list[arb]:
+    def _enclose_by_mean_value(self, centre: Iterable[arb], by_s: Iterable[arb], by_delta: Iterable[arb]) -> list[arb]:
         """Return enclosures of functions over the cell, from values at its centre and derivatives over the cell."""
         ds, dd = self.s - self.s.mid(), self.delta - self.delta.mid()
         return [m + f * ds + g * dd for m, f, g in zip(centre, by_s, by_delta, strict=True)]
@@ -150,12 +150,12 @@ class SolutionCell:
             ([term[0] for term in centre], [term[1] for term in by_s], [term[1] for term in by_delta])
             for centre, by_s, by_delta in zip(at_centre, along_s, along_delta, strict=True)
         )
-        return EnclosedFunctions(*first, self._mean_value(*first)), EnclosedFunctions(
-            *second, self._mean_value(*second)
+        return EnclosedFunctions(*first, self._enclose_by_mean_value(*first)), EnclosedFunctions(
+            *second, self._enclose_by_mean_value(*second)
         )
 
     @cached_property
-    def least_epsilon(self) -> arb:
+    def epsilon_lower_bound(self) -> arb:
         """A lower bound of ε for all solutions of the cell, by (16.8) of docs/proofs.md."""
         bounds = []
         for equation in self.equations:
@@ -167,10 +167,10 @@ class SolutionCell:
     def solution(self) -> EnclosedFunctions:
         """Enclosures of (X, Y, v, u): the solution (X, Y) of (16.2) and (16.3), docs/proofs.md, and its speeds."""
         first, second = self.equations
-        rough = solve_linear(first.over_cell, second.over_cell)
+        rough = solve_two_linear_equations(first.over_cell, second.over_cell)
         # the derivative of A (X, Y) = b is A (X, Y)' = b' − A' (X, Y)
         xy_s, xy_delta = (
-            solve_linear(
+            solve_two_linear_equations(
                 *(
                     [*equation.over_cell[:2], right - factor_x * rough[0] - factor_y * rough[1]]
                     for equation, (factor_x, factor_y, right) in zip(self.equations, derivatives, strict=True)
@@ -178,8 +178,8 @@ class SolutionCell:
             )
             for derivatives in ((first.by_s, second.by_s), (first.by_delta, second.by_delta))
         )
-        xy_centre = solve_linear(first.centre, second.centre)
-        xy = self._mean_value(xy_centre, xy_s, xy_delta)
+        xy_centre = solve_two_linear_equations(first.centre, second.centre)
+        xy = self._enclose_by_mean_value(xy_centre, xy_s, xy_delta)
 
         s, delta = self.s, self.delta
         xy_along_s = (arb_series([value, slope]) for value, slope in zip(xy, xy_s, strict=True))
@@ -188,7 +188,7 @@ class SolutionCell:
         speeds_delta = [speed[1] for speed in speed_series(arb_series([s]), arb_series([delta, 1]), *xy_along_delta)]
         at_centre = (arb_series([number]) for number in (s.mid(), delta.mid(), *xy_centre))
         speeds_centre = [speed[0] for speed in speed_series(*at_centre)]
-        speeds = self._mean_value(speeds_centre, speeds_s, speeds_delta)
+        speeds = self._enclose_by_mean_value(speeds_centre, speeds_s, speeds_delta)
         return EnclosedFunctions(
             centre=[*xy_centre, *speeds_centre],
             by_s=[*xy_s, *speeds_s],
@@ -204,13 +204,13 @@ class SolutionCell:
         return regular and all(number.is_finite() for numbers in self.solution for number in numbers)
 
     @cached_property
-    def epsilon_squared_by_s(self) -> arb:
+    def epsilon_squared_s_derivative(self) -> arb:
         """The derivative ∂ε²/∂s over the cell, where ε² = X² + Y²."""
         (x, y, *_), (x_s, y_s, *_) = self.solution.over_cell, self.solution.by_s
         return 2 * (x * x_s + y * y_s)
 
     @cached_property
-    def epsilon_squared_by_delta(self) -> arb:
+    def epsilon_squared_delta_derivative(self) -> arb:
         """The derivative ∂ε²/∂δ over the cell, where ε² = X² + Y²."""
         (x, y, *_), (x_delta, y_delta, *_) = self.solution.over_cell, self.solution.by_delta
         return 2 * (x * x_delta + y * y_delta)
@@ -219,7 +219,9 @@ class SolutionCell:
     def epsilon_squared(self) -> arb:
         """An enclosure of ε² = X² + Y² over the cell."""
         x, y, *_ = self.solution.centre
-        return self._mean_value([x * x + y * y], [self.epsilon_squared_by_s], [self.epsilon_squared_by_delta])[0]
+        return self._enclose_by_mean_value(
+            [x * x + y * y], [self.epsilon_squared_s_derivative], [self.epsilon_squared_delta_derivative]
+        )[0]
 
     def bound_square_plus_speed(self, sign: int) -> arb:
         """Return bounds of sign · ε² + λu over the cell, for some λ ≥ 0 that makes the bounds narrow.
@@ -234,11 +236,11 @@ class SolutionCell:
         x, y, _, u = self.solution.centre
         u_s, u_delta = self.solution.by_s[3], self.solution.by_delta[3]
         # with this λ the derivative of the sum by s is nearly 0 (Lemma 17 of docs/proofs.md)
-        factor = max(0.0, -sign * float(self.epsilon_squared_by_s.mid()) / float(u_s.mid()))
+        factor = max(0.0, -sign * float(self.epsilon_squared_s_derivative.mid()) / float(u_s.mid()))
         centre = sign * (x * x + y * y) + factor * u
-        by_s = sign * self.epsilon_squared_by_s + factor * u_s
-        by_delta = sign * self.epsilon_squared_by_delta + factor * u_delta
-        return self._mean_value([centre], [by_s], [by_delta])[0]
+        by_s = sign * self.epsilon_squared_s_derivative + factor * u_s
+        by_delta = sign * self.epsilon_squared_delta_derivative + factor * u_delta
+        return self._enclose_by_mean_value([centre], [by_s], [by_delta])[0]
 
     def has_no_motion(self, epsilon: arb) -> bool:
         """Return whether no solution of the cell with speeds v > 0 after Σ⁺ and u > 0 after Σ⁻ has an ε in this ball.
@@ -248,7 +250,7 @@ class SolutionCell:
         bool
             True if that is proved, False if such a solution may exist.
         """
-        if self.least_epsilon > epsilon:
+        if self.epsilon_lower_bound > epsilon:
             return True
         if not self.is_solvable:
             return False
@@ -273,7 +275,7 @@ class SolutionCell:
             return False
         if not self.is_solvable:
             return None
-        slope = SLOPE_SIGN[letter] * self.epsilon_squared_by_s
+        slope = SLOPE_SIGN[letter] * self.epsilon_squared_s_derivative
         if slope < 0:
             return False
         if not (slope > 0 and self.solution.over_cell[2] > 0):
@@ -351,10 +353,10 @@ class SolutionCell:
         along_s = [arb_series([x, slope]) for x, slope in zip(solution.over_cell, solution.by_s, strict=True)]
         along_delta = [arb_series([x, slope]) for x, slope in zip(solution.over_cell, solution.by_delta, strict=True)]
         at_centre = [arb_series([x]) for x in solution.centre]
-        centre = margin_series(arb_series([s.mid()]), arb_series([delta.mid()]), at_centre)
-        by_s = margin_series(arb_series([s, 1]), arb_series([delta]), along_s)
-        by_delta = margin_series(arb_series([s]), arb_series([delta, 1]), along_delta)
-        return self._mean_value([x[0] for x in centre], [x[1] for x in by_s], [x[1] for x in by_delta])
+        centre = stability_margin_series(arb_series([s.mid()]), arb_series([delta.mid()]), at_centre)
+        by_s = stability_margin_series(arb_series([s, 1]), arb_series([delta]), along_s)
+        by_delta = stability_margin_series(arb_series([s]), arb_series([delta, 1]), along_delta)
+        return self._enclose_by_mean_value([x[0] for x in centre], [x[1] for x in by_s], [x[1] for x in by_delta])
 
     @property
     def attracts(self) -> bool | None:
@@ -376,7 +378,7 @@ def initial_cells(piece: PlanePiece) -> tuple[SolutionCell, SolutionCell]:
     return SolutionCell(arb(0), arb(1), piece.delta, piece.beta).halves
 
 
-def cells_of_motions(
+def enclose_motions_in_cells(
     piece: PlanePiece, cells: tuple[SolutionCell, SolutionCell], letter: str
 ) -> list[list[SolutionCell]]:
     """Enclose the motions B (or D), whose number is proved to be the same at all points of the piece.

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 
 from rattle.continuation.conditions import EventKind
-from rattle.proof.bifurcations.systems import CurveMotion
+from rattle.proof.bifurcations.systems import BifurcatingMotion
 from rattle.proof.certificate import FORMAT, Ends, text_of_number, texts_of_numbers
 
 THEOREM = "bifurcation"
@@ -31,7 +31,7 @@ class BifurcationCertificate:
     """
 
     name: str
-    motion: CurveMotion
+    motion: BifurcatingMotion
     known: dict[str, Fraction]
     solved: dict[str, Ends]
     times: tuple[Fraction, ...]

@@ -24,7 +24,7 @@ from rattle.proof.check import (
     ZERO,
     Interval,
     MotionPiece,
-    Refused,
+    Refusal,
     interval_of_text,
     is_positive,
     require,
@@ -104,7 +104,7 @@ def as_jet(x: Any) -> ParameterJet:
     return x if isinstance(x, ParameterJet) else ParameterJet(ZERO + x)
 
 
-class Bifurcation:
+class BifurcationClaim:
     """The statement of a certificate: the walls and the kind of its motion, and the parameters.
 
     n: the number of impacts. impact: the number of the grazing impact, from 0, or None. point: the name of a
@@ -349,7 +349,7 @@ def check(text: str) -> str:
             document["format"] == 1 and document["theorem"] == "bifurcation",
             "`format` and `theorem` must be 1 and 'bifurcation'",
         )
-        claim = Bifurcation(document)
+        claim = BifurcationClaim(document)
         x = claim.enclose_point()
         for value, (low, high) in zip(x[2 * claim.n :], claim.ends, strict=True):
             require(
@@ -369,13 +369,14 @@ def check(text: str) -> str:
             "the grazing motion of G1 is C and that of G2 is A: here name and motion do not fit",
         )
         where = ", ".join(f"{name} = {value}" for name, value in document["known"].items())
-        return f"{claim.name} of {document['walls']}, at {where}: {', '.join(claim.free)} to {max_width(claim):.0e}"
+        free = ", ".join(claim.free)
+        return f"{claim.name} of {document['walls']}, at {where}: {free} to {widest_interval_width(claim):.0e}"
     except (LookupError, TypeError, ValueError, ArithmeticError, AttributeError, RecursionError) as error:
-        raise Refused(
+        raise Refusal(
             f"the certificate cannot be checked, perhaps because it is incomplete or malformed: {error}"
         ) from error
 
 
-def max_width(claim: Bifurcation) -> float:
+def widest_interval_width(claim: BifurcationClaim) -> float:
     """Return the width of the widest interval that a certificate states for an unknown parameter."""
     return max(float((high - low).b) for low, high in claim.ends)

@@ -8,7 +8,7 @@ from fractions import Fraction
 import numpy as np
 
 from rattle._version import __version__
-from rattle.continuation.arclength import solution_with_value, tangent_at
+from rattle.continuation.arclength import solve_with_fixed_unknown, tangent_at
 from rattle.continuation.conditions import MULTIPLIER, EventKind, condition
 from rattle.continuation.curve_continuation import QUIET_LIMIT
 from rattle.errors import NotProvedError, require, require_number, require_one_of
@@ -20,7 +20,12 @@ from rattle.impacting.orbits.periodic import follow_impacts
 from rattle.numerics.complex_step import Array
 from rattle.proof.balls import BITS, VERSIONS, arb, ball, ends, precision
 from rattle.proof.bifurcations.certificate import BifurcationCertificate
-from rattle.proof.bifurcations.systems import POSSIBLE_UNKNOWNS, CurveMotion, ExtendedSystem, require_admissible_at
+from rattle.proof.bifurcations.systems import (
+    POSSIBLE_UNKNOWNS,
+    BifurcatingMotion,
+    ExtendedSystem,
+    require_admissible_at,
+)
 from rattle.proof.certificate import Ends, Exact, exact_number
 from rattle.proof.finder import MOST_IMPACTS_AT_BITS, require_least_period
 from rattle.proof.krawczyk import enclose_zero
@@ -77,7 +82,7 @@ def certify_curve_point(
     definition = CURVES[name]
     problem = condition(definition.itinerary(half), definition.kind, definition.impact)
     solved = [
-        solution_with_value(problem, guess, index, value)
+        solve_with_fixed_unknown(problem, guess, index, value)
         for guess in _first_guesses(definition, d, e, half, motion)
         for index, value in ((-2, d), (-1, e))
     ]
@@ -92,7 +97,7 @@ def certify_curve_point(
         raise NotProvedError(f"the motion at this point does not belong to {name}: {why}")
     tangent = tangent_at(problem, x, np.eye(x.size)[-2])
     along = "delta" if abs(tangent[-2]) >= abs(tangent[-1]) else "epsilon"
-    bifurcating = CurveMotion(definition.walls, 1, definition.kind, definition.impact)
+    bifurcating = BifurcatingMotion(definition.walls, 1, definition.kind, definition.impact)
     return _prove_solution(name, bifurcating, x, numbers["beta"], {along: numbers[along]})
 
 
@@ -156,13 +161,13 @@ def certify_event(event: Event, beta: Exact | None = None) -> BifurcationCertifi
     itinerary = event.itinerary
     number = exact_number("beta", itinerary.beta if beta is None else beta)
     require(float(number) == itinerary.beta, f"beta must be that of the event, {itinerary.beta!r}, got {beta}")
-    x = solution_with_value(condition(itinerary, event.kind, event.impact), event.unknowns, -2, event.delta)
+    x = solve_with_fixed_unknown(condition(itinerary, event.kind, event.impact), event.unknowns, -2, event.delta)
     if x is None:
         raise NotProvedError(
             f"Newton's method does not converge to the event at delta = {event.delta}: compute the branch again, and "
             "give an event of the new branch"
         )
-    motion = CurveMotion(tuple(int(wall) for wall in itinerary.walls), itinerary.m, event.kind, event.impact)
+    motion = BifurcatingMotion(tuple(int(wall) for wall in itinerary.walls), itinerary.m, event.kind, event.impact)
     return _prove_solution(str(event.kind), motion, x, number, {"delta": exact_number("delta", event.delta)})
 
 
@@ -187,20 +192,22 @@ def certify_codimension_two(beta: Exact = "0.6") -> tuple[BifurcationCertificate
     problem = condition(graze.itinerary(half), graze.kind, graze.impact)
     found = []
     for point in codimension_two(half):
-        solved = (solution_with_value(problem, guess, -2, point.delta) for guess in graze.starts(point.delta, half))
+        solved = (
+            solve_with_fixed_unknown(problem, guess, -2, point.delta) for guess in graze.starts(point.delta, half)
+        )
         near = [x for x in solved if x is not None and abs(x[-1] - point.epsilon) < LARGEST_MISS]
         if not near:
             raise NotProvedError(
                 f"Newton's method finds no grazing motion at {point.name}, so {point.name} is not proved: choose "
                 "another beta"
             )
-        motion = CurveMotion(graze.walls, 1, graze.kind, graze.impact, point.name)
+        motion = BifurcatingMotion(graze.walls, 1, graze.kind, graze.impact, point.name)
         found.append(_prove_solution(point.name, motion, near[0], number, {}))
     return tuple(found)
 
 
 def _prove_solution(
-    name: str, motion: CurveMotion, x: Array, beta: Fraction, known: dict[str, Fraction]
+    name: str, motion: BifurcatingMotion, x: Array, beta: Fraction, known: dict[str, Fraction]
 ) -> BifurcationCertificate:
     """Prove that there is a bifurcation point near a computed bifurcation point.
 
@@ -232,7 +239,7 @@ def _prove_solution(
         )
 
 
-def _null_vector(motion: CurveMotion, x: Array, beta: float) -> Array:
+def _null_vector(motion: BifurcatingMotion, x: Array, beta: float) -> Array:
     """Return the unit null vector φ (n,) of the Jacobian J(μ) of the impact equations; at a graze an empty array.
 
     The multiplier μ is 1 at a saddle-node and −1 at a flip.

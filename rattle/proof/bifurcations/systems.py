@@ -43,7 +43,7 @@ class FlightVelocities(NamedTuple):
 
 
 @dataclass(frozen=True)
-class CurveMotion:
+class BifurcatingMotion:
     """The properties of a bifurcating motion that do not change along its bifurcation curve.
 
     walls: the walls (n,) that it meets in m forcing periods, in order.
@@ -72,7 +72,7 @@ class ExtendedSystem:
     the equation ⟨l, φ⟩ = 1, which fixes the length of the null vector φ; empty for a graze.
     """
 
-    motion: CurveMotion
+    motion: BifurcatingMotion
     beta: arb
     known: dict[str, arb]
     scaling: Sequence[float] = ()

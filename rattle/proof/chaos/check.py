@@ -18,7 +18,7 @@ from rattle.proof.check import (
     UNIT,
     ZERO,
     Interval,
-    Refused,
+    Refusal,
     interval_of_text,
     is_positive,
     require,
@@ -92,11 +92,11 @@ class CheckedFlightBundle:
 
         Raises
         ------
-        Refused
+        Refusal
             If a flight may graze, or meet another wall first.
         """
         end = (target - self.wall) * self.claim.beta
-        time = self.guess_arrival(target)
+        time = self.guess_arrival_time(target)
         for _ in range(5):
             y, v = self.flight_state(self.middle, time)
             time = IV.mpf((time - (y - end) / v).mid)
@@ -135,7 +135,7 @@ class CheckedFlightBundle:
 
         Raises
         ------
-        Refused
+        Refusal
             If a flight may graze, or no bound of the delay is found.
         """
         for _ in range(8):
@@ -146,9 +146,9 @@ class CheckedFlightBundle:
             if is_positive(bound - delay, bound + delay):
                 return delay
             bound = IV.mpf(1.3) * max(bound, IV.mpf(abs(delay).b))
-        raise Refused("the time of an impact is not enclosed")
+        raise Refusal("the time of an impact is not enclosed")
 
-    def guess_arrival(self, target: int) -> Interval:
+    def guess_arrival_time(self, target: int) -> Interval:
         """Return a guess of the time at which the flight from the middle departure reaches `target`. Raises Refused."""
         t0, w, d, e, b = (float(x.mid) for x in (*self.middle, self.claim.delta, self.claim.epsilon, self.claim.beta))
         turn, end = 2 * math.pi, (target - self.wall) * b
@@ -168,7 +168,7 @@ class CheckedFlightBundle:
                     low, high = (low, middle) if height(low) * height(middle) <= 0 else (middle, high)
                 return IV.mpf(low)
             low += step
-        raise Refused("a flight does not reach its wall within 8 forcing periods")
+        raise Refusal("a flight does not reach its wall within 8 forcing periods")
 
     def stays_between_walls(self, arrival: Interval) -> bool:
         """Return whether all flights are proved to meet no wall before their arrival, by Lemma 6 of docs/proofs.md.
@@ -253,7 +253,7 @@ class HorseshoeClaim:
             (sides[0][0], -sides[0][1]), (sides[1][0], -sides[1][1]),
         )  # fmt: skip
 
-    def coordinates_in(
+    def image_in_set_coordinates(
         self, target: int, periods: int, image: tuple[Vector, tuple[Vector, Vector]]
     ) -> tuple[Vector, list[Any]]:
         """Return an image in the coordinates (ξ, η) of the set `target`, which is shifted by `periods` forcing periods.
@@ -274,7 +274,7 @@ class HorseshoeClaim:
         xi, eta = (start[i] + UNIT * (abs(extents[0][i]) + abs(extents[1][i])) for i in range(2))
         return (xi, eta), [max(float(abs(x).b) for x in each) for each in extents]
 
-    def require_covers(self, source: int, target: int, word: int, periods: int) -> None:
+    def require_covering(self, source: int, target: int, word: int, periods: int) -> None:
         """Raise Refused unless the set `source` covers the set `target` (Lemma 11 of docs/proofs.md).
 
         The target is shifted by `periods` forcing periods, and `word` is the number of impacts on Σ⁻ in the step from
@@ -304,25 +304,25 @@ class HorseshoeClaim:
 
         Raises
         ------
-        Refused
+        Refusal
             If the side of a smaller part is not proved.
         """
         parts, sides = [part], set()
         for _ in range(MOST_PARTS):
             here, extents = parts.pop(), [1.0, 1.0]
             try:
-                (xi, eta), extents = self.coordinates_in(target, periods, self.image(source, here, word))
+                (xi, eta), extents = self.image_in_set_coordinates(target, periods, self.image(source, here, word))
                 if is_positive(xi - 1) or is_positive(-1 - xi):
                     sides.add(1 if is_positive(xi) else -1)
                 elif inside_allowed and is_positive(1 - eta, 1 + eta):
                     sides.add(0)
                 else:
                     parts += halve_part(here, extents)
-            except Refused:
+            except Refusal:
                 parts += halve_part(here, extents)
             if not parts:
                 return sides
-        raise Refused(f"set {source} is not proved to cover set {target}")
+        raise Refusal(f"set {source} is not proved to cover set {target}")
 
     def require_disjoint(self, one: int, other: int) -> None:
         """Raise Refused unless the sets with these two numbers are proved to be disjoint, with times taken modulo 1."""
@@ -347,7 +347,7 @@ class HorseshoeClaim:
 def halve_part(part: Part, extents: list[float]) -> list[Part]:
     """Cut a part in two: halve its side whose image is longer. Raises Refused if the part is too small.
 
-    extents: for each side of the part the extent of the side's image, from `coordinates_in`.
+    extents: for each side of the part the extent of the side's image, from `image_in_set_coordinates`.
 
     Returns
     -------
@@ -384,11 +384,11 @@ def check(text: str) -> str:
         for sets, words, periods in claim.loops:
             chain = [0, *sets, 0]
             for source, target, word, later in zip(chain, chain[1:], words, periods, strict=False):
-                claim.require_covers(source, target, word, later)
+                claim.require_covering(source, target, word, later)
         where = ", ".join(f"{name} = {value}" for name, value in document["parameters"].items())
         least = document["entropy_per_impact"], document["entropy_per_period"]
         return f"a horseshoe of entropy {least[0]} an impact on Σ⁺, {least[1]} a forcing period, at least, at {where}"
     except (LookupError, TypeError, ValueError, ArithmeticError, AttributeError, RecursionError) as error:
-        raise Refused(
+        raise Refusal(
             f"the certificate cannot be checked, perhaps because it is incomplete or malformed: {error}"
         ) from error

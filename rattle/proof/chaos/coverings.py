@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 from rattle.errors import NotProvedError
 from rattle.proof.balls import arb, arb_mat, ball
-from rattle.proof.chaos.images import SetImage, enclose_image
+from rattle.proof.chaos.images import ImageOfSet, enclose_image
 from rattle.proof.flights import ModelPoint
 
 Pair = tuple[Fraction, Fraction]
@@ -88,9 +88,9 @@ class MappedSet:
     point: ModelPoint
     source: HSet
     walls: tuple[int, ...]
-    images: dict[SetPart, SetImage | None] = field(default_factory=dict)
+    images: dict[SetPart, ImageOfSet | None] = field(default_factory=dict)
 
-    def image(self, part: SetPart) -> SetImage | None:
+    def image(self, part: SetPart) -> ImageOfSet | None:
         """Return the image of a part, or None if the motions from the part are not proved to meet `walls`."""
         if part not in self.images:
             matrix = self.source.matrix
@@ -102,7 +102,7 @@ class MappedSet:
                 self.images[part] = None
         return self.images[part]
 
-    def require_covers(self, target: HSet, periods: int) -> None:
+    def require_covering(self, target: HSet, periods: int) -> None:
         """Prove that the set covers `target`, shifted by this number of forcing periods (Lemma 11 of docs/proofs.md).
 
         Raises
@@ -156,7 +156,7 @@ class MappedSet:
             found = self.image(here)
             extents = [1.0, 1.0]
             if found is not None:
-                (xi, eta), extents = _coordinates_in(target, periods, found)
+                (xi, eta), extents = _coordinates_in_target(target, periods, found)
                 if xi > 1 or xi < -1:
                     yield 1 if xi > 1 else -1
                     continue
@@ -170,7 +170,7 @@ class MappedSet:
             parts += _halve_part(here, extents)
 
 
-def _coordinates_in(target: HSet, periods: int, part_image: SetImage) -> tuple[tuple[arb, arb], list[float]]:
+def _coordinates_in_target(target: HSet, periods: int, part_image: ImageOfSet) -> tuple[tuple[arb, arb], list[float]]:
     """Return a part's image in the coordinates (ξ, η) of the target, which is shifted by `periods` forcing periods.
 
     Returns
@@ -202,7 +202,7 @@ def _is_cutting_useless(xi: arb, eta: arb, extents: Sequence[float], inside_allo
 def _halve_part(part: SetPart, extents: Sequence[float]) -> list[SetPart]:
     """Cut a part in two: halve its side whose image is longer.
 
-    extents: for each side of the part the extent of the side's image, from `_coordinates_in`.
+    extents: for each side of the part the extent of the side's image, from `_coordinates_in_target`.
 
     Returns
     -------

@@ -28,7 +28,7 @@ MOST_PARTS = 200
 ARRIVAL_ERROR = 1e-15
 
 
-class SetImage(NamedTuple):
+class ImageOfSet(NamedTuple):
     """The image of a set under Π: the image of its middle, and the derivatives of Π over the whole set.
 
     slope: derivatives of (t, v) with respect to the coordinates of the set in [−1, 1]².
@@ -51,7 +51,7 @@ class Arrival:
     slope: arb_mat
 
 
-def enclose_image(point: ModelPoint, centre: tuple[arb, arb], sides: arb_mat, walls: Sequence[int]) -> SetImage:
+def enclose_image(point: ModelPoint, centre: tuple[arb, arb], sides: arb_mat, walls: Sequence[int]) -> ImageOfSet:
     """Return the image under Π of all (t, v) in centre + sides [−1, 1]².
 
     Parameters
@@ -61,7 +61,7 @@ def enclose_image(point: ModelPoint, centre: tuple[arb, arb], sides: arb_mat, wa
 
     Returns
     -------
-    SetImage
+    ImageOfSet
         Enclosures of the image of the centre and of the derivatives.
 
     Raises
@@ -75,7 +75,7 @@ def enclose_image(point: ModelPoint, centre: tuple[arb, arb], sides: arb_mat, wa
     for target in (*walls, 1):
         here = enclose_arrival(point, middle, sides, wall, target)
         middle, sides, wall = (here.time, -here.velocity), turn * here.slope * sides, target
-    return SetImage((middle[0], -middle[1]), turn * sides)
+    return ImageOfSet((middle[0], -middle[1]), turn * sides)
 
 
 def enclose_arrival(point: ModelPoint, middle: tuple[arb, arb], sides: arb_mat, wall: int, target: int) -> Arrival:
@@ -99,12 +99,12 @@ def enclose_arrival(point: ModelPoint, middle: tuple[arb, arb], sides: arb_mat, 
     bundle = FlightBundle(point, middle, sides)
     at_middle = bundle.middle_flight(time)
     by_t0, by_w0 = _flight_derivatives(at_middle, time)
-    guess = abs(largest_over_sides(sides, by_t0[0], by_w0[0]) / at_middle.w1) + arb(1e-25)
+    guess = abs(largest_change_over_sides(sides, by_t0[0], by_w0[0]) / at_middle.w1) + arb(1e-25)
     missed = bundle.height(time) - distance
     for _ in range(MOST_WIDENINGS):
         guess = guess.upper() * WIDENING
         late = arb(0, 1) * guess
-        speed = bundle.enclosing_flight(time + late).w1
+        speed = bundle.enclose_flights(time + late).w1
         if not (speed > 0 or speed < 0):
             raise NotProvedError(f"{name} may graze: the parallelogram of states is too large or too close to a graze")
         moved = -missed / speed
@@ -113,7 +113,7 @@ def enclose_arrival(point: ModelPoint, middle: tuple[arb, arb], sides: arb_mat, 
         guess = guess.max(abs(moved))
     else:
         raise NotProvedError(f"the time at which {name} ends is not enclosed: the parallelogram of states is too large")
-    here = bundle.enclosing_flight(time + moved)
+    here = bundle.enclose_flights(time + moved)
     bundle.require_no_other_impact(here, wall, target, name)
     (height_t0, speed_t0), (height_w0, speed_w0) = _flight_derivatives(here, here.t1)
     pull = point.force(*(2 * here.t1).sin_cos_pi()) - point.delta * here.w1
@@ -122,7 +122,7 @@ def enclose_arrival(point: ModelPoint, middle: tuple[arb, arb], sides: arb_mat, 
     return Arrival(time, at_middle.w1, slope)
 
 
-def largest_over_sides(sides: arb_mat, by_t0: arb, by_w0: arb) -> arb:
+def largest_change_over_sides(sides: arb_mat, by_t0: arb, by_w0: arb) -> arb:
     """Return the largest value of by_t0 · dt₀ + by_w0 · dw₀ over all (dt₀, dw₀) in sides [−1, 1]²."""
     return sum((abs(by_t0 * sides[0, j] + by_w0 * sides[1, j]) for j in range(2)), arb(0))
 
@@ -146,7 +146,7 @@ class FlightBundle:
         """Return an enclosure of the flight that starts at the middle of the set, until the time t."""
         return _flight_from_start(self.point, *self.middle, t)
 
-    def enclosing_flight(self, t: arb) -> FlightEnclosure:
+    def enclose_flights(self, t: arb) -> FlightEnclosure:
         """Return an enclosure of all flights that start in the set, until the time t."""
         return _flight_from_start(self.point, *self.hull, t)
 
@@ -160,8 +160,8 @@ class FlightBundle:
 
     def _state_component(self, t: arb, which: int) -> arb:
         """Return Φ(t) − Φ(t₀) if `which` is 0, Φ'(t) if it is 1, over all flights that start in the set."""
-        by_t0, by_w0 = _flight_derivatives(self.enclosing_flight(t), t)
-        return self.middle_flight(t).state_at(t)[which] + arb(0, 1) * largest_over_sides(
+        by_t0, by_w0 = _flight_derivatives(self.enclose_flights(t), t)
+        return self.middle_flight(t).state_at(t)[which] + arb(0, 1) * largest_change_over_sides(
             self.sides, by_t0[which], by_w0[which]
         )
 

@@ -131,11 +131,11 @@ def _prove_chain(
                 "before it meets Σ⁺"
             )
         periods.append(round(float(middle.middle[0]) - float(target.centre[0])))
-        mapped.require_covers(target, periods[-1])
+        mapped.require_covering(target, periods[-1])
     return tuple(periods)
 
 
-def _exact_set(box: search.StateBox) -> HSet:
+def _exact_set(box: search.StateParallelogram) -> HSet:
     """Return a set close to a computed box, with exact numbers of few digits, and with its time shifted to [0, 1)."""
     t, v = (Fraction(f"{x:.15f}") for x in (float(box.centre[0]) % 1.0, float(box.centre[1])))
     unstable, stable = (tuple(Fraction(f"{x:.8e}") for x in column) for column in np.asarray(box.sides).T)
@@ -147,13 +147,15 @@ def require_disjoint_sets(first: Sequence[HSet], second: Sequence[HSet]) -> None
     for one in first:
         for other in second:
             for periods in (-1, 0, 1):
-                if not are_separated(list(one.corners()), [(t + periods, v) for t, v in other.corners()]):
+                if not are_parallelograms_separated(
+                    list(one.corners()), [(t + periods, v) for t, v in other.corners()]
+                ):
                     raise NotProvedError(
                         "the first parallelograms of two loops may overlap, so the loops are not proved to differ"
                     )
 
 
-def are_separated(one: Sequence[Pair], other: Sequence[Pair]) -> bool:
+def are_parallelograms_separated(one: Sequence[Pair], other: Sequence[Pair]) -> bool:
     """Return whether a line along a side of one of two parallelograms separates them.
 
     one, other: the corners of the parallelograms, in the order of `HSet.corners`.
@@ -182,7 +184,7 @@ def entropy_lower_bound(lengths: Sequence[int]) -> Fraction:
     Fraction
         h, in nats per impact on Σ⁺, or per forcing period (Lemma 13 of docs/proofs.md).
     """
-    h = Fraction(math.floor(search.entropy_of_lengths(lengths) / ENTROPY_UNIT)) * ENTROPY_UNIT
+    h = Fraction(math.floor(search.entropy_of_loop_lengths(lengths) / ENTROPY_UNIT)) * ENTROPY_UNIT
     while h > 0:
         if sum(((-ball(h) * length).exp() for length in lengths), arb(0)) >= 1:
             return h

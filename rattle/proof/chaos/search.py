@@ -61,7 +61,7 @@ DIFFERENCE_STEP = 1e-7
 LENGTH_FACTORS = 1.08 ** np.arange(-12, 40)
 
 
-class StateBox(NamedTuple):
+class StateParallelogram(NamedTuple):
     """A parallelogram of states, centre + sides @ (ξ, η) with |ξ|, |η| ≤ 1.
 
     centre (2,): time and speed. sides (2, 2): half sides along the unstable and the stable direction, as columns.
@@ -78,7 +78,7 @@ class LoopCandidate(NamedTuple):
     strip: the ends in ξ of the part of the hub that Π maps across the next set of the loop, on the line η = 0.
     """
 
-    boxes: tuple[StateBox, ...]
+    boxes: tuple[StateParallelogram, ...]
     words: tuple[int, ...]
     strip: tuple[float, float]
 
@@ -86,7 +86,7 @@ class LoopCandidate(NamedTuple):
 class HorseshoeCandidate(NamedTuple):
     """A candidate for a horseshoe: the hub, a parallelogram of states, and loops that start and end at the hub."""
 
-    hub: StateBox
+    hub: StateParallelogram
     loops: tuple[LoopCandidate, ...]
 
 
@@ -136,7 +136,7 @@ def state_difference(x: Array, centre: Array) -> Array:
     return d
 
 
-def entropy_of_lengths(lengths: Sequence[float]) -> float:
+def entropy_of_loop_lengths(lengths: Sequence[float]) -> float:
     """Return the entropy h of a horseshoe: Σ e^(−h length) = 1, summed over its loops; 0 for fewer than two loops.
 
     lengths: for each loop its number of impacts on Σ⁺, or for each loop its number of forcing periods.
@@ -157,22 +157,22 @@ def search_horseshoes(gear: Gear) -> Iterator[HorseshoeCandidate]:
     states, words = _find_chaotic_motions(gear)
     pi = ReturnMap(gear)
     tangents = pi.tangent(states[:-1])
-    guesses: list[tuple[int, float, StateBox, list[OrbitSegment]]] = []
+    guesses: list[tuple[int, float, StateParallelogram, list[OrbitSegment]]] = []
     for place, unstable, stable in _hub_centres(gear, pi, states, tangents):
-        here = list[tuple[float, StateBox, list[OrbitSegment]]]()
+        here = list[tuple[float, StateParallelogram, list[OrbitSegment]]]()
         for size in HUB_SIZES:
             for shape in HUB_RATIOS:
-                hub = StateBox(place, np.column_stack([unstable * size, stable * size * shape]))
+                hub = StateParallelogram(place, np.column_stack([unstable * size, stable * size * shape]))
                 if _is_stretched_evenly(pi, hub):
                     segments = list(_find_hub_returns(hub, states, words))
                     here.append(
-                        (entropy_of_lengths([len(word) for word in {x.words for x in segments}]), hub, segments)
+                        (entropy_of_loop_lengths([len(word) for word in {x.words for x in segments}]), hub, segments)
                     )
         here.sort(key=lambda x: -x[0])
         guesses += [(rank // HUBS_PER_CENTRE, -h, hub, segments) for rank, (h, hub, segments) in enumerate(here)]
     guesses.sort(key=lambda x: x[:2])
     found = [
-        HorseshoeCandidate(hub, tuple(_best_loops(pi, hub, segments))) for *_, hub, segments in guesses[:MOST_HUBS]
+        HorseshoeCandidate(hub, tuple(_choose_loops(pi, hub, segments))) for *_, hub, segments in guesses[:MOST_HUBS]
     ]
     yield from sorted(found, key=lambda x: -_entropy_of_loops(x.loops))
 
@@ -245,13 +245,13 @@ def _unit_preimage(tangent: Array, x: Array) -> Array:
     return _unit_vector(np.array([d * x[0] - b * x[1], a * x[1] - c * x[0]]))
 
 
-def _grid_of_box(box: StateBox, n_xi: int, n_eta: int) -> Array:
+def _grid_of_box(box: StateParallelogram, n_xi: int, n_eta: int) -> Array:
     """Return a grid of states (n_xi, n_eta, 2) in a box: n_xi × n_eta points, equally spaced along ξ and along η."""
     grid = np.stack(np.meshgrid(np.linspace(-1, 1, n_xi), np.linspace(-1, 1, n_eta), indexing="ij"), -1)
     return np.asarray(box.centre + grid @ box.sides.T)
 
 
-def _is_stretched_evenly(pi: ReturnMap, hub: StateBox) -> bool:
+def _is_stretched_evenly(pi: ReturnMap, hub: StateParallelogram) -> bool:
     """Return whether Π stretches the hub almost uniformly and maps it to an almost straight image."""
     after, words = pi(_grid_of_box(hub, 9, 5))
     if np.ptp(words) > 0 or words[0, 0] < 0:
@@ -266,7 +266,7 @@ def _is_stretched_evenly(pi: ReturnMap, hub: StateBox) -> bool:
     )
 
 
-def _find_hub_returns(hub: StateBox, states: Array, words: NDArray[np.int64]) -> Iterator[OrbitSegment]:
+def _find_hub_returns(hub: StateParallelogram, states: Array, words: NDArray[np.int64]) -> Iterator[OrbitSegment]:
     """Yield motions from the hub back to the hub, the shortest first.
 
     Yields
@@ -287,7 +287,7 @@ def _find_hub_returns(hub: StateBox, states: Array, words: NDArray[np.int64]) ->
             yield OrbitSegment(states[start : start + length + 1, j], word)
 
 
-def _best_loops(pi: ReturnMap, hub: StateBox, segments: Sequence[OrbitSegment]) -> list[LoopCandidate]:
+def _choose_loops(pi: ReturnMap, hub: StateParallelogram, segments: Sequence[OrbitSegment]) -> list[LoopCandidate]:
     """Return loops along some of the motions `segments`, chosen to have disjoint strips of the hub and a large entropy.
 
     Returns
@@ -295,7 +295,7 @@ def _best_loops(pi: ReturnMap, hub: StateBox, segments: Sequence[OrbitSegment]) 
     list[LoopCandidate]
         The loops, the shortest first.
     """
-    found = [loop for segment in segments if (loop := _loop_along(pi, hub, segment)) is not None]
+    found = [loop for segment in segments if (loop := _find_loop_along(pi, hub, segment)) is not None]
     found.sort(key=lambda loop: loop.strip[1])
     # each round chooses disjoint strips with the largest Σ e^(−rate · length); the next rate is the best entropy so far
     rate, best = 0.3, list[LoopCandidate]()
@@ -312,10 +312,10 @@ def _best_loops(pi: ReturnMap, hub: StateBox, segments: Sequence[OrbitSegment]) 
 
 
 def _entropy_of_loops(loops: Sequence[LoopCandidate]) -> float:
-    return entropy_of_lengths([len(loop.words) for loop in loops])
+    return entropy_of_loop_lengths([len(loop.words) for loop in loops])
 
 
-def _loop_along(pi: ReturnMap, hub: StateBox, segment: OrbitSegment) -> LoopCandidate | None:
+def _find_loop_along(pi: ReturnMap, hub: StateParallelogram, segment: OrbitSegment) -> LoopCandidate | None:
     """Return the loop along a motion from the hub to the hub; None if Π does not stretch each set across the next."""
     x, words, steps = segment.states, segment.words, len(segment.words)
     if steps == 1:
@@ -335,17 +335,17 @@ def _loop_along(pi: ReturnMap, hub: StateBox, segment: OrbitSegment) -> LoopCand
         if reached is None:
             return None
         lengths[i] = reached
-        target = StateBox(x[i], np.column_stack([unstable[i] * reached, stable[i]]))
-    boxes: list[StateBox] = []
+        target = StateParallelogram(x[i], np.column_stack([unstable[i] * reached, stable[i]]))
+    boxes: list[StateParallelogram] = []
     source, strip = hub, (0.0, 0.0)
     # the half height along η of each set is chosen such that the set contains the image of the preceding set
     for i in range(1, steps):
-        flat = StateBox(x[i], np.column_stack([unstable[i] * lengths[i], stable[i]]))
+        flat = StateParallelogram(x[i], np.column_stack([unstable[i] * lengths[i], stable[i]]))
         high, where = _find_crossing_image(pi, source, flat, words[i - 1])
         if not high < np.inf:
             return None
         strip = where if i == 1 else strip
-        source = StateBox(x[i], np.column_stack([flat.sides[:, 0], flat.sides[:, 1] * high * MARGIN_FACTOR]))
+        source = StateParallelogram(x[i], np.column_stack([flat.sides[:, 0], flat.sides[:, 1] * high * MARGIN_FACTOR]))
         boxes.append(source)
     if not _find_crossing_image(pi, source, hub, words[-1])[0] < LARGEST_ETA:
         return None
@@ -353,7 +353,7 @@ def _loop_along(pi: ReturnMap, hub: StateBox, segment: OrbitSegment) -> LoopCand
 
 
 def _least_half_length(
-    pi: ReturnMap, x: Array, unstable: Array, stretched: Array, target: StateBox, word: int
+    pi: ReturnMap, x: Array, unstable: Array, stretched: Array, target: StateParallelogram, word: int
 ) -> float | None:
     """Return the least half length of a segment through x along `unstable` whose image under Π crosses the target.
 
@@ -376,7 +376,7 @@ def _least_half_length(
 
 
 def _find_crossing_image(
-    pi: ReturnMap, source: StateBox, target: StateBox, word: int
+    pi: ReturnMap, source: StateParallelogram, target: StateParallelogram, word: int
 ) -> tuple[float, tuple[float, float]]:
     """Return the height of the image of `source` where it crosses `target`, and the part of `source` that crosses.
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rattle.attractors.ball import Centres, find_radii_one_by_one
+from rattle.attractors.ball import CaptureCentres, find_radii_one_by_one
 from rattle.attractors.classify import BUDGET, Classifier, ProbeRecord
 from rattle.attractors.samples import Trajectories
 from rattle.attractors.speeds import SampleSpec, SpeedLimit
@@ -30,10 +30,10 @@ class StiffClassifier(Classifier):
     cells_of = staticmethod(cells_of)
 
     @staticmethod
-    def states_after(
+    def states_after_returns(
         parameters: Parameters, tau: NDArray[np.float64], v: NDArray[np.float64], returns: int
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
-        """Return states after a number of returns, and flags of quiet states: see `Classifier.states_after`."""
+        """Return states after a number of returns, and flags of quiet states: see `Classifier.states_after_returns`."""
         each = [np.full(tau.size, x) for x in parameters.values_by_name.values()]
         tau, v, quiet = tau.copy(), v.copy(), np.zeros(tau.size, np.int8)
         counts = (np.zeros(tau.size, np.int64) for _ in range(2))
@@ -46,14 +46,14 @@ class StiffClassifier(Classifier):
         return 0.0
 
     @property
-    def has_quiet(self) -> NDArray[np.bool_]:
+    def cell_has_quiet_motion(self) -> NDArray[np.bool_]:
         """The flags (n_cells,) of cells that have a quiet motion: permanent contact with Σ⁺ is possible."""
-        return np.asarray(self.cells.has_quiet > 0)
+        return np.asarray(self.cells.cell_has_quiet_motion > 0)
 
     def add_known_orbits(self) -> None:
         """Do nothing, because this gear has no orbits that are known before its samples are followed."""
 
-    def find_radii(self, centres: Centres) -> None:
+    def find_capture_radii(self, centres: CaptureCentres) -> None:
         """Find the radii of the capture regions around these centres, and write them to `centres.radius`."""
         find_radii_one_by_one(centres, self.cells)
 

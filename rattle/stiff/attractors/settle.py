@@ -12,30 +12,30 @@ from rattle.attractors.samples import (
     ALIGNMENT,
     Outcome,
     bitmap_top_speed,
-    check_sample,
-    first_reference,
+    check_sample_outcome,
+    first_reference_state,
     mark_visited_cell,
     store_sample,
 )
 from rattle.flight.first_impact import OK
 from rattle.flight.law import speed_unit
 from rattle.numerics.compile import implement_for_type, inline, kernel
-from rattle.orbits.return_map import point_between, point_of, step
+from rattle.orbits.return_map import point_between, point_of_cell, step
 from rattle.stiff.map import flow
 from rattle.stiff.map.return_map import StiffPoint
 
 
 class StiffCells(NamedTuple):
-    """Parameters of the cells (n,); has_quiet is 1 where permanent contact is possible, else 0."""
+    """Parameters of the cells (n,); cell_has_quiet_motion is 1 where permanent contact is possible, else 0."""
 
     delta: Any
     epsilon: Any
     beta: Any
-    has_quiet: Any
+    cell_has_quiet_motion: Any
     kappa: Any
 
 
-@implement_for_type(point_of, StiffCells)
+@implement_for_type(point_of_cell, StiffCells)
 def _point_of(cell, cells):
     return StiffPoint(cells.delta[cell], cells.epsilon[cell], cells.beta[cell], cells.kappa[cell])
 
@@ -57,18 +57,18 @@ def settle(which, cells, samples, balls):
     """Follow samples `which` until each has an outcome, or stays UNRESOLVED after all returns that its limit allows."""
     for j in range(which.size):
         k = which[j]
-        point = point_of(samples.cell[k], cells)
+        point = point_of_cell(samples.cell[k], cells)
         tau, v, n, total = samples.tau[k], samples.v[k], 0, 0.0
         unit = speed_unit(point.delta, point.epsilon, point.beta)
-        reference = first_reference(tau, v)
-        status, orbit, reference = check_sample(tau, v, n, k, reference, samples, balls, unit)
+        reference = first_reference_state(tau, v)
+        status, orbit, reference = check_sample_outcome(tau, v, n, k, reference, samples, balls, unit)
         while status == Outcome.UNRESOLVED and samples.impacts[k] + n < samples.limit[k]:
             code, tau, v, time, _below = step(tau, v, point)
             if code != OK:
                 status = stiff_outcome(code)
                 break
             n, total = n + 1, total + time
-            status, orbit, reference = check_sample(tau, v, n, k, reference, samples, balls, unit)
+            status, orbit, reference = check_sample_outcome(tau, v, n, k, reference, samples, balls, unit)
         store_sample(tau, v, n, total, k, status, orbit, samples)
 
 
@@ -83,12 +83,12 @@ def follow_probes(which, least, periods, cells, samples, balls, sums, footprints
     """
     for j in range(which.size):
         k = which[j]
-        point = point_of(samples.cell[k], cells)
+        point = point_of_cell(samples.cell[k], cells)
         tau, v, n, x, y, total = samples.tau[k], samples.v[k], 0, 1.0, 0.0, 0.0
         unit = speed_unit(point.delta, point.epsilon, point.beta)
         most = float(samples.limit[k] - samples.impacts[k])
-        reference = first_reference(tau, v)
-        status, orbit, reference = check_sample(tau, v, n, k, reference, samples, balls, unit)
+        reference = first_reference_state(tau, v)
+        status, orbit, reference = check_sample_outcome(tau, v, n, k, reference, samples, balls, unit)
         while status == Outcome.UNRESOLVED:
             share = min((n - ALIGNMENT) / (least[j] - ALIGNMENT), total / periods[j])
             share = max(share, n / most)
@@ -110,5 +110,5 @@ def follow_probes(which, least, periods, cells, samples, balls, sums, footprints
                 row[1] += math.log(size)
                 row[2] += math.log(abs(j00 * j11 - j01 * j10))
             mark_visited_cell(tau, v, bitmap_top_speed(point.epsilon, unit), footprints[j])
-            status, orbit, reference = check_sample(tau, v, n, k, reference, samples, balls, unit)
+            status, orbit, reference = check_sample_outcome(tau, v, n, k, reference, samples, balls, unit)
         store_sample(tau, v, n, total, k, status, orbit, samples)

@@ -13,24 +13,30 @@ from rattle.continuation.arclength import (
     CLOSED,
     Bound,
     ContinuationProblem,
-    Follower,
+    CurveFollower,
     OneWayPath,
-    longest_step,
+    make_longest_step_function,
     root_between,
     tangent_at,
 )
 from rattle.continuation.conditions import EventKind, condition
 from rattle.continuation.followed import start_of_doubled_branch
-from rattle.continuation.line import FIRST_OF_DOUBLED, HALF_PERIOD, Parameter, line_through
+from rattle.continuation.line import FIRST_OF_DOUBLED, HALF_PERIOD, Parameter, parameter_line_through
 from rattle.errors import RattleError, require, require_integer, require_pair
 from rattle.numerics.complex_step import Array
 from rattle.orbits.orbits_a_to_d import Orbit
-from rattle.stiff.bifurcations.grazes import VANISHING, Graze, graze_at_end
+from rattle.stiff.bifurcations.grazes import VANISHING, Graze, find_graze_at_branch_end
 from rattle.stiff.bifurcations.line import EQUAL_HALVES, MotionsOnLine
-from rattle.stiff.bifurcations.records import StiffBranch, StiffEvent, unknowns_of
-from rattle.stiff.orbits.periodic import LONGEST_STEP, StiffOrbit, as_stiff_orbit, is_admissible_solution, softness
+from rattle.stiff.bifurcations.records import StiffBranch, StiffEvent, unknowns_of_stiff_orbit
+from rattle.stiff.orbits.periodic import (
+    LONGEST_STEP,
+    StiffOrbit,
+    convert_to_stiff_orbit,
+    is_admissible_solution,
+    softness,
+)
 
-__all__ = ["StiffBranch", "StiffEvent", "doubled_branch", "stiff_branch", "stiff_branch_on_line", "stiff_curve"]
+__all__ = ["StiffBranch", "StiffEvent", "period_doubled_branch", "stiff_branch", "stiff_branch_on_line", "stiff_curve"]
 
 POINTS_ACROSS = 50  # least number of points over the span
 MOST_POINTS = 1000
@@ -74,9 +80,9 @@ def stiff_branch(
     RattleError
         If the motion is virtual at its parameters.
     """
-    orbit = as_stiff_orbit(orbit)
+    orbit = convert_to_stiff_orbit(orbit)
     resolution = require_integer("resolution", resolution, 1, MOST_POINTS)
-    here = unknowns_of(orbit)
+    here = unknowns_of_stiff_orbit(orbit)
     if parameter == "kappa":
         ends = np.array((orbit.kappa / 10, orbit.kappa * 10) if span is None else require_pair("span", span))
         require(
@@ -86,33 +92,35 @@ def stiff_branch(
         )
         direction, ends = np.eye(3)[-1], np.array([softness(x) for x in ends[::-1]]) - here[-1]
     else:
-        plane = line_through(orbit.delta, orbit.epsilon, parameter, span, resolution)
+        plane = parameter_line_through(orbit.delta, orbit.epsilon, parameter, span, resolution)
         direction, ends = np.append(plane.direction, 0.0), np.array(plane.span)
     require(ends[0] < ends[1], f"span must be (low, high) with low below high, around the orbit, got {span!r}")
     line = MotionsOnLine(orbit.walls, orbit.m, orbit.beta, here[-3:], direction)
     return stiff_branch_on_line(line, np.append(here[:-3], 0.0), (float(ends[0]), float(ends[1])), resolution)
 
 
-def _follower(line: MotionsOnLine, span: tuple[float, float], resolution: int) -> Follower:
+def _stiff_branch_follower(line: MotionsOnLine, span: tuple[float, float], resolution: int) -> CurveFollower:
     def is_on_branch(y: Array) -> bool:
         return line.is_admissible(y) and not line.has_equal_halves(y)
 
-    longest = longest_step(span, resolution, LONGEST_STEP)
-    return Follower(line.problem, (Bound(-1, *span),), is_on_branch, longest, line.equivalent_unknowns)
+    longest = make_longest_step_function(span, resolution, LONGEST_STEP)
+    return CurveFollower(line.problem, (Bound(-1, *span),), is_on_branch, longest, line.equivalent_unknowns)
 
 
 def stiff_branch_on_line(line: MotionsOnLine, start: Array, span: tuple[float, float], resolution: int) -> StiffBranch:
     """Return the branch through the motion `start` on a line, followed in both directions while it stays in `span`."""
     if not line.is_admissible(start):
         raise RattleError("the motion is virtual at its parameters: give a motion from rattle.stiff.stiff_orbit")
-    followed = _follower(line, span, resolution).follow_both_ways(start, -1, MOST_POINTS)
+    followed = _stiff_branch_follower(line, span, resolution).follow_both_ways(start, -1, MOST_POINTS)
     ends = (_BranchEnd(CLOSED), _BranchEnd(CLOSED))
     if followed.paths is not None:
         ends = _end_of_path(line, followed.paths[0], span), _end_of_path(line, followed.paths[1], span)
     return _branch_of_points(line, followed.points, followed.tangents, followed.start, ends)
 
 
-def doubled_branch(event: StiffEvent, direction: Array, span: tuple[float, float], resolution: int) -> StiffBranch:
+def period_doubled_branch(
+    event: StiffEvent, direction: Array, span: tuple[float, float], resolution: int
+) -> StiffBranch:
     """Return the branch of motions of twice the period that begins at a flip.
 
     Parameters change along `direction`, in (δ, ε, 1/√(2κ)). span: (low, high), the multiples of the direction between
@@ -126,7 +134,7 @@ def doubled_branch(event: StiffEvent, direction: Array, span: tuple[float, float
     itinerary = event.itinerary.with_doubled_period()
     line = MotionsOnLine(itinerary.walls, itinerary.m, itinerary.beta, event.parameters, direction)
     start = start_of_doubled_branch(event.itinerary, event.unknowns)
-    path = _follower(line, span, resolution).follow(*start, MOST_POINTS, FIRST_OF_DOUBLED)
+    path = _stiff_branch_follower(line, span, resolution).follow(*start, MOST_POINTS, FIRST_OF_DOUBLED)
     tangents = path.tangents.copy()
     # a doubled branch turns back in the parameter at its first point, the flip; the next point's tangent replaces the
     # first one, so that this turn does not count as a saddle-node
@@ -163,7 +171,7 @@ def _end_of_path(line: MotionsOnLine, path: OneWayPath, span: tuple[float, float
     shortest = int(np.argmin(last[c : 2 * c]))
     grazes = last[c + shortest] < VANISHING
     why = f"contact {shortest} with {_wall_name(line.walls[shortest])} {LOST}" if grazes else "a contact is made"
-    return _BranchEnd(f"graze: {why}", graze=graze_at_end(line, last, path.tangents[-1]))
+    return _BranchEnd(f"graze: {why}", graze=find_graze_at_branch_end(line, last, path.tangents[-1]))
 
 
 def _wall_name(wall: int) -> str:
@@ -263,7 +271,7 @@ def stiff_curve(
         If the event is neither a saddle-node nor a flip, or no solution inside the window.
     """
     require(isinstance(event, StiffEvent), f"event must be a StiffEvent, got {type(event).__name__}")
-    from rattle.continuation.curve_continuation import PlaneWindow, pieces_in_window
+    from rattle.continuation.curve_continuation import PlaneWindow, trace_pieces_in_window
 
     window = PlaneWindow(require_pair("delta", delta), require_pair("epsilon", epsilon), resolution)
     itinerary = event.orbit.itinerary
@@ -271,7 +279,7 @@ def stiff_curve(
     def reason_to_leave(x: Array) -> str | None:
         return None if is_admissible_solution(itinerary, x) else "the motion is virtual"
 
-    found = pieces_in_window(
+    found = trace_pieces_in_window(
         condition(itinerary, event.kind), [event.orbit.unknowns], window, reason_to_leave, itinerary.contacts
     )
     if not found:

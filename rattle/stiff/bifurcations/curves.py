@@ -10,15 +10,15 @@ from collections.abc import Iterator
 import numpy as np
 
 from rattle.continuation.arclength import ContinuationProblem
-from rattle.continuation.conditions import EventKind, condition, scale_at
+from rattle.continuation.conditions import EventKind, condition, scale_of_unknowns
 from rattle.continuation.curve_continuation import (
     Curve,
-    CurveDescription,
+    MotionAtCurvePoint,
     PlaneWindow,
     interior_points,
-    quiet_limit_curve,
     require_window_range,
     trace_problem,
+    trace_quiet_limit,
 )
 from rattle.errors import RattleError, require_number, require_one_of
 from rattle.flight.forcing import TWO_PI
@@ -36,7 +36,7 @@ from rattle.stiff.orbits.closure import (
 )
 from rattle.stiff.orbits.equations import StiffItinerary
 from rattle.stiff.orbits.families import PLUS, PLUS_MINUS, StiffFamily, families, largest_family_epsilon, sign_changes
-from rattle.stiff.orbits.family_continuation import family_solution_above_chord
+from rattle.stiff.orbits.family_continuation import solve_family_above_chord
 from rattle.stiff.orbits.periodic import orbit_of
 
 #: For each fold curve, the letters of the two motions that meet there.
@@ -117,9 +117,9 @@ def _trace_family_curve(name: str, beta: float, kappa: float, window: PlaneWindo
     def reason_to_leave(x: Array) -> str | None:
         return _reason_to_leave(name, np.delete(x, -2), ContactCycle(walls, 1, float(x[-2]), beta, kappa))
 
-    def describe_motion(x: Array) -> CurveDescription:
+    def describe_motion(x: Array) -> MotionAtCurvePoint:
         orbit = orbit_of(itinerary, x)
-        return CurveDescription(orbit.tau, orbit.v, np.array(orbit.multipliers))
+        return MotionAtCurvePoint(orbit.tau, orbit.v, np.array(orbit.multipliers))
 
     starts = _starting_points(name, beta, kappa, window, dampings)
     problem, times = condition(itinerary, kind), itinerary.contacts
@@ -192,7 +192,7 @@ def _flip_by_bisection(a: Array, b: Array, cycle: ContactCycle, flip: float) -> 
     """
     sign, y = trace_of_solution(a, cycle) + flip > 0.0, np.empty(a.size)
     for _ in range(BISECTIONS):
-        if not family_solution_above_chord(a, b, 0.5, cycle, y):
+        if not solve_family_above_chord(a, b, 0.5, cycle, y):
             break
         a, b = (y.copy(), b) if (trace_of_solution(y, cycle) + flip > 0.0) == sign else (a, y.copy())
     return a
@@ -257,6 +257,6 @@ def _quiet_limit_curve(beta: float, kappa: float, window: PlaneWindow, dampings:
         phase = np.arctan2(2 * TWO_PI * delta * kappa, TWO_PI**2 * (a - delta**2)) / TWO_PI
         return np.array([phase, delta, float(quiet_limit(delta, kappa))])
 
-    return quiet_limit_curve(
-        beta, ContinuationProblem(equations, scale=scale_at), (guess(float(d)) for d in dampings), window
+    return trace_quiet_limit(
+        beta, ContinuationProblem(equations, scale=scale_of_unknowns), (guess(float(d)) for d in dampings), window
     )

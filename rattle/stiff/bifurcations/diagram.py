@@ -10,16 +10,16 @@ from numpy.typing import ArrayLike
 
 from rattle.attractors.speeds import SampleSpec, SpeedLimit
 from rattle.continuation.arclength import ContinuationProblem
-from rattle.continuation.bifurcation_diagram import Diagram, diagram_of, require_end
+from rattle.continuation.bifurcation_diagram import Diagram, check_segment_end, compute_diagram
 from rattle.continuation.conditions import EventKind
-from rattle.continuation.motions import POINTS_ACROSS, Motion, Motions, Segment
+from rattle.continuation.motions import POINTS_ACROSS, Motion, MotionsOnSegment, ParameterSegment
 from rattle.errors import RattleError, require_number, require_pair
 from rattle.numerics.complex_step import Array
 from rattle.parameters import Parameters
 from rattle.stiff.attractors.classifier import StiffClassifier
-from rattle.stiff.bifurcations.branches import doubled_branch, stiff_branch_on_line
+from rattle.stiff.bifurcations.branches import period_doubled_branch, stiff_branch_on_line
 from rattle.stiff.bifurcations.line import MotionsOnLine
-from rattle.stiff.bifurcations.records import StiffBranch, StiffEvent, unknowns_of
+from rattle.stiff.bifurcations.records import StiffBranch, StiffEvent, unknowns_of_stiff_orbit
 from rattle.stiff.orbits.closure import softness
 from rattle.stiff.orbits.equations import StiffItinerary
 from rattle.stiff.orbits.period_one import orbits_at
@@ -29,8 +29,8 @@ LETTER_STEPS = 5  # number of steps of the segment at which A to D are computed
 
 
 @dataclass(frozen=True)
-class StiffMotions(Motions):
-    """The stiff gear along a segment of (δ, ε, p), p = 1/√(2κ): see `rattle.continuation.motions.Motions`."""
+class StiffMotions(MotionsOnSegment):
+    """The stiff gear along a segment of (δ, ε, p), p = 1/√(2κ): see `rattle.continuation.motions.MotionsOnSegment`."""
 
     classifier = StiffClassifier
 
@@ -69,7 +69,7 @@ class StiffMotions(Motions):
         return self._line_of(itinerary).problem
 
     def solve_motion(self, itinerary: StiffItinerary, y: Array) -> StiffOrbit | None:
-        """Return the orbit near a guess y of the contact equations, or None if none is found; see `Motions`."""
+        """Return the orbit near a guess y of the contact equations, or None if none is found."""
         line = self._line_of(itinerary)
         found = line.corrected_solution(y)
         return None if found is None else line.orbit(found)
@@ -82,7 +82,7 @@ class StiffMotions(Motions):
 
     def follow_doubled_branch(self, event: StiffEvent, span: tuple[float, float]) -> StiffBranch:
         """Return the branch of doubled period that leaves a flip (`Motions.follow_doubled_branch`)."""
-        return doubled_branch(event, self.segment.direction, span, POINTS_ACROSS)
+        return period_doubled_branch(event, self.segment.direction, span, POINTS_ACROSS)
 
     def events_of(self, found: StiffBranch) -> tuple[StiffEvent, ...]:
         """Return the saddle-nodes and flips of a branch, and the grazes at which its label changes."""
@@ -105,7 +105,7 @@ class StiffMotions(Motions):
         return MotionsOnLine(itinerary.walls, itinerary.m, self.beta, self.segment.start, self.segment.direction)
 
     def _motion_of(self, orbit: StiffOrbit) -> Motion:
-        return orbit.itinerary, unknowns_of(orbit)
+        return orbit.itinerary, unknowns_of_stiff_orbit(orbit)
 
 
 def diagram(
@@ -146,7 +146,9 @@ def diagram(
     beta = require_number("beta", beta, positive=True)
     at_ends = require_pair("kappa", (kappa, kappa) if np.ndim(kappa) == 0 else kappa)
     ends = [
-        np.append(require_end(name, value), softness(require_number("kappa", each, positive=True)))
+        np.append(check_segment_end(name, value), softness(require_number("kappa", each, positive=True)))
         for name, value, each in zip(("start", "end"), (start, end), at_ends, strict=True)
     ]
-    return diagram_of(StiffMotions(Segment(*ends), beta), beta, steps, impacts, most, SampleSpec(count, v_max, seed))
+    return compute_diagram(
+        StiffMotions(ParameterSegment(*ends), beta), beta, steps, impacts, most, SampleSpec(count, v_max, seed)
+    )

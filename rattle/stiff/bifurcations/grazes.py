@@ -13,9 +13,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rattle.continuation.arclength import newton_on_curve, tangent_at
+from rattle.continuation.arclength import solve_on_curve, tangent_at
 from rattle.numerics.complex_step import Array
-from rattle.orbits.periodic_motions import unknowns_from_impact
+from rattle.orbits.periodic_motions import unknowns_counted_from_impact
 from rattle.stiff.bifurcations.line import MotionsOnLine
 from rattle.stiff.orbits.periodic import FailingPiece, first_failing_piece
 
@@ -39,7 +39,7 @@ class Graze(NamedTuple):
     beyond: tuple[MotionsOnLine, Array] | None
 
 
-def graze_at_end(line: MotionsOnLine, y: Array, tangent: Array) -> Graze | None:
+def find_graze_at_branch_end(line: MotionsOnLine, y: Array, tangent: Array) -> Graze | None:
     """Return the graze at which a branch ends, from its last point y and its outward tangent; None if there is none."""
     c, p = len(line.walls), line.itinerary(y).softness
     flights = np.append(y[1:c], y[0] + line.m) - y[:c] - p * y[c : 2 * c]
@@ -60,7 +60,9 @@ def _begin_with_sigma_plus(line: MotionsOnLine, y: Array) -> tuple[MotionsOnLine
     """Return the line and the motion y, renumbered so that contact 0 is the first with Σ⁺, if there is one."""
     first = line.walls.index(1) if 1 in line.walls else 0
     itinerary = line.itinerary(y)
-    return replace(line, walls=itinerary.with_first_impact(first).walls), unknowns_from_impact(itinerary, y, first)
+    return replace(line, walls=itinerary.with_first_impact(first).walls), unknowns_counted_from_impact(
+        itinerary, y, first
+    )
 
 
 def _remove_contact(line: MotionsOnLine, y: Array, contact: int) -> tuple[MotionsOnLine, Array]:
@@ -72,7 +74,7 @@ def _remove_contact(line: MotionsOnLine, y: Array, contact: int) -> tuple[Motion
 def _merge_contacts(line: MotionsOnLine, y: Array, contact: int) -> tuple[MotionsOnLine, Array]:
     """Return the motion y with contact number `contact` and the next contact merged into one."""
     itinerary, c = line.itinerary(y), len(line.walls)
-    y, walls = unknowns_from_impact(itinerary, y, contact), itinerary.with_first_impact(contact).walls
+    y, walls = unknowns_counted_from_impact(itinerary, y, contact), itinerary.with_first_impact(contact).walls
     y[c] = (y[1] - y[0]) / itinerary.softness + y[c + 1]
     return _remove_contact(replace(line, walls=walls), y, 1)
 
@@ -90,7 +92,7 @@ def _admissible_motion_near(line: MotionsOnLine, y: Array) -> tuple[MotionsOnLin
     tangent = tangent_at(line.problem, y, rising)
     for reach in DISTANCES_TO_TRY:
         for side in (reach, -reach):
-            found = newton_on_curve(line.problem, y + side * tangent, tangent)
+            found = solve_on_curve(line.problem, y + side * tangent, tangent)
             if found is not None and line.is_admissible(found[0]):
                 return line, found[0]
     return None
@@ -107,7 +109,7 @@ def _motion_with_one_more_contact(line: MotionsOnLine, y: Array, tangent: Array)
         The line and the unknowns of the new motion; None if it is not found.
     """
     for reach in DISTANCES_TO_TRY:
-        there = newton_on_curve(line.problem, y + reach * tangent, tangent)
+        there = solve_on_curve(line.problem, y + reach * tangent, tangent)
         failure = (
             None if there is None else first_failing_piece(line.itinerary(there[0]), line.full_unknowns(there[0])[:-1])
         )
@@ -115,7 +117,7 @@ def _motion_with_one_more_contact(line: MotionsOnLine, y: Array, tangent: Array)
             more, guess, constraint = (_guess_with_split_contact if failure.contact else _guess_with_short_contact)(
                 line, y, failure
             )
-            found = newton_on_curve(more.problem, guess, constraint)
+            found = solve_on_curve(more.problem, guess, constraint)
             if found is not None and more.is_admissible(found[0]):
                 return more, found[0]
     return None

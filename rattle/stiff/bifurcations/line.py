@@ -5,12 +5,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from rattle.continuation.arclength import ContinuationProblem, line_scale, root_between, solution_with_value
+from rattle.continuation.arclength import ContinuationProblem, line_scale, root_between, solve_with_fixed_unknown
 from rattle.flight.impact_law import ELASTIC
 from rattle.numerics.complex_step import Array
 from rattle.orbits.periodic_motions import equivalent_unknowns, solve_at_parameters
 from rattle.stiff.orbits.equations import StiffItinerary
-from rattle.stiff.orbits.periodic import StiffOrbit, is_admissible_solution, orbit_of, trace_of
+from rattle.stiff.orbits.periodic import StiffOrbit, is_admissible_solution, orbit_of, trace_of_tangent_map
 
 EQUAL_HALVES = 1e-5  # a motion is a shorter one, run through twice, if its halves differ by less than this
 MOST_BRACKETS = 8  # number of times that the interval around a sought flip is made ten times wider
@@ -64,7 +64,7 @@ class MotionsOnLine:
     def flip_residual(self, y: Array) -> float:
         """Return a number that changes sign at a flip: 1 + e^(−δm) plus the trace of the tangent map over m periods."""
         x = self.full_unknowns(y)
-        return trace_of(self.itinerary(y), x[:-1]) + 1.0 + float(ELASTIC.determinant(x[-3], self.m, 1))
+        return trace_of_tangent_map(self.itinerary(y), x[:-1]) + 1.0 + float(ELASTIC.determinant(x[-3], self.m, 1))
 
     def orbit(self, y: Array) -> StiffOrbit:
         """Return a motion y on the line as a `StiffOrbit`."""
@@ -123,7 +123,7 @@ class MotionsOnLine:
         """
         for i in range(MOST_BRACKETS + 1):
             reach = width * 10.0 ** (i - MOST_BRACKETS)
-            ends = [solution_with_value(self.problem, y, -1, y[-1] + side * reach) for side in (-1, 1)]
+            ends = [solve_with_fixed_unknown(self.problem, y, -1, y[-1] + side * reach) for side in (-1, 1)]
             a, b = ends
             if a is not None and b is not None and self.flip_residual(a) * self.flip_residual(b) < 0.0:
                 return root_between(self.problem, a, b, self.flip_residual)

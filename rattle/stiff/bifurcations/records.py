@@ -50,7 +50,7 @@ class StiffEvent(NamedTuple):
     @property
     def unknowns(self) -> Array:
         """The unknowns (2c + 3,) of the motion at the event: times, durations/p, δ, ε and p = 1/√(2κ)."""
-        return unknowns_of(self.orbit)
+        return unknowns_of_stiff_orbit(self.orbit)
 
     @property
     def parameters(self) -> Array:
@@ -63,7 +63,7 @@ class StiffEvent(NamedTuple):
         return True
 
 
-def unknowns_of(orbit: StiffOrbit) -> Array:
+def unknowns_of_stiff_orbit(orbit: StiffOrbit) -> Array:
     """Return the unknowns (2c + 3,) of a motion with c contacts: times, durations/p, δ, ε and p = 1/√(2κ)."""
     return np.append(orbit.unknowns, softness(orbit.kappa))
 
@@ -97,7 +97,7 @@ class StiffBranch(FollowedBranch):
         return {"kappa": np.asarray(0.5 / self.unknowns[:, -1] ** 2)}
 
     @property
-    def unfolded_times(self) -> Array:
+    def unwrapped_times(self) -> Array:
         """The times and durations (k, 2c) of the c contacts, without jumps by whole periods along the branch."""
         return self.unknowns[:, :-3]
 
@@ -117,7 +117,7 @@ class StiffBranch(FollowedBranch):
         folds = [event.point for event in self.events if event.kind is EventKind.SADDLE_NODE]
         edges, names = [0, *folds, len(self)], list[str]()
         for i, j in pairwise(edges):
-            names += [_letter_of(self.orbit((i + j) // 2)) if self.label[:2] == (1, 1) else ""] * (j - i)
+            names += [_letter_of_orbit(self.orbit((i + j) // 2)) if self.label[:2] == (1, 1) else ""] * (j - i)
         return tuple(names)
 
     def curve_of(self, event: StiffEvent) -> str | None:
@@ -133,9 +133,9 @@ class StiffBranch(FollowedBranch):
             return None
         if len(self.walls) == 1:
             return "PDC" if letters[k] == "C" else None
-        return self._flip_of_d(event) if letters[k] == "D" else None
+        return self._curve_of_flip_of_d(event) if letters[k] == "D" else None
 
-    def _flip_of_d(self, event: StiffEvent) -> str | None:
+    def _curve_of_flip_of_d(self, event: StiffEvent) -> str | None:
         """Return the name of the curve on which a flip of D lies.
 
         Returns
@@ -177,7 +177,7 @@ class StiffBranch(FollowedBranch):
         return found
 
 
-def _letter_of(orbit: StiffOrbit) -> str:
+def _letter_of_orbit(orbit: StiffOrbit) -> str:
     """Return the letter A to D of a motion P(1,1,0) or P(1,1,1), or "" if it has none."""
     for name, other in orbits_at(orbit.delta, orbit.epsilon, orbit.beta, orbit.kappa):
         if (

@@ -18,7 +18,8 @@ from rattle.flight.first_impact import BISECTED, MOST_STEPS, PIECE, end_of_piece
 from rattle.flight.forcing import TWO_PI, force_fourier_coefficients, negative_arc, sine_cosine_at, versines
 from rattle.numerics.compile import inline, kernel
 
-# status codes of `contact_end`: the contact ends; lasts to the horizon; never ends; has no end that the search finds
+# status codes of `find_contact_end`: the contact ends; lasts to the horizon; never ends; has no end that the search
+# finds
 ENDS, LASTS, STAYS, TOO_LONG = range(4)
 # the search for the end of a contact stops after LONGEST forcing periods plus DECAYS decay times of a free motion
 LONGEST = 1000.0
@@ -81,7 +82,7 @@ def responses(s, delta, kappa):
 
 
 @inline
-def compliance(delta, kappa):
+def compliance_terms(delta, kappa):
     """Return A/D, B/D and 1/√D for A = 2κ − 4π², B = 2πδ and D = A² + B².
 
     The force cos 2πs causes the periodic depth (A cos 2πs + B sin 2πs)/D, with the amplitude 1/√D.
@@ -97,7 +98,7 @@ def compliance(delta, kappa):
 
 
 @inline
-def forced_responses(s, delta, kappa):
+def contact_responses(s, delta, kappa):
     """Return the responses of a contact at the time s to a unit velocity, a unit depth, and the forces cos and sin 2πs.
 
     Returns
@@ -109,7 +110,7 @@ def forced_responses(s, delta, kappa):
     """
     sine, lost, defect = responses(s, delta, kappa)
     omc, siny, forced_defect = versines(s)
-    in_phase, behind, _size = compliance(delta, kappa)
+    in_phase, behind, _size = compliance_terms(delta, kappa)
     p, q = lost - omc, TWO_PI * defect - forced_defect  # p = cos 2πs − C and q = sin 2πs − 2πS, without cancellation
     dp, dq = 2.0 * kappa * sine - TWO_PI * siny, TWO_PI * (lost + delta * sine - omc)
     x_c, x_s = in_phase * p + behind * q, in_phase * q - behind * p
@@ -121,7 +122,7 @@ def forced_responses(s, delta, kappa):
 def contact_state(s, contact):
     """Return depth x, velocity x' and force h of a contact at the time s, and the responses S, 1 − C (`responses`)."""
     x0, w0, mean, a, b, delta, kappa = contact
-    sine, lost, x_c, x_s, v_c, v_s, omc, siny = forced_responses(s, delta, kappa)
+    sine, lost, x_c, x_s, v_c, v_s, omc, siny = contact_responses(s, delta, kappa)
     stiffness = 2.0 * kappa
     x = x0 * (1.0 - lost) + w0 * sine + mean * lost / stiffness + (a * x_c + b * x_s)
     v = w0 * (1.0 - lost - delta * sine) + (mean - stiffness * x0) * sine + (a * v_c + b * v_s)
@@ -129,18 +130,18 @@ def contact_state(s, contact):
 
 
 @inline
-def steady_contact(s, contact):
+def steady_contact_state(s, contact):
     """Return the depth and velocity at the time s in permanent (periodic) contact under the force of this contact."""
     _x0, _w0, mean, a, b, delta, kappa = contact
     omc, sine, _defect = versines(s)
     cosine = 1.0 - omc
-    in_phase, behind, _size = compliance(delta, kappa)
+    in_phase, behind, _size = compliance_terms(delta, kappa)
     c, d = a * in_phase - b * behind, a * behind + b * in_phase
     return mean / (2.0 * kappa) + c * cosine + d * sine, TWO_PI * (d * cosine - c * sine)
 
 
 @inline
-def log_rate(s, delta, square, rate):
+def logarithmic_derivative_of_free_motion(s, delta, square, rate):
     """Return u'/u at the time s for the free motion u = e^(−δs/2) cos(rate · s), with cosh for cos if `square` > 0.
 
     u is a depth without force that is positive around s = 0. square: δ²/4 − 2κ. rate: the square root of |square|.
@@ -157,10 +158,11 @@ def log_rate(s, delta, square, rate):
 
 @kernel
 def time_of_extremum(lo, hi, middle, contact):
-    """Return the time in (lo, hi) at which x/u is extreme, with x the depth and u the free motion of `log_rate`.
+    """Return the time in (lo, hi) at which x/u is extreme; x is the depth of contact, and u the free motion in contact.
 
-    `log_rate` counts its time from `middle`. The method finds the zero of q = x' − x u'/u, which has the sign of the
-    derivative of x/u and changes sign once in (lo, hi). With the force h, q' = h − (δ + u'/u) q.
+    `logarithmic_derivative_of_free_motion` counts its time from `middle`. The method finds the zero of q = x' − x u'/u,
+    which has the sign of the derivative of x/u and changes sign once in (lo, hi). With the force h, q' = h − (δ + u'/u)
+    q.
 
     Returns
     -------
@@ -171,11 +173,11 @@ def time_of_extremum(lo, hi, middle, contact):
     square = 0.25 * delta * delta - 2.0 * contact.kappa
     rate = math.sqrt(abs(square))
     x, v, _h, _s, _l = contact_state(hi, contact)
-    rising = v - x * log_rate(hi - middle, delta, square, rate) > 0.0
+    rising = v - x * logarithmic_derivative_of_free_motion(hi - middle, delta, square, rate) > 0.0
     s = 0.5 * (lo + hi)
     for k in range(1, MOST_STEPS + 1):
         x, v, h, _s, _l = contact_state(s, contact)
-        r = log_rate(s - middle, delta, square, rate)
+        r = logarithmic_derivative_of_free_motion(s - middle, delta, square, rate)
         q = v - x * r
         if (q > 0.0) == rising:
             hi = s
@@ -219,7 +221,7 @@ def time_of_zero_depth(lo, hi, contact):
 
 
 @kernel
-def contact_end(wall, tau, x0, w0, delta, epsilon, kappa, horizon):
+def find_contact_end(wall, tau, x0, w0, delta, epsilon, kappa, horizon):
     """Follow a contact from phase tau, depth x0 ≥ 0 and outward velocity w0 until the depth x first falls to 0.
 
     If x0 is 0, the motion must move into the wall or be pressed on it. horizon: the time after which the search stops;
@@ -240,11 +242,11 @@ def contact_end(wall, tau, x0, w0, delta, epsilon, kappa, horizon):
     longest = PIECE if square >= 0.0 else min(PIECE, 0.75 * math.pi / rate)
     slow = 0.5 * abs(delta) if square <= 0.0 else 2.0 * kappa / (0.5 * abs(delta) + rate)
     latest = LONGEST + DECAYS / slow
-    swing = math.hypot(a, b) * compliance(delta, kappa)[2]  # amplitude of the depth in permanent contact
+    swing = math.hypot(a, b) * compliance_terms(delta, kappa)[2]  # amplitude of the depth in permanent contact
     least = mean / (2.0 * kappa) - swing
     s, x, v = 0.0, x0, w0
     while s < horizon:
-        rest, rest_v = steady_contact(s, contact)
+        rest, rest_v = steady_contact_state(s, contact)
         # from the time s on, the depth differs from the depth of permanent contact by at most `reach`
         reach = math.sqrt((x - rest) ** 2 + (v - rest_v) ** 2 / (2.0 * kappa))
         if delta < 0.0:  # backwards in time the difference from permanent contact grows without bound
@@ -263,8 +265,8 @@ def contact_end(wall, tau, x0, w0, delta, epsilon, kappa, horizon):
         end = min(end_of_piece(s, longest, tau, arc), horizon)
         x1, v1, _h, _s, _l = contact_state(end, contact)
         middle = 0.5 * (s + end)
-        q0 = v - x * log_rate(s - middle, delta, square, rate)
-        q1 = v1 - x1 * log_rate(end - middle, delta, square, rate)
+        q0 = v - x * logarithmic_derivative_of_free_motion(s - middle, delta, square, rate)
+        q1 = v1 - x1 * logarithmic_derivative_of_free_motion(end - middle, delta, square, rate)
         lo, hi = s, end
         ends = not x1 > 0.0
         if q0 < 0.0 < q1 or q1 < 0.0 < q0:

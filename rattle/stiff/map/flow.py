@@ -13,7 +13,7 @@ from rattle.flight.first_impact import OK, SIGMA_MINUS, SIGMA_PLUS, first_impact
 from rattle.flight.forcing import DRIFT, contact_force, force_fourier_coefficients, force_integral, sine_cosine_at
 from rattle.flight.law import evaluate, flight_from_phase, fold_phase
 from rattle.numerics.compile import inline, kernel
-from rattle.stiff.map.contact import ENDS, LASTS, STAYS, contact_end
+from rattle.stiff.map.contact import ENDS, LASTS, STAYS, find_contact_end
 
 GAP = SIGMA_PLUS - SIGMA_PLUS  # 0 in the integer type of the walls: the motion is in the gap
 QUIET, STUCK = 3, 4  # status codes besides OK: contact never ends; the motion cannot be followed to its end
@@ -21,7 +21,7 @@ MOST_PIECES = 1_000_000  # largest number of flights and contacts that one call 
 
 
 @inline
-def outward_force(wall, tau, delta, epsilon):
+def pressing_force(wall, tau, delta, epsilon):
     """Return the contact force at this phase with the sign of the wall: positive if it presses the teeth together."""
     sine, cosine = sine_cosine_at(tau)
     return wall * contact_force(sine, cosine, delta, epsilon, math.copysign(DRIFT, delta))
@@ -32,7 +32,7 @@ def is_contact_over(wall, tau, position, w, delta, epsilon):
     """Return whether a contact is over: its depth is 0, and the motion moves or is pulled away from the wall."""
     if position != 0.0 or wall * w > 0.0:
         return False
-    return wall * w < 0.0 or not outward_force(wall, tau, delta, epsilon) > 0.0
+    return wall * w < 0.0 or not pressing_force(wall, tau, delta, epsilon) > 0.0
 
 
 @inline
@@ -86,7 +86,7 @@ def follow_piece(wall, tau, position, w, delta, epsilon, beta, kappa, horizon):
     if wall == GAP or leaves:
         status, s, wall, position, w, lost = follow_flight(wall, tau, position, w, delta, epsilon, beta, horizon)
         return status, s, wall, position, w, leaves, 1.0, lost / delta, 0.0, 1.0 - lost
-    status, s, x, v, sine, lost = contact_end(wall, tau, position, wall * w, delta, epsilon, kappa, horizon)
+    status, s, x, v, sine, lost = find_contact_end(wall, tau, position, wall * w, delta, epsilon, kappa, horizon)
     w = wall * v
     if status == STAYS:
         return QUIET, s, wall, x, w, False, 1.0, 0.0, 0.0, 1.0
@@ -143,7 +143,7 @@ def next_departure(tau, v, delta, epsilon, beta, kappa):
         if (
             begun
             and position == 0.0
-            and (w < 0.0 or (w == 0.0 and not outward_force(wall, phase, delta, epsilon) > 0.0))
+            and (w < 0.0 or (w == 0.0 and not pressing_force(wall, phase, delta, epsilon) > 0.0))
         ):
             return OK, phase, -w, time, n_minus, j00, j01, j10, j11
         status, s, after, position, w, left, m00, m01, m10, m11 = follow_piece(
@@ -161,7 +161,7 @@ def next_departure(tau, v, delta, epsilon, beta, kappa):
 
 
 @kernel
-def flight_and_contact(wall, tau, w, delta, epsilon, beta, kappa):
+def follow_flight_and_contact(wall, tau, w, delta, epsilon, beta, kappa):
     """Return the flight and the contact that follow a departure from either wall, up to the next departure.
 
     The contact obeys x'' + δx' + 2κx = h, with depth x and outward contact force h, and begins and ends at x = 0. Its

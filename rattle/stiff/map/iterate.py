@@ -9,9 +9,9 @@ from numpy.typing import ArrayLike
 
 from rattle.flight.first_impact import OK
 from rattle.numerics.compile import kernel
-from rattle.orbits.iterates import Iterates, Stretched, checked_states
+from rattle.orbits.iterates import Iterates, IteratesWithExponents, check_states_and_parameters
 from rattle.stiff.map.flow import QUIET
-from rattle.stiff.map.return_map import StiffPoint, step, step_tangent
+from rattle.stiff.map.return_map import StiffPoint, step, step_with_tangent
 
 
 @kernel
@@ -43,7 +43,7 @@ def apply_stiff_returns_with_tangent(tau, v, n, delta, epsilon, beta, kappa, n_p
         point = StiffPoint(delta[i], epsilon[i], beta[i], kappa[i])
         x, y = 1.0, 0.0
         while n_plus[i] < n[i]:
-            code, tau1, v1, time, below, j00, j01, j10, j11, _ln = step_tangent(tau[i], v[i], point)
+            code, tau1, v1, time, below, j00, j01, j10, j11, _ln = step_with_tangent(tau[i], v[i], point)
             if code != OK:
                 break
             j01, j10, j11 = j01 / v[i], j10 * v1, j11 * v1 / v[i]
@@ -82,7 +82,7 @@ def iterate(
     ParameterError
         If an argument is outside its domain.
     """
-    flat, shape = checked_states(delta, epsilon, tau, v, n, beta, kappa=kappa)
+    flat, shape = check_states_and_parameters(delta, epsilon, tau, v, n, beta, kappa=kappa)
     n_plus, n_minus = np.zeros(flat[0].size, np.int64), np.zeros(flat[0].size, np.int64)
     apply_stiff_returns(*flat, np.zeros(flat[0].size, np.int8), n_plus, n_minus)
     return Iterates(*(x.reshape(shape) for x in (*flat[:2], n_plus, n_minus)))
@@ -96,14 +96,14 @@ def iterate_tangent(
     n: ArrayLike,
     beta: ArrayLike = 0.6,
     kappa: ArrayLike = 1e4,
-) -> Stretched:
+) -> IteratesWithExponents:
     """Return the results of `iterate`, and both Lyapunov exponents over the n returns.
 
     The exponents are in the coordinates of `rattle.iterate_tangent`. They are NaN for a motion that makes no return.
 
     Returns
     -------
-    Stretched
+    IteratesWithExponents
         States, numbers of contacts with both walls, and exponents.
 
     Raises
@@ -111,8 +111,8 @@ def iterate_tangent(
     ParameterError
         If an argument is outside its domain.
     """
-    flat, shape = checked_states(delta, epsilon, tau, v, n, beta, kappa=kappa)
+    flat, shape = check_states_and_parameters(delta, epsilon, tau, v, n, beta, kappa=kappa)
     n_plus, n_minus = np.zeros(flat[0].size, np.int64), np.zeros(flat[0].size, np.int64)
     growth = np.zeros((3, flat[0].size))
     apply_stiff_returns_with_tangent(*flat, n_plus, n_minus, growth)
-    return Stretched.from_growth((*flat[:2], n_plus, n_minus), growth, shape)
+    return IteratesWithExponents.from_growth((*flat[:2], n_plus, n_minus), growth, shape)

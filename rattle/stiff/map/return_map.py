@@ -12,7 +12,7 @@ from rattle.flight.impact_law import log_determinant
 from rattle.intensity.visit import bounce, mean_force_at
 from rattle.numerics.compile import implement_for_type, kernel
 from rattle.orbits import return_map
-from rattle.stiff.map.flow import flight_and_contact, next_departure, outward_force, previous_departure
+from rattle.stiff.map.flow import follow_flight_and_contact, next_departure, pressing_force, previous_departure
 
 
 class StiffPoint(NamedTuple):
@@ -27,7 +27,7 @@ class StiffPoint(NamedTuple):
 @kernel
 def acceleration(tau, w, point):
     """Return Φ'' at a departure from Σ⁺ with velocity w, where the depth is 0 and the wall exerts no force."""
-    return outward_force(SIGMA_PLUS, tau, point.delta, point.epsilon) - point.delta * w
+    return pressing_force(SIGMA_PLUS, tau, point.delta, point.epsilon) - point.delta * w
 
 
 @kernel
@@ -40,7 +40,7 @@ def step(tau, v, point):
 
 
 @kernel
-def step_tangent(tau, v, point):
+def step_with_tangent(tau, v, point):
     """Return the next departure (τ', v') = Π(τ, v) from Σ⁺, with the tangent map of Π.
 
     A change (dτ, dv) of the departure is the change (v dτ, −dv − Φ'' dτ) of (Φ, Φ') at time τ, and likewise at the next
@@ -79,9 +79,9 @@ def _step(tau, v, point):
     return step(tau, v, point)
 
 
-@implement_for_type(return_map.step_tangent, StiffPoint)
+@implement_for_type(return_map.step_with_tangent, StiffPoint)
 def _step_tangent(tau, v, point):
-    return step_tangent(tau, v, point)
+    return step_with_tangent(tau, v, point)
 
 
 @implement_for_type(return_map.inverse_step, StiffPoint)
@@ -96,4 +96,4 @@ def _mean_force_at(point):
 
 @implement_for_type(bounce, StiffPoint)
 def _bounce(wall, tau, w, point):
-    return flight_and_contact(wall, tau, w, point.delta, point.epsilon, point.beta, point.kappa)
+    return follow_flight_and_contact(wall, tau, w, point.delta, point.epsilon, point.beta, point.kappa)

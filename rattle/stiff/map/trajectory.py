@@ -5,7 +5,7 @@ import math
 from rattle.flight.first_impact import OK, SIGMA_PLUS
 from rattle.flight.law import fold_phase
 from rattle.numerics.compile import kernel
-from rattle.orbits.iterates import Trajectory, sampled_motion
+from rattle.orbits.iterates import Trajectory, sample_motion
 from rattle.stiff.map.flow import GAP, MOST_PIECES, QUIET, follow_piece
 
 
@@ -56,4 +56,4 @@ def trajectory(
     delta: float, epsilon: float, beta: float, kappa: float, tau: float, v: float, periods: float, points: int
 ) -> Trajectory:
     """Return Φ and Φ' of the motion from a departure (τ, v) from Σ⁺, as `rattle.stiff.StiffGear.trajectory` does."""
-    return sampled_motion(write_stiff_motion, tau, v, (delta, epsilon, beta, kappa), periods, points)
+    return sample_motion(write_stiff_motion, tau, v, (delta, epsilon, beta, kappa), periods, points)

@@ -20,14 +20,14 @@ from rattle.flight.forcing import (
     TWO_PI,
     add_acceleration,
     add_slope,
-    change_by_epsilon,
     force_fourier_coefficients,
-    phase_by_math_library,
-    slope_by_epsilon,
+    forcing_change_per_epsilon,
+    forcing_slope_per_epsilon,
+    sine_cosine_by_math_library,
 )
-from rattle.flight.law import LONGEST_DECAY, decay64, fold_phase, speed_unit
+from rattle.flight.law import LONGEST_DECAY, decay_remainder64, fold_phase, speed_unit
 from rattle.numerics.compile import inline, kernel
-from rattle.stiff.map.contact import ENDS, contact_end, forced_responses, responses
+from rattle.stiff.map.contact import ENDS, contact_responses, find_contact_end, responses
 
 SAME_TIME = 1e-6  # largest error of a flight's duration, in forcing periods, and of a contact's, in units of πp
 LEAST_CONTACT = 1e-6  # duration of a contact, in units of 1/√(2κ), below which the contact counts as a graze
@@ -103,10 +103,10 @@ def free_flight(t0, t1, gap, delta, epsilon):
     decay, pull = math.exp(-x), -delta / math.expm1(-x)
     lag = 1.0 - s * pull  # the contribution of the drift to w₀, divided by 4π
     if x < LONGEST_DECAY:  # in a short flight 1 − s · pull would lose digits by cancellation
-        k = x * decay64(x)
+        k = x * decay_remainder64(x)
         lag = -k / (1.0 - k)
-    (sin0, cos0), (sin1, cos1) = phase_by_math_library(t0), phase_by_math_library(t1)
-    swing = change_by_epsilon(t0, t1, s) * pull
+    (sin0, cos0), (sin1, cos1) = sine_cosine_by_math_library(t0), sine_cosine_by_math_library(t1)
+    swing = forcing_change_per_epsilon(t0, t1, s) * pull
     apart = epsilon * swing - gap * pull
     w0 = add_slope(DRIFT * lag, sin0, cos0, epsilon) - apart
     w1 = add_slope(DRIFT * (lag + x), sin1, cos1, epsilon) - apart * decay
@@ -116,18 +116,18 @@ def free_flight(t0, t1, gap, delta, epsilon):
         w1=w1,
         w0_t0=add_acceleration(w0 * pull + slowing, sin0, cos0, epsilon),
         w0_t1=-pull * w1,
-        w0_e=slope_by_epsilon(sin0, cos0) - swing,
+        w0_e=forcing_slope_per_epsilon(sin0, cos0) - swing,
         w1_t0=decay * pull * w0,
         w1_t1=add_acceleration((slowing - w1 * pull) * decay, sin1, cos1, epsilon),
-        w1_e=slope_by_epsilon(sin1, cos1) - swing * decay,
+        w1_e=forcing_slope_per_epsilon(sin1, cos1) - swing * decay,
     )
 
 
 @inline
 def contact_exit(wall, t, u, s, delta, epsilon, kappa):
     """Return depth and velocity, with derivatives, a time s after a contact began at time t with outward velocity u."""
-    sine, lost, x_c, x_s, v_c, v_s, omc, siny = forced_responses(s, delta, kappa)
-    sin0, cos0 = phase_by_math_library(t)
+    sine, lost, x_c, x_s, v_c, v_s, omc, siny = contact_responses(s, delta, kappa)
+    sin0, cos0 = sine_cosine_by_math_library(t)
     mean, a, b = force_fourier_coefficients(wall, sin0, cos0, delta, 1.0)
     v_u = 1.0 - lost - delta * sine
     x_e, v_e = a * x_c + b * x_s, a * v_c + b * v_s
@@ -260,7 +260,7 @@ def find_failing_piece(y, cycle):
         missed = met != target or abs(s - (t1 - t0)) > SAME_TIME
         if missed and not (u < GRAZING * speed_unit(delta, epsilon, beta) and s > t1 - t0 - SAME_TIME):
             return i, False, met, t0 + s
-        status, s, _x, _v, _s, _l = contact_end(target, fold_phase(t1), 0.0, u, delta, epsilon, kappa, math.inf)
+        status, s, _x, _v, _s, _l = find_contact_end(target, fold_phase(t1), 0.0, u, delta, epsilon, kappa, math.inf)
         if status != ENDS or abs(s - lasts) > SAME_TIME * p * math.pi + SAME_END:
             return after, True, target if status == ENDS else 0, y[after] + s
     return -1, False, 0, 0.0
@@ -286,7 +286,7 @@ def time_at_sigma_minus(y, cycle):
 
 
 @kernel
-def departure_of(y, cycle):
+def departure_after_first_contact(y, cycle):
     """Return the phase and speed with which a motion leaves Σ⁺ after its first contact."""
     _after, t0, t1, gap = flight_after_contact(0, y, cycle)
     return fold_phase(t0), -free_flight(t0, t1, gap, cycle.delta, y[y.size - 1]).w0

@@ -32,9 +32,9 @@ from rattle.flight.between import (
     decay_loss,
     flight_between,
 )
-from rattle.flight.forcing import TWO_PI, analytic_force_ahead, analytic_phase, complex_sine_cosine
+from rattle.flight.forcing import TWO_PI, analytic_force_coefficients, complex_sine_cosine, sine_cosine_of_complex_time
 from rattle.numerics.compile import inline, kernel
-from rattle.numerics.complex_step import Array, batch_of, reshape_like
+from rattle.numerics.complex_step import Array, reshape_like, to_complex_batch
 from rattle.orbits.periodic_motions import Equations
 
 SMALL = 0.5  # duration σ, or angle, below which a Taylor series is used
@@ -74,7 +74,7 @@ def free_responses(duration, loss):
 
 
 @inline
-def sine_defect(z):
+def z_minus_sine(z):
     """Return z − sin z without cancellation."""
     if abs(z) < SMALL:
         y = z * z
@@ -83,7 +83,7 @@ def sine_defect(z):
 
 
 @inline
-def end_of_contact(sign, t, duration, u, p, delta, epsilon):
+def contact_end_state(sign, t, duration, u, p, delta, epsilon):
     """Return depth and outward velocity at the end of a contact that begins at time t with outward velocity u.
 
     sign: the wall, ±1. duration: σ, in units of p = 1/√(2κ).
@@ -97,12 +97,12 @@ def end_of_contact(sign, t, duration, u, p, delta, epsilon):
     sine, lost, defect = free_responses(duration, delta * p)
     half, s = complex_sine_cosine(math.pi * p * duration)[0], p * duration
     versine, turned = 2 * half * half, complex_sine_cosine(TWO_PI * s)[0]
-    sin0, cos0 = analytic_phase(t)
-    mean, a, b = analytic_force_ahead(sign, sin0, cos0, delta, epsilon)
+    sin0, cos0 = sine_cosine_of_complex_time(t)
+    mean, a, b = analytic_force_coefficients(sign, sin0, cos0, delta, epsilon)
     stiff, loss = 1 - TWO_PI * p * TWO_PI * p, TWO_PI * delta * p * p
     square = stiff * stiff + loss * loss
     stiff, loss = np.divide(stiff, square), np.divide(loss, square)
-    P, Q = lost - versine, TWO_PI * p * defect - sine_defect(TWO_PI * s)
+    P, Q = lost - versine, TWO_PI * p * defect - z_minus_sine(TWO_PI * s)
     dP, dQ = sine - TWO_PI * p * turned, TWO_PI * p * (lost + delta * p * sine - versine)
     x_a, x_b = p * (stiff * P + loss * Q), p * (stiff * Q - loss * P)
     v_a, v_b = p * (stiff * dP + loss * dQ), p * (stiff * dQ - loss * dP)
@@ -145,13 +145,17 @@ def residuals_and_jacobian(x, p, signs, m, beta, multiplier, with_matrix):
             if i < c - 1:
                 t1, after = x[j, i + 1], i + 1
             gap = beta * (signs[after] - signs[i])
-            found = flight_between(t0, t1, analytic_phase(t0), analytic_phase(t1), gap, delta, epsilon)
+            found = flight_between(
+                t0, t1, sine_cosine_of_complex_time(t0), sine_cosine_of_complex_time(t1), gap, delta, epsilon
+            )
             for part in range(6):
                 flights[part, j, i] = found[part]
         for i in range(c):
             sign, before, duration = signs[i], (i - 1) % c, x[j, c + i]
             u = sign * flights[W1, j, before]
-            depth, v, x_u, v_u, x_t, v_t, v_duration = end_of_contact(sign, x[j, i], duration, u, p[j], delta, epsilon)
+            depth, v, x_u, v_u, x_t, v_t, v_duration = contact_end_state(
+                sign, x[j, i], duration, u, p[j], delta, epsilon
+            )
             depth = np.divide(depth, duration)
             residual[j, i], residual[j, c + i] = depth, v - sign * flights[W0, j, i]
             if not with_matrix:
@@ -211,7 +215,7 @@ class StiffItinerary(Equations):
         tuple of ndarray
             Flights, R and J(λ).
         """
-        batch = batch_of(x)
+        batch = to_complex_batch(x)
         softness = np.empty(len(batch), np.complex128)
         softness[:] = np.ravel(p)
         flights, residual, matrix = residuals_and_jacobian(

@@ -27,7 +27,7 @@ from rattle.numerics.complex_step import Array
 from rattle.stiff.orbits.closure import (
     LEAST_CONTACT,
     ContactCycle,
-    departure_of,
+    departure_after_first_contact,
     is_admissible,
     softness,
     time_at_sigma_minus,
@@ -40,12 +40,12 @@ from rattle.stiff.orbits.family_continuation import (
     LOST,
     MOST_POINTS,
     correct_in_hyperplane,
-    family_solution_above_chord,
     find_folds,
     follow_family,
     index_on_family,
-    locate_between,
+    locate_solution_between,
     reason_out_of_range,
+    solve_family_above_chord,
 )
 
 NO_LETTER = "P"  # name of a P(1,1,0) other than A and C, without a counterpart in the impacting model
@@ -112,7 +112,7 @@ class StiffFamily:
         found, y = [], np.empty(self.points.shape[1])
         for k in sign_changes(self.points[:, -1] - epsilon):
             ends = self.points[k : k + 2]
-            if locate_between(*ends, y.size - 1, epsilon, self.cycle, y):
+            if locate_solution_between(*ends, y.size - 1, epsilon, self.cycle, y):
                 y[-1] = epsilon
                 if is_admissible(y, self.cycle):
                     name = self.letters[int(np.searchsorted(self.folds, k, side="right"))]
@@ -150,7 +150,7 @@ def largest_family_epsilon(delta: float, epsilon: float) -> float:
     return max(least, float(2.0 ** np.ceil(np.log2(1.5 * epsilon)))) if epsilon > 0.0 else least
 
 
-def family_through(y: Array, cycle: ContactCycle, span: float) -> StiffFamily:
+def follow_family_through(y: Array, cycle: ContactCycle, span: float) -> StiffFamily:
     """Return the family through a solution y, followed in both directions to its ends, with `letters` empty."""
     direction, room = np.zeros(y.size), np.empty((MOST_POINTS, y.size))
     direction[y.size // 2] = 1.0
@@ -194,7 +194,7 @@ def explicit_solutions(cycle: ContactCycle, offset: Array, duration: Array) -> A
     return np.concatenate([time + offset, duration, np.hypot(x, y)[:, None]], axis=-1)
 
 
-def _guess_of_sn1(cycle: ContactCycle) -> Array | None:
+def _guess_sn1(cycle: ContactCycle) -> Array | None:
     """Return unknowns close to SN1, at which ε is least among P(1,1,0) with similar durations of the contact.
 
     If ε has several such minima, the function takes the minimum whose contact duration σ is nearest to π.
@@ -213,20 +213,20 @@ def _guess_of_sn1(cycle: ContactCycle) -> Array | None:
     found = explicit_solutions(cycle, np.zeros((duration.size, 1)), duration[:, None])
     size = found[:, -1]
     least = np.flatnonzero((size[1:-1] < size[:-2]) & (size[1:-1] <= size[2:])) + 1
-    folds = [found[i] for i in least if departure_of(found[i], cycle)[1] > 0.0]
+    folds = [found[i] for i in least if departure_after_first_contact(found[i], cycle)[1] > 0.0]
     return min(folds, key=lambda y: abs(float(y[1]) - np.pi), default=None)
 
 
 def family_of_a_and_c(cycle: ContactCycle, span: float) -> list[StiffFamily]:
     """Return the family of A and C as a list of one item; an empty list if there is no such family."""
-    guess = _guess_of_sn1(cycle)
+    guess = _guess_sn1(cycle)
     if (
         guess is None
         or not correct_in_hyperplane(guess, np.array([0.0, 1.0, 0.0]), cycle)
         or reason_out_of_range(guess, cycle, span)[0] >= 0
     ):
         return []
-    family = family_through(guess, cycle, span)
+    family = follow_family_through(guess, cycle, span)
     if not family.folds.size:
         return []
     sn1 = int(np.argmin(np.abs(family.points[family.folds] - guess).max(axis=1)))
@@ -246,7 +246,7 @@ def families_without_letter(cycle: ContactCycle, span: float) -> list[StiffFamil
         if not (is_admissible(guess, cycle) and reason_out_of_range(guess, cycle, span)[0] < 0):
             continue
         if correct_in_hyperplane(guess, np.array([0.0, 1.0, 0.0]), cycle) and not is_on_family(guess, (*known, *found)):
-            family = family_through(guess, cycle, span)
+            family = follow_family_through(guess, cycle, span)
             # a family that breaks off is left out: if contact lasts almost a period, its equations are almost singular
             if not family.motions_at_breaks:
                 found.append(replace(family, letters=(NO_LETTER,) * (family.folds.size + 1)))
@@ -263,7 +263,7 @@ def families_on_both_walls(cycle: ContactCycle, span: float, plus: Sequence[Stif
             and reason_out_of_range(y, cycle, span)[0] < 0
             and not is_on_family(y, found)
         ):
-            found.append(family_through(y, cycle, span))
+            found.append(follow_family_through(y, cycle, span))
     return [replace(family, letters=_letters_of_parts(family, plus)) for family in found]
 
 
@@ -298,7 +298,7 @@ def guesses_at_grazes(family: StiffFamily) -> list[Array]:
         hit, miss = family.points[i : i + 2] if meets[i] else family.points[i : i + 2][::-1]
         y = np.empty(3)
         for _ in range(BISECTIONS):
-            if not family_solution_above_chord(hit, miss, 0.5, cycle, y):
+            if not solve_family_above_chord(hit, miss, 0.5, cycle, y):
                 break
             hit, miss = (hit, y.copy()) if np.isnan(time_at_sigma_minus(y, cycle)) else (y.copy(), miss)
         found.append(np.array([hit[0], time_at_sigma_minus(hit, cycle), hit[1], SHORT_CONTACT, hit[2]]))

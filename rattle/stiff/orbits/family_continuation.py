@@ -31,7 +31,7 @@ STEP_SHARE = 0.3  # longest continuation step, as a share of the duration of the
 FIRST_STEP = 1e-3  # first continuation step, in the unknowns
 LEAST_FLIGHT = 1e-4  # shortest flight, in forcing periods; the equations become singular where flights vanish
 MOST_POINTS = 4000  # largest number of points of a family in one direction
-MOST_SECANTS = 100  # largest number of secant steps of `locate_between`
+MOST_SECANTS = 100  # largest number of secant steps of `locate_solution_between`
 
 
 @inline
@@ -116,7 +116,7 @@ def correct_in_hyperplane(y, constraint, cycle):
 
 
 @kernel
-def family_tangent(y, direction, cycle, tangent):
+def write_family_tangent(y, direction, cycle, tangent):
     """Write the unit tangent of the family at y to `tangent`; its inner product with `direction` is positive.
 
     Returns
@@ -171,7 +171,7 @@ def reason_out_of_range(y, cycle, largest):
 
 
 @kernel
-def family_solution_above_chord(a, b, share, cycle, y):
+def solve_family_above_chord(a, b, share, cycle, y):
     """Write to y the solution in the plane normal to the chord from a to b, at the fraction `share` of the chord.
 
     Returns
@@ -185,7 +185,7 @@ def family_solution_above_chord(a, b, share, cycle, y):
 
 @inline
 def offset_from_target(y, index, level, chord, cycle, tangent):
-    """Return a number that changes sign, at the solution that `locate_between` seeks, along the family of solutions y.
+    """Return a function of the solutions y of a family that is 0 at the solution of `locate_solution_between`.
 
     The number is y[index] − level. If a fold is sought (index −1), the number is the rate at which ε changes along the
     family in the direction of `chord`. `tangent` is scratch memory.
@@ -197,12 +197,12 @@ def offset_from_target(y, index, level, chord, cycle, tangent):
     """
     if index >= 0:
         return y[index] - level
-    family_tangent(y, chord, cycle, tangent)
+    write_family_tangent(y, chord, cycle, tangent)
     return tangent[y.size - 1]
 
 
 @kernel
-def locate_between(a, b, index, level, cycle, y):
+def locate_solution_between(a, b, index, level, cycle, y):
     """Write to y the solution between a and b at which y[index] = level; for index −1, the fold at which ε turns back.
 
     The search makes secant steps along the chord, and halves its interval if a step leaves the interval.
@@ -223,7 +223,7 @@ def locate_between(a, b, index, level, cycle, y):
         last, share = share, (lo * f_hi - hi * f_lo) / (f_hi - f_lo)
         if not lo < share < hi:
             share = 0.5 * (lo + hi)
-        if not family_solution_above_chord(a, b, share, cycle, y):
+        if not solve_family_above_chord(a, b, share, cycle, y):
             return False
         f = offset_from_target(y, index, level, chord, cycle, tangent)
         if f == 0.0 or abs(share - last) <= 1e-15:
@@ -262,7 +262,7 @@ def is_solution_between(solution, a, b, cycle, y):
     if not off < LARGEST_TURN * size:
         return False
     twin = y.copy()
-    return family_solution_above_chord(a, b, share, cycle, y) and np.max(np.abs(y - twin)) < SAME_SOLUTION
+    return solve_family_above_chord(a, b, share, cycle, y) and np.max(np.abs(y - twin)) < SAME_SOLUTION
 
 
 @kernel
@@ -278,7 +278,7 @@ def follow_family(start, direction, cycle, largest, points):
     """
     n = start.size
     tangent, new_tangent, new = np.empty(n), np.empty(n), np.empty(n)
-    sign = family_tangent(start, direction, cycle, tangent)
+    sign = write_family_tangent(start, direction, cycle, tangent)
     points[0], k, step = start, 1, FIRST_STEP
     if sign == 0.0:
         return k, BROKEN
@@ -291,7 +291,7 @@ def follow_family(start, direction, cycle, largest, points):
         new[:] = x + step * tangent
         corrections = correct_in_hyperplane(new, tangent, cycle)
         far = math.sqrt(inner_product(new - x, new - x, unit)) > 2.0 * step
-        new_sign = family_tangent(new, tangent, cycle, new_tangent) if corrections > 0 and not far else 0.0
+        new_sign = write_family_tangent(new, tangent, cycle, new_tangent) if corrections > 0 and not far else 0.0
         turn = math.acos(min(max(inner_product(tangent, new_tangent, unit), -1.0), 1.0))
         if new_sign != sign or turn > LARGEST_TURN:
             step *= 0.4
@@ -304,7 +304,7 @@ def follow_family(start, direction, cycle, largest, points):
                 points[k] = new
                 return k + 1, FLIGHT
             level = LEAST_CONTACT if why == LOST else largest if new[index] > 0.0 else 0.0
-            return k + locate_between(x, new, index, level, cycle, points[k]), why
+            return k + locate_solution_between(x, new, index, level, cycle, points[k]), why
         points[k], tangent[:], k = new, new_tangent, k + 1
         step *= min(2.0, 0.5 * LARGEST_TURN / max(turn, 1e-9)) if corrections <= 4 else 0.7
     return k, BROKEN
@@ -326,9 +326,9 @@ def find_folds(points, cycle, folds):
     rate, k, all_located = 0.0, 0, True
     for i in range(len(points)):
         towards = points[i + 1] - points[i] if i < len(points) - 1 else points[i] - points[i - 1]
-        family_tangent(points[i], towards, cycle, tangent)
+        write_family_tangent(points[i], towards, cycle, tangent)
         if i > 0 and tangent[n - 1] * rate < 0.0:
-            if locate_between(points[i - 1], points[i], -1, 0.0, cycle, before):
+            if locate_solution_between(points[i - 1], points[i], -1, 0.0, cycle, before):
                 found[k], folds[k] = before, i - 1
                 k += 1
             else:

@@ -12,7 +12,13 @@ from rattle.continuation.arclength import plane_scale
 from rattle.errors import RattleError, broadcast_parameters, require_number
 from rattle.flight.impact_law import ELASTIC
 from rattle.orbits.orbits_a_to_d import NAMES, PeriodOne, classify_regions, multipliers_of
-from rattle.stiff.orbits.closure import ContactCycle, departure_of, is_admissible, softness, trace_of_solution
+from rattle.stiff.orbits.closure import (
+    ContactCycle,
+    departure_after_first_contact,
+    is_admissible,
+    softness,
+    trace_of_solution,
+)
 from rattle.stiff.orbits.equations import StiffItinerary
 from rattle.stiff.orbits.families import (
     NO_LETTER,
@@ -87,7 +93,7 @@ def period_one(delta: ArrayLike, epsilon: ArrayLike, beta: ArrayLike, kappa: Arr
             letter = NAMES.index(member.name)
             if not exists[letter, i]:
                 exists[letter, i] = True
-                tau[letter, i], v[letter, i] = departure_of(member.y, member.cycle)
+                tau[letter, i], v[letter, i] = departure_after_first_contact(member.y, member.cycle)
                 trace[letter, i] = trace_of_solution(member.y, member.cycle)
     decay = ELASTIC.determinant(cells[:, 0], 1, 1)
     with np.errstate(invalid="ignore"):

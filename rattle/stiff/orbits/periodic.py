@@ -7,13 +7,20 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rattle.continuation.arclength import Bound, ContinuationProblem, Follower, OneWayPath, longest_step, tangent_at
+from rattle.continuation.arclength import (
+    Bound,
+    ContinuationProblem,
+    CurveFollower,
+    OneWayPath,
+    make_longest_step_function,
+    tangent_at,
+)
 from rattle.errors import RattleError, require, require_finite, require_integer, require_number
 from rattle.flight import law
 from rattle.impacting.orbits.periodic import PeriodicOrbit
 from rattle.numerics.complex_step import Array
 from rattle.orbits.orbits_a_to_d import Orbit
-from rattle.orbits.periodic_motions import MOST_IMPACTS, Periodic, solve_at_parameters, with_shortest_period
+from rattle.orbits.periodic_motions import MOST_IMPACTS, PeriodicMotion, solve_at_parameters, with_shortest_period
 from rattle.stiff.map.flow import OK, QUIET, follow_piece, is_contact_over
 from rattle.stiff.map.return_map import StiffPoint
 from rattle.stiff.orbits import closure
@@ -26,8 +33,8 @@ MOST_STEPS = 200  # largest number of continuation steps from the impacting limi
 
 
 @dataclass(frozen=True, repr=False)
-class StiffOrbit(Periodic):
-    """A periodic motion of the stiff gear: see `Periodic`.
+class StiffOrbit(PeriodicMotion):
+    """A periodic motion of the stiff gear: see `PeriodicMotion`.
 
     durations (c,): the durations of the c contacts, in forcing periods. `speeds` are the speeds at the ends of the
     contacts. A contact is about as deep as its speed divided by √(2κ), or less.
@@ -62,9 +69,9 @@ class StiffOrbit(Periodic):
         return np.concatenate([self.times, self.durations / softness(self.kappa), [self.delta, self.epsilon]])
 
 
-def trace_of(itinerary: StiffItinerary, x: Array) -> float:
+def trace_of_tangent_map(itinerary: StiffItinerary, x: Array) -> float:
     """Return the trace of the tangent map, in (Φ, Φ'), over the period of the motion with unknowns x (2c + 2,)."""
-    return float(closure.trace_of_solution(np.delete(x, -2), _cycle_of(itinerary, x)))
+    return float(closure.trace_of_solution(np.delete(x, -2), _contact_cycle_of(itinerary, x)))
 
 
 class FailingPiece(NamedTuple):
@@ -82,7 +89,7 @@ class FailingPiece(NamedTuple):
 
 def is_admissible_solution(itinerary: StiffItinerary, x: Array) -> bool:
     """Return whether the motion with unknowns x is admissible: each flight and contact ends as its equations assume."""
-    return bool(closure.is_admissible(np.delete(x, -2), _cycle_of(itinerary, x)))
+    return bool(closure.is_admissible(np.delete(x, -2), _contact_cycle_of(itinerary, x)))
 
 
 def first_failing_piece(itinerary: StiffItinerary, x: Array) -> FailingPiece | None:
@@ -93,11 +100,11 @@ def first_failing_piece(itinerary: StiffItinerary, x: Array) -> FailingPiece | N
     FailingPiece | None
         The flight or contact; None if the motion is admissible.
     """
-    number, contact, wall, time = closure.find_failing_piece(np.delete(x, -2), _cycle_of(itinerary, x))
+    number, contact, wall, time = closure.find_failing_piece(np.delete(x, -2), _contact_cycle_of(itinerary, x))
     return None if number < 0 else FailingPiece(int(number), bool(contact), int(wall), float(time))
 
 
-def _cycle_of(itinerary: StiffItinerary, x: Array) -> ContactCycle:
+def _contact_cycle_of(itinerary: StiffItinerary, x: Array) -> ContactCycle:
     """Return the walls, the period and the parameters of the motion with the unknowns x as a `ContactCycle`."""
     kappa = 0.5 / itinerary.softness**2
     return ContactCycle(np.array(itinerary.walls), itinerary.m, float(x[-2]), itinerary.beta, kappa)
@@ -116,11 +123,11 @@ def orbit_of(itinerary: StiffItinerary, x: Array) -> StiffOrbit:
     speeds = -itinerary.signs * itinerary.flights(x, np.array([p])).w0
     more: dict[str, Any] = {"kappa": 0.5 / p**2, "durations": p * x[c : 2 * c]}
     return StiffOrbit.from_solution(
-        itinerary, x, speeds, trace_of(itinerary, x), is_admissible_solution(itinerary, x), **more
+        itinerary, x, speeds, trace_of_tangent_map(itinerary, x), is_admissible_solution(itinerary, x), **more
     )
 
 
-def from_limit(orbit: PeriodicOrbit, kappa: float) -> StiffOrbit:
+def continue_from_limit(orbit: PeriodicOrbit, kappa: float) -> StiffOrbit:
     """Return the motion of the stiff gear that a motion of the impacting model becomes at the stiffness κ.
 
     The motion is continued in κ^(−1/2) from κ = ∞, at fixed δ, ε and β.
@@ -147,7 +154,7 @@ def from_limit(orbit: PeriodicOrbit, kappa: float) -> StiffOrbit:
         return limit.residual_at(np.concatenate([y[..., :n], parameters], axis=-1), y[..., n:])
 
     start = np.concatenate([orbit.times, np.full(orbit.times.size, np.pi), [0.0]])
-    path = follow_from_limit(ContinuationProblem(equations), start, np.eye(n + 1)[n], (0.0, end), lambda _: True)
+    path = follow_from_rigid_limit(ContinuationProblem(equations), start, np.eye(n + 1)[n], (0.0, end), lambda _: True)
     last = path.points[-1]
     if path.outside is None or abs(last[-1] - end) > 1e-12 * end:
         largest = float(max(path.points[:, -1]))
@@ -167,7 +174,7 @@ def from_limit(orbit: PeriodicOrbit, kappa: float) -> StiffOrbit:
     return orbit_of(itinerary, found)
 
 
-def follow_from_limit(
+def follow_from_rigid_limit(
     problem: ContinuationProblem,
     start: Array,
     direction: Array,
@@ -175,7 +182,9 @@ def follow_from_limit(
     is_admissible: Callable[[Array], bool],
 ) -> OneWayPath:
     """Follow solutions from `start` (N + 1,) while they are admissible and the last unknown, 1/√(2κ), is in `span`."""
-    follower = Follower(problem, (Bound(-1, *span),), is_admissible, longest_step(span, STEPS_TO_LIMIT, LONGEST_STEP))
+    follower = CurveFollower(
+        problem, (Bound(-1, *span),), is_admissible, make_longest_step_function(span, STEPS_TO_LIMIT, LONGEST_STEP)
+    )
     return follower.follow(start, tangent_at(problem, start, direction), MOST_STEPS)
 
 
@@ -232,7 +241,7 @@ def follow_contacts(
     return itinerary, np.array([*times, durations[-1], *durations[:-1], delta, epsilon])
 
 
-def as_stiff_orbit(orbit: StiffOrbit | Orbit) -> StiffOrbit:
+def convert_to_stiff_orbit(orbit: StiffOrbit | Orbit) -> StiffOrbit:
     """Return an orbit as a `StiffOrbit`, solving for it if it is an `Orbit`. Raises ParameterError for other gears."""
     if isinstance(orbit, StiffOrbit):
         return orbit

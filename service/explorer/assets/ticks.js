@@ -1,5 +1,5 @@
 // Tick labels that differ however narrow the range is. Labels that would need more than about six digits are distances
-// from an offset, which the label of the axis names. `label_offset` of service/explorer/design/axes.py writes the same
+// from an offset, which the label of the axis names. `tick_label_offset` of service/explorer/design/axes.py writes the same
 // offset.
 const span = Math.abs(range.end - range.start)
 const scale = Math.max(Math.abs(range.start), Math.abs(range.end))

@@ -13,14 +13,14 @@ from gear_rattle.service.explorer.common.address_fields import (
     address_field,
     field_texts,
     pair_text,
+    parse_address_fields,
     parse_pair,
     parse_point,
-    read_fields,
-    read_text,
+    parse_text_or_default,
     require_allowed_text,
     require_between,
 )
-from gear_rattle.service.explorer.common.point_state import PointState
+from gear_rattle.service.explorer.common.point_state import PointTabsState
 from gear_rattle.service.harmonics import harmonic_texts, read_harmonics
 from gear_rattle.service.operations.diagrams import Pair
 from gear_rattle.workers.pictures.look import LINES, POINTS, USUAL_SHARE
@@ -190,7 +190,7 @@ class Pointer(NamedTuple):
     source: str
 
 
-class DrawnSettings(NamedTuple):
+class DrawnMapSettings(NamedTuple):
     """Settings with which a map was drawn.
 
     limits: (low, high) of the colours, computed if the view has a rule for them; None for a categorical map. log: True
@@ -309,7 +309,7 @@ class View:
         Map whose profile is drawn below the diagram, None for the map that is shown.
     theme : str
         Theme of the page, "light" or "dark"; empty for the theme of the viewer's system.
-    point_state : PointState
+    point_state : PointTabsState
         State of the open point's tabs.
     pins : tuple[Pin, ...]
         Points that are compared.
@@ -321,7 +321,7 @@ class View:
         Speed of the machine whose sound was requested; None if a viewer entered none.
     pointer : Pointer | None
         Point that a viewer points at.
-    seen : DrawnSettings | None
+    seen : DrawnMapSettings | None
         Settings of the drawn map, None where nothing is drawn.
     before, after : tuple[Ranges | None, ...]
         Windows for Back and for Forward, the next window last; an entry None is the whole survey.
@@ -346,14 +346,14 @@ class View:
     profile: MapChoice | None = address_field(None, MapChoice.read, address_text)
     profile_limits: Pair | None = address_field(None, _parse_window, pair_text)
     theme: str = address_field("", partial(require_allowed_text, THEMES))
-    point_state: PointState = field(default_factory=PointState)
+    point_state: PointTabsState = field(default_factory=PointTabsState)
     pins: tuple[Pin, ...] = address_field((), _parse_pins, lambda pins: ";".join(map(address_text, pins)))
     is_variable_chosen: bool = field(default=False, compare=False)
     sounds: int = field(default=0, compare=False)
     yields: int = field(default=0, compare=False)
     rpm: float | None = field(default=None, compare=False)
     pointer: Pointer | None = field(default=None, compare=False)
-    seen: DrawnSettings | None = field(default=None, compare=False)
+    seen: DrawnMapSettings | None = field(default=None, compare=False)
     before: tuple[Ranges | None, ...] = field(default=(), compare=False)
     after: tuple[Ranges | None, ...] = field(default=(), compare=False)
 
@@ -363,7 +363,7 @@ class View:
         return (self.delta, self.epsilon) if self.delta and self.epsilon else None
 
     @property
-    def is_example(self) -> bool:
+    def is_example_shown(self) -> bool:
         """True if the page shows the example, because a viewer chose it or because no survey is chosen."""
         return self.survey in ("", EXAMPLE)
 
@@ -383,17 +383,17 @@ class View:
         """Return the view that a query describes. A field whose text is missing or invalid gets its default."""
         firsts = {name: values[0].decode("utf-8", "replace") for name, values in query.items() if values}
         texts = {name: value for name, value in firsts.items() if len(value) <= LONGEST_VALUE}
-        found = read_fields(cls, texts)
+        found = parse_address_fields(cls, texts)
         if "point" in found:
             state = {
                 name.removeprefix(POINT_STATE_PREFIX): text
                 for name, text in texts.items()
                 if name.startswith(POINT_STATE_PREFIX)
             }
-            found["point_state"] = PointState.read(state)
+            found["point_state"] = PointTabsState.read(state)
         else:
             found.pop("machine", None)
-        others = (read_text(texts, name, ComparisonChoice.read, None) for name in FURTHER)
+        others = (parse_text_or_default(texts, name, ComparisonChoice.read, None) for name in FURTHER)
         further = tuple(each for each in others if each is not None)
         return cls(**found, further=further, is_variable_chosen="variable" in found)
 

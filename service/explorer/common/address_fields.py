@@ -31,7 +31,7 @@ def address_field(default: Any, parse: Callable[[str], Any], text: Callable[[Any
     return field(default=default, metadata={"parse": parse, "text": text})
 
 
-def read_fields(cls: Any, texts: Mapping[str, str]) -> dict[str, Any]:
+def parse_address_fields(cls: Any, texts: Mapping[str, str]) -> dict[str, Any]:
     """Return {name: value} of the address fields of a dataclass `cls`, read from `texts`, which are {name: text}.
 
     Returns
@@ -40,7 +40,7 @@ def read_fields(cls: Any, texts: Mapping[str, str]) -> dict[str, Any]:
         Values by name, without a field whose text is missing or invalid, or whose value is its default.
     """
     values = (
-        (each, read_text(texts, each.name, each.metadata["parse"], each.default))
+        (each, parse_text_or_default(texts, each.name, each.metadata["parse"], each.default))
         for each in fields(cls)
         if "parse" in each.metadata
     )
@@ -53,7 +53,7 @@ def field_texts(instance: Any) -> dict[str, str]:
     return {each.name: each.metadata["text"](value) for each, value in values if value != each.default}
 
 
-def read_text(texts: Mapping[str, str], name: str, parse: Callable[[str], T], default: T) -> T:
+def parse_text_or_default(texts: Mapping[str, str], name: str, parse: Callable[[str], T], default: T) -> T:
     """Return `parse(texts[name])`; the default if there is no text of that name, or if `parse` raises ValueError."""
     try:
         return parse(texts[name]) if name in texts else default

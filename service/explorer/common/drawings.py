@@ -54,7 +54,7 @@ class DrawingRunner:
         self._wanted = identity, tuple((job.id, job.state, job.cells_done) for job in jobs)
         self._draw, self._pause = draw, 0.0 if all(State(job.state).is_final for job in jobs) else PAUSE
         if self._wanted != self._drawn and (self._task is None or self._task.done()):
-            self._task = self._viewer.start(self._keep_drawing())
+            self._task = self._viewer.start(self._draw_latest_request())
 
     def stop(self) -> None:
         """Cancel the drawing that is under way, and forget the requested one."""
@@ -62,7 +62,7 @@ class DrawingRunner:
             self._task.cancel()
         self._wanted, self._drawn, self._draw, self._task = (), (), None, None
 
-    async def _keep_drawing(self) -> None:
+    async def _draw_latest_request(self) -> None:
         while self._draw is not None and self._wanted != self._drawn:
             drawn = self._drawn = self._wanted
             try:

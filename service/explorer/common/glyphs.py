@@ -53,12 +53,12 @@ class ScaleRenderers:
     bar: Any
 
 
-def empty_source(columns: tuple[str, ...]) -> ColumnDataSource:
+def create_empty_source(columns: tuple[str, ...]) -> ColumnDataSource:
     """Return a data source with these columns and without rows."""
     return ColumnDataSource({name: [] for name in columns})
 
 
-def share_models(renderers: Sequence[Any]) -> None:
+def share_filter_and_selection(renderers: Sequence[Any]) -> None:
     """Give renderers one index filter and one selection policy in common.
 
     Bokeh's default is a filter and a policy for each renderer, which would be a fifth of all Bokeh models of a page.
@@ -124,8 +124,8 @@ def colour_scales(values: ColumnDataSource, fine: ColumnDataSource, **bar: Any) 
     return found
 
 
-def range_arrows(ink: str) -> list[Any]:
-    """Return two hidden labels, which `mark_ends` turns into the arrows for values below and above the colour range."""
+def make_range_arrows(ink: str) -> list[Any]:
+    """Return two hidden labels, which `place_arrows_at_bar_ends` turns into arrows at the ends of a colour bar."""
     style: dict[str, Any] = {"text_font_size": "11px", "text_align": "center", "text_color": ink}
     return [Label(x=0, y=0, text="", visible=False, **style) for _ in range(2)]
 
@@ -144,7 +144,7 @@ def place_colour_bars(plot: Any, bars: Sequence[Any], is_below: bool) -> None:
         plot.below = below
 
 
-def mark_ends(marks: Sequence[Any], bar: Any, is_below: bool) -> None:
+def place_arrows_at_bar_ends(marks: Sequence[Any], bar: Any, is_below: bool) -> None:
     """Place two arrows at the lower and the upper end of a colour bar. is_below: True if the bar is below the map."""
     across: Any = Node(target=bar, symbol="top" if is_below else "left", offset=BAR_PADDING + BAR_WIDTH // 2)
     for mark, edge, offset in zip(
@@ -180,7 +180,7 @@ def point_renderers(source: ColumnDataSource) -> list[Any]:
     return [*leaders, _renderer(source, marks, name="points"), _renderer(source, names)]
 
 
-def name_renderer(source: ColumnDataSource) -> Any:
+def create_name_renderer(source: ColumnDataSource) -> Any:
     """Return a renderer of names of regions or families, with a white edge, each `dx` pixels to the right of (x, y)."""
     glyph = Text(
         x="x", y="y", x_offset="dx", text="name", text_align="center", text_baseline="middle", text_font_size="17px",

@@ -38,7 +38,7 @@ class SurveyMenu(JSComponent):
             self._on_action(str(message.get("action")), str(message.get("survey")), message)
 
 
-class MapKey(JSComponent):
+class MapLegend(JSComponent):
     """Legend of a map: meanings of its colours (`shades`) and lines (`overlays`). chosen: names of drawn lines."""
 
     shades = param.List(default=[])

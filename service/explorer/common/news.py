@@ -16,7 +16,7 @@ from starlette.concurrency import run_in_threadpool
 from gear_rattle.service.database.tables import JobRow, State
 from gear_rattle.service.errors import UnavailableError
 from gear_rattle.service.operations.surveys import list_jobs
-from gear_rattle.service.state import Front
+from gear_rattle.service.state import ApplicationState
 
 LISTED = 100  # most surveys in the list of a page: the newest ones
 PAUSE_SECONDS = 0.5  # least seconds between two readings of the database; a new listener ends this pause early
@@ -47,7 +47,7 @@ class StatusPublisher:
     first status that it gets.
     """
 
-    def __init__(self, front: Front) -> None:
+    def __init__(self, front: ApplicationState) -> None:
         self._front = front
         self._listeners: set[Listener] = set()
         self._stale, self._arrived = asyncio.Event(), asyncio.Event()
@@ -101,7 +101,7 @@ class StatusPublisher:
     def _status_of(self, job: JobRow, now: float) -> JobStatus:
         if job.state != State.RUNNING:
             self._past.pop(job.id, None)
-            return JobStatus(job, overall_rate(job), None)
+            return JobStatus(job, mean_cells_per_second(job), None)
         past = self._past.setdefault(job.id, [])
         past.append((now, job.cells_done))
         while len(past) > 2 and past[1][0] < now - RATE_SECONDS:
@@ -111,7 +111,7 @@ class StatusPublisher:
         return JobStatus(job, rate, self._front.manager.seconds_left(job.id))
 
 
-def overall_rate(job: JobRow) -> float | None:
+def mean_cells_per_second(job: JobRow) -> float | None:
     """Return a survey's mean cells per second from start to end; None if it has not ended or computed no cells."""
     if not (job.started and job.finished and job.cells_done):
         return None

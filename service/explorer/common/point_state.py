@@ -12,10 +12,10 @@ from gear_rattle.service.explorer.common.address_fields import (
     address_field,
     field_texts,
     pair_text,
+    parse_address_fields,
     parse_pair,
     parse_point,
-    read_fields,
-    read_text,
+    parse_text_or_default,
     require_allowed_text,
     require_between,
 )
@@ -63,7 +63,7 @@ def _parse_tolerance(text: str) -> Tolerance:
 
 
 @dataclass(frozen=True)
-class PointState:
+class PointTabsState:
     """State of the tabs of a point.
 
     Attributes
@@ -112,27 +112,29 @@ class PointState:
             return MOTION
         return ANSWER if self.at is None else BASINS
 
-    def without_start_above(self, v_max: float) -> PointState:
+    def without_start_above(self, v_max: float) -> PointTabsState:
         """Return the state, without the initial condition `start` if its speed is above v_max."""
         return self if self.start is None or self.start[1] <= v_max else replace(self, start=None)
 
-    def with_changes(self, **fields: Any) -> PointState:
+    def with_changes(self, **fields: Any) -> PointTabsState:
         """Return the state with other values of some fields. A value that `read` would refuse becomes the default."""
-        return PointState.read(replace(self, **fields).text())
+        return PointTabsState.read(replace(self, **fields).text())
 
     @classmethod
-    def read(cls, texts: Mapping[str, str]) -> PointState:
+    def read(cls, texts: Mapping[str, str]) -> PointTabsState:
         """Return the state that texts in an address describe.
 
         texts: {name of a field: its text}; the initial condition `start` has the names "tau" and "v".
 
         Returns
         -------
-        PointState
+        PointTabsState
             The state. A field whose text is missing or cannot be read has its default.
         """
-        found = read_fields(cls, texts)
-        start = read_text({"start": f"{texts.get('tau')},{texts.get('v')}"}, "start", _parse_initial_condition, None)
+        found = parse_address_fields(cls, texts)
+        start = parse_text_or_default(
+            {"start": f"{texts.get('tau')},{texts.get('v')}"}, "start", _parse_initial_condition, None
+        )
         if start is not None:
             found.pop("attractor", None)
         return cls(**found, start=start)

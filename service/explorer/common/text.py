@@ -21,7 +21,7 @@ def faint_html(text: str) -> str:
     return f'<p class="faint">{escape(text)}</p>'
 
 
-class Text:
+class TextPane:
     """Pane of HTML. A change sends the text only, where Panel's own pane would send all styles again."""
 
     def __init__(self, html: str = "", *sheets: str, margin: Any = 0, is_spoken: bool = False) -> None:
@@ -46,7 +46,7 @@ class Text:
         self._model.text = html
 
 
-class Heading(Text):
+class Heading(TextPane):
     """Line that describes the shown map. While no map is shown, the line gives the reason."""
 
     def __init__(self, sheet: str) -> None:
@@ -67,7 +67,7 @@ class Heading(Text):
         if self._shown:
             self._write_line()
 
-    def show_reason(self, html: str) -> None:
+    def show_reason_for_no_map(self, html: str) -> None:
         """Show `html`, the reason why no map is shown, in place of the description."""
         self._shown = self._progress = ""
         self.html = html

@@ -15,7 +15,7 @@ from gear_rattle.service.database.tables import Scope
 from gear_rattle.service.errors import ForbiddenError, UnauthorizedError
 from gear_rattle.service.explorer.common.changes import change_document
 from gear_rattle.service.operations.surveys import current_caller
-from gear_rattle.service.state import Front
+from gear_rattle.service.state import ApplicationState
 from rattle import RattleError
 
 if TYPE_CHECKING:
@@ -34,7 +34,7 @@ log = logging.getLogger(__name__)
 class PageSession:
     """Session of one open page: its caller, its tasks, and its document, which only the event loop may change."""
 
-    def __init__(self, front: Front, caller: Caller | None, document: Document) -> None:
+    def __init__(self, front: ApplicationState, caller: Caller | None, document: Document) -> None:
         self.front, self.document = front, document
         self._caller = caller
         self._tasks: set[asyncio.Task[Any]] = set()
@@ -43,7 +43,7 @@ class PageSession:
         self.tell: Callable[[str], None] = log.warning
         self.ended = False
 
-    def require(self, scope: Scope) -> Caller:
+    def require_scope(self, scope: Scope) -> Caller:
         """Return the caller if its API key still has a scope. This method reads the database: call it in a thread.
 
         Returns
@@ -104,7 +104,7 @@ class PageSession:
         """
 
         def run() -> Result:
-            return act(self.require(scope))
+            return act(self.require_scope(scope))
 
         await self._threads.acquire()
         thread = asyncio.ensure_future(run_in_threadpool(run))

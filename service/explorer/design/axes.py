@@ -81,12 +81,12 @@ class MapAxes:
         ):
             start, end = (high, low) if span.start > span.end else (low, high)
             span.update(start=start, end=end)
-            offset = label_offset((low, high))
+            offset = tick_label_offset((low, high))
             for axis in pair:
                 axis.axis_label = name if offset is None else f"{name} − {offset[0]!r}, in units of 1e{offset[1]}"
 
 
-def label_offset(window: Pair) -> tuple[float, int] | None:
+def tick_label_offset(window: Pair) -> tuple[float, int] | None:
     """Return (offset, n) for the tick labels of a narrow window; None for a wide window.
 
     A tick label of a narrow window is the distance from the offset in units of 10ⁿ.
@@ -110,7 +110,7 @@ def coordinate_text(value: float, window: Pair) -> str:
     return f"{value:.{min(max(math.ceil(3 - math.log10(span)), 3), 17)}f}"
 
 
-def rounded_range(low: float, high: float) -> Pair:
+def round_range_ends(low: float, high: float) -> Pair:
     """Return a range with rounded ends. An end changes by less than a thousandth of the width of the range."""
     if not low < high:
         return low, high

@@ -102,7 +102,7 @@ def motion_extent(gear: AnyGear, attractor: rattle.Attractor, within: Pair) -> M
     return _swept_extent(gear, attractor, within)
 
 
-def add_crisis(
+def add_crisis_to_extents(
     gear: AnyGear, attractors: Sequence[rattle.Attractor], extents: Sequence[MotionExtent | None]
 ) -> tuple[MotionExtent | None, ...]:
     """Return extents with the boundary crisis at the gear's δ as the upper end of chaos, if a sweep bracketed it.
@@ -125,7 +125,7 @@ def add_crisis(
 
 
 def has_bracketed_chaos_end(attractors: Sequence[rattle.Attractor], extents: Sequence[MotionExtent | None]) -> bool:
-    """Return whether a sweep bracketed the upper end in ε of any chaotic attractor, as `add_crisis` needs."""
+    """Return whether a sweep bracketed the upper end in ε of a chaotic attractor, for `add_crisis_to_extents`."""
     pairs = zip(attractors, extents, strict=False)  # attractors beyond MOST_FOLLOWED have no extent
     return any(one.kind == "chaotic" and each is not None and each.high.kind == SWEPT for one, each in pairs)
 
@@ -198,11 +198,11 @@ def _extent_end_at_event(event: Any, branch: Any, remains: bool) -> ExtentEnd:
 
 def _swept_extent(gear: AnyGear, attractor: rattle.Attractor, within: Pair) -> MotionExtent:
     """Return the range of ε in which an attractor attracts, found by following its states in steps to either side."""
-    (low, below), (high, above) = (_sweep(gear, attractor, end, within) for end in within)
+    (low, below), (high, above) = (_sweep_towards_end(gear, attractor, end, within) for end in within)
     return MotionExtent(low, high, below + above)
 
 
-def _sweep(gear: AnyGear, attractor: rattle.Attractor, end: float, within: Pair) -> tuple[ExtentEnd, int]:
+def _sweep_towards_end(gear: AnyGear, attractor: rattle.Attractor, end: float, within: Pair) -> tuple[ExtentEnd, int]:
     """Follow an attractor in steps of ε towards `end`. If a step loses the attractor, halve the step and repeat it.
 
     Returns
@@ -225,7 +225,7 @@ def _sweep(gear: AnyGear, attractor: rattle.Attractor, end: float, within: Pair)
         if step > max(SMALLEST_STEP * longest, min(FINEST_STEP * longest, NEAR_SHARE * abs(at - gear.epsilon))):
             step /= 2.0
             continue
-        passed = _chaos_after_window(gear, attractor, found, there, way * longest, end)
+        passed = _find_chaos_after_window(gear, attractor, found, there, way * longest, end)
         if passed is None:
             return ExtentEnd(SWEPT, (at + there) / 2, abs(there - at) / 2, motion_beyond=legend_name(found[0])), windows
         (at, known), step, windows = passed, longest, windows + 1
@@ -257,7 +257,7 @@ def _attractor_of_same_name(attractor: rattle.Attractor, found: Iterable[rattle.
     return next(names, None)
 
 
-def _chaos_after_window(
+def _find_chaos_after_window(
     gear: AnyGear, attractor: rattle.Attractor, found: Sequence[rattle.Attractor], at: float, step: float, end: float
 ) -> tuple[float, rattle.Attractor] | None:
     """Follow the motion in a periodic window of chaos, and return where chaos begins again.

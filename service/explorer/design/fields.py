@@ -84,7 +84,7 @@ POINT = (
 )  # fmt: skip
 
 
-def text_in_unit(name: str, value: float) -> str:
+def text_in_field_unit(name: str, value: float) -> str:
     """Return a number of a machine as text, in the unit of its field. name: key of `NUMBERS`."""
     return f"{NUMBERS[name].to_field_unit(value):.6g}"
 

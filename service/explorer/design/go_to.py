@@ -8,22 +8,22 @@ from typing import Any
 import panel as pn
 
 from gear_rattle.service.explorer.common.address import EnteredMachine
-from gear_rattle.service.explorer.common.text import Text, alert_html
+from gear_rattle.service.explorer.common.text import TextPane, alert_html
 from gear_rattle.service.explorer.common.watch import WidgetWatcher, on_press
 from gear_rattle.service.explorer.design.fields import POINT, MachineFields
 from gear_rattle.service.explorer.design.places import Bookmark, bookmarks, shown_bookmark
 from gear_rattle.service.explorer.state.events import BookmarkChosen, PointClosed, PointOpened
-from gear_rattle.service.explorer.state.store import JOBS, Store
+from gear_rattle.service.explorer.state.store import JOBS, PageStore
 from rattle import RattleError
 from rattle.models import BETA, DEFAULT_MODEL, MODELS
 
 OPEN, CLOSE = "Go to a point", "Close this form"
 
 
-class GoToPanel:
+class NavigationPanel:
     """A list of bookmarks, a button that opens the fields for a point, and a button that closes the open point."""
 
-    def __init__(self, store: Store, sheet: str) -> None:
+    def __init__(self, store: PageStore, sheet: str) -> None:
         self._store, self._sheet = store, sheet
         options = {"choose one …": ""} | bookmarks()
         self.named = pn.widgets.Select(
@@ -31,7 +31,7 @@ class GoToPanel:
         )
         self._watch = WidgetWatcher()
         self._watch.call_on_change(self.named, self._go_to_bookmark)
-        self.said = Text("", sheet)
+        self.said = TextPane("", sheet)
         self._open = pn.widgets.Button(label=OPEN, css_classes=["go-to"], stylesheets=[sheet], margin=(0, 8, 6, 0))
         on_press(self._open, self._toggle_fields)
         self._fields: pn.Column | None = None

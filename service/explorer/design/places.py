@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from gear_rattle.service.explorer.common.address import Pair, Ranges
-from gear_rattle.service.explorer.common.point_state import PointState
+from gear_rattle.service.explorer.common.point_state import PointTabsState
 from rattle.plot import FIGURE_4, FIGURE_5, FIGURE_6, FIGURE_7, FIGURE_8, FIGURE_9
 
 #: Points from `rattle.curves.codimension_two`. A window with half-widths EITHER_WAY shows the curves that meet there.
@@ -30,7 +30,7 @@ class Bookmark:
 
     window: Ranges
     point: Pair | None = None
-    state: PointState | None = None
+    state: PointTabsState | None = None
 
 
 def bookmarks() -> dict[str, Bookmark]:
@@ -71,7 +71,7 @@ def _named_bookmarks() -> Iterator[tuple[str, Bookmark]]:
         yield f"Figure 4: basins at ε = {epsilon:g}", Bookmark(FIGURE_7, (delta, epsilon))
     for name, (delta, (low, high)) in {"5": FIGURE_5, "9": FIGURE_9}.items():
         middle = (low + high) / 2
-        state = PointState(span=float(f"{(high - low) / 2:.12g}"))
+        state = PointTabsState(span=float(f"{(high - low) / 2:.12g}"))
         diagram = Bookmark(FIGURE_7 if name == "5" else FIGURE_8, (delta, middle), state)
         yield f"Figure {name}: diagram at δ = {delta:g}", diagram
     yield "Figure 6: manifolds", Bookmark(FIGURE_7, FIGURE_6)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import rattle
-from rattle import Density, Lines
+from rattle import SpectralDensity, SpectralLines
 from rattle.intensity import wav
 from rattle.models import AnyGear
 
@@ -33,12 +33,12 @@ def _intensity_of(gear: AnyGear, attractor: rattle.Attractor) -> rattle.Intensit
         return None
 
 
-def spectrum_lines(gear: AnyGear, attractor: rattle.Attractor) -> Lines | Density:
+def spectrum_of_attractor(gear: AnyGear, attractor: rattle.Attractor) -> SpectralLines | SpectralDensity:
     """Return the spectral lines of a periodic or quiet motion, or the spectral density of a chaotic motion.
 
     Returns
     -------
-    Lines | Density
+    SpectralLines | SpectralDensity
         Spectrum of the force between the teeth.
 
     Raises
@@ -55,7 +55,7 @@ def sound_file(gear: AnyGear, attractor: rattle.Attractor, rpm: float) -> bytes:
     return wav(gear.sound(attractor, rpm, SECONDS, RATE), RATE)
 
 
-def warm_up_sounds(gear: AnyGear) -> None:
+def load_sound_kernels(gear: AnyGear) -> None:
     """Load the kernels of intensities, spectra and sounds, by computing each of them once."""
     found = gear.attractors(16)
     motion_intensities(gear, found)

@@ -22,14 +22,14 @@ RADIUS = math.sqrt(-2.0 * math.log(1.0 - SHARE_INSIDE))  # radius of the ellipse
 SIDES = 96  # number of sides of the polygon that is drawn for the ellipse
 # initial conditions of each gear; largest number of gears from which the share of passing gears is estimated
 COUNT, MOST_JUDGED = 8, 256
-# Fields of a machine that `population_numbers` does not copy. `rattle.population` takes "rpm" in place of the speed, a
-# distribution in place of the eccentricity, and "error_20" and the like in place of the errors; no machine of the page
-# has driven_errors.
+# Fields of a machine that `numbers_with_tolerances` does not copy. `rattle.population` takes "rpm" in place of the
+# speed, a distribution in place of the eccentricity, and "error_20" and the like in place of the errors; no machine of
+# the page has driven_errors.
 NOT_COPIED = ("speed", "eccentricity", "errors", "driven_errors")
 LEAST_OF_MEAN = 0.1  # least speed and least damping of a gear, each relative to its mean
 
 
-class Yield(NamedTuple):
+class PopulationYield(NamedTuple):
     """The yield of a population of `gears` gears.
 
     quiet: the probability that a random gear runs quietly from a random start. passing: the share of gears that pass,
@@ -61,7 +61,7 @@ def tolerance_outline(delta: float, epsilon: float, machine: Machine | None, wid
     return np.column_stack([np.maximum(x, LEAST_OF_MEAN * delta), np.maximum(y, 0.0)])
 
 
-def population_numbers(gear: AnyGear, machine: Machine | None, widths: Tolerance) -> dict[str, Any]:
+def numbers_with_tolerances(gear: AnyGear, machine: Machine | None, widths: Tolerance) -> dict[str, Any]:
     """Return the numbers of a gear, or of its machine, with two tolerances, in the form that `rattle.population` takes.
 
     The tolerances are those of δ and ε, or of a machine's speed and eccentricity.
@@ -106,11 +106,11 @@ def _number_with_tolerance(mean: float, width: float, low: float) -> Any:
     return Normal(mean, width, low=low * mean) if width > 0.0 else mean
 
 
-def compute_yield(gear: AnyGear, machine: Machine | None, widths: Tolerance) -> Yield:
+def compute_yield(gear: AnyGear, machine: Machine | None, widths: Tolerance) -> PopulationYield:
     """Return the yield of gears that vary around a point. Raises ParameterError if a harmonic's phase is not 0."""
     gears = model_at(gear).design_gears
     found = rattle.population(
-        population_numbers(gear, machine, widths),
+        numbers_with_tolerances(gear, machine, widths),
         gears=gears,
         count=COUNT,
         share=widths.share,
@@ -118,10 +118,10 @@ def compute_yield(gear: AnyGear, machine: Machine | None, widths: Tolerance) -> 
         pairs=0,
     )
     assert found.passing is not None
-    return Yield(gears, found.quiet, found.passing)
+    return PopulationYield(gears, found.quiet, found.passing)
 
 
-def yield_in_words(found: Yield, share: float) -> str:
+def describe_yield(found: PopulationYield, share: float) -> str:
     """Return a yield in sentences. share: the required probability of quiet running."""
     return (
         f"Of {found.gears} gears with these tolerances {_percent_with_interval(found.quiet)} of all runs are quiet. "

@@ -8,7 +8,7 @@ from typing import Any
 import panel as pn
 
 from gear_rattle.service.explorer.common.point_state import Tolerance
-from gear_rattle.service.explorer.common.text import Text, alert_html
+from gear_rattle.service.explorer.common.text import TextPane, alert_html
 from gear_rattle.service.explorer.common.watch import on_press
 from gear_rattle.service.explorer.design.fields import NUMBERS
 from gear_rattle.service.explorer.state.events import Event, YieldRequested
@@ -35,8 +35,8 @@ class ToleranceFields:
         self._per = 1.0, 1.0
         self._button = pn.widgets.Button(label="Compute yield", **style)
         on_press(self._button, self.request_yield)
-        self.said = Text("", *sheets, margin=(0, 4))
-        heading = Text("<h2>Tolerances</h2>", *sheets, margin=(0, 4))
+        self.said = TextPane("", *sheets, margin=(0, 4))
+        heading = TextPane("<h2>Tolerances</h2>", *sheets, margin=(0, 4))
         self.panel = pn.Column(
             heading.pane, pn.FlexBox(*self.widgets, self._button, align_items="flex-end", margin=0), self.said.pane,
             sizing_mode="stretch_width", margin=0,

@@ -13,12 +13,12 @@ import numpy as np
 import xarray as xr
 
 from gear_rattle.service.explorer.common.address import Pair
-from gear_rattle.service.explorer.common.point_state import PointState
+from gear_rattle.service.explorer.common.point_state import PointTabsState
 from gear_rattle.service.explorer.map.planes import MapPlane
 from gear_rattle.service.explorer.point.words import number_text, percent_text
 from gear_rattle.workers import Bucket, SurveyRequest, open_survey
 from gear_rattle.workers.errors import SurveyError, report_damage
-from gear_rattle.workers.pictures.largest import family_names, open_maps
+from gear_rattle.workers.pictures.largest import family_names, open_survey_for_map
 from gear_rattle.workers.pictures.look import LARGEST
 from gear_rattle.workers.survey.slices import slice_group_path
 from gear_rattle.workers.survey.stored_families import GROUP
@@ -42,9 +42,9 @@ class FamilyExtent:
     half_span: float
 
     @property
-    def state(self) -> PointState:
+    def state(self) -> PointTabsState:
         """State of the tabs for the point `middle`, with a diagram of `half_span` to either side in this direction."""
-        return PointState(direction=self.direction, span=float(f"{self.half_span:.12g}"))
+        return PointTabsState(direction=self.direction, span=float(f"{self.half_span:.12g}"))
 
 
 @dataclass(frozen=True)
@@ -93,7 +93,7 @@ def stored_families(place: Path | Bucket, request: SurveyRequest, number: int) -
     """
     opened, along = partial(open_survey, place), request.slice_index(number)
     return StoredFamilies(
-        open_maps(opened, LARGEST, *along), opened(slice_group_path(along[0] if along else None, GROUP))
+        open_survey_for_map(opened, LARGEST, *along), opened(slice_group_path(along[0] if along else None, GROUP))
     )
 
 
@@ -142,7 +142,7 @@ def family_description(found: StoredFamilies, plane: MapPlane, number: int) -> F
     )
 
 
-def longest_run(there: np.ndarray) -> tuple[int, int, int]:
+def longest_run_of_true(there: np.ndarray) -> tuple[int, int, int]:
     """Return the longest run of True within a row of an array (m, n).
 
     If several runs are longest, it is the run that ends first. If no value is True, the run is empty.
@@ -164,7 +164,7 @@ def longest_run(there: np.ndarray) -> tuple[int, int, int]:
 
 def _longest_extent(there: np.ndarray, plane: MapPlane, direction: str) -> FamilyExtent | None:
     along, across = (plane.delta, plane.epsilon) if direction == "delta" else (plane.epsilon, plane.delta)
-    line, first, end = longest_run(there if direction == "delta" else there.T)
+    line, first, end = longest_run_of_true(there if direction == "delta" else there.T)
     if end == first:
         return None
     step = float(along[-1] - along[0]) / max(along.size - 1, 1)

@@ -14,7 +14,7 @@ from gear_rattle.service.database.tables import JobRow
 from gear_rattle.service.errors import MissingError
 from gear_rattle.service.explorer.common.address import View
 from gear_rattle.service.explorer.common.drawings import DrawingRunner, Show
-from gear_rattle.service.explorer.common.text import Text
+from gear_rattle.service.explorer.common.text import TextPane
 from gear_rattle.service.explorer.common.viewer import PageSession
 from gear_rattle.service.explorer.common.watch import WidgetWatcher, on_press
 from gear_rattle.service.explorer.families.description import (
@@ -30,7 +30,7 @@ from gear_rattle.service.explorer.map.figure import MapFigure
 from gear_rattle.service.explorer.map.planes import MapBlock, MapPlane
 from gear_rattle.service.explorer.map.shared import SharedState
 from gear_rattle.service.explorer.state.events import FamilyChosen, PointOpened
-from gear_rattle.service.explorer.state.store import JOBS, Store
+from gear_rattle.service.explorer.state.store import JOBS, PageStore
 from gear_rattle.workers import Group, SurveyError, SurveyRequest
 from gear_rattle.workers.pictures.look import SHARE
 from rattle import RattleError
@@ -63,7 +63,9 @@ class FamiliesView:
         Figure of the map, on which the cells without the family are dimmed.
     """
 
-    def __init__(self, shared: SharedState, viewer: PageSession, store: Store, figure: MapFigure, sheet: str) -> None:
+    def __init__(
+        self, shared: SharedState, viewer: PageSession, store: PageStore, figure: MapFigure, sheet: str
+    ) -> None:
         self._shared, self._viewer, self._store, self._figure = shared, viewer, store, figure
         styled: dict[str, Any] = {"stylesheets": [sheet], "margin": (2, 8, 2, 0)}
         self.menu = pn.widgets.Select(label="Family", options={NO_FAMILY: ""}, width=165, visible=False, **styled)
@@ -74,7 +76,7 @@ class FamiliesView:
         }
         for name, button in self._along.items():
             on_press(button, partial(self.open_diagram, name))
-        self.said = Text("", sheet)
+        self.said = TextPane("", sheet)
         self.panel = pn.Column(
             self.said.pane, pn.FlexBox(*self._along.values(), margin=0), sizing_mode="stretch_width", margin=0,
             visible=False,

@@ -11,7 +11,7 @@ from gear_rattle.service.explorer.map.planes import MapPlane, cell_indices
 from gear_rattle.workers import SurveyRequest
 from gear_rattle.workers.errors import SurveyError
 from gear_rattle.workers.pictures.look import LARGEST
-from gear_rattle.workers.pictures.maps import SYMMETRIC, title_of
+from gear_rattle.workers.pictures.maps import SYMMETRIC, map_title
 from gear_rattle.workers.survey.levels.grid import possible_levels
 from gear_rattle.workers.survey.values.evaluate import FAILED
 from gear_rattle.workers.survey.values.schema import CELL, is_phase
@@ -71,7 +71,7 @@ class DifferenceMap(MapPlane):
             found = (found + 0.5) % 1.0 - 0.5
         self.values = np.where(known, found, np.float32(np.nan)).astype(np.float32)
         meanings = {"flag_meanings": f"{SAME} {OTHER}"} if codes else {SYMMETRIC: True}
-        attributes = {"long_name": f"difference: {title_of(variable)}", **meanings}
+        attributes = {"long_name": f"difference: {map_title(variable)}", **meanings}
         self.plane = xr.DataArray(self.values, dims=CELL, name=f"{variable.name}_difference", attrs=attributes)
 
     def cell_at(self, delta: float, epsilon: float) -> xr.Dataset | None:

@@ -10,12 +10,12 @@ from gear_rattle.service.explorer.common.address import MOST_FURTHER, Comparison
 from gear_rattle.service.explorer.common.viewer import PageSession
 from gear_rattle.service.explorer.common.watch import on_press
 from gear_rattle.service.explorer.further.one import ComparisonMap
-from gear_rattle.service.explorer.further.surveys import survey_options
+from gear_rattle.service.explorer.further.surveys import survey_menu_options
 from gear_rattle.service.explorer.map.figure import MapFigure
-from gear_rattle.service.explorer.map.planes import map_names
+from gear_rattle.service.explorer.map.planes import maps_by_name
 from gear_rattle.service.explorer.map.shared import SharedState
-from gear_rattle.service.explorer.state.events import MapAdded
-from gear_rattle.service.explorer.state.store import JOBS, Store
+from gear_rattle.service.explorer.state.events import ComparisonMapAdded
+from gear_rattle.service.explorer.state.store import JOBS, PageStore
 
 
 class ComparisonMaps:
@@ -31,7 +31,7 @@ class ComparisonMaps:
     """
 
     def __init__(
-        self, shared: SharedState, viewer: PageSession, store: Store, first: MapFigure, theme: str, sheet: str
+        self, shared: SharedState, viewer: PageSession, store: PageStore, first: MapFigure, theme: str, sheet: str
     ) -> None:
         self._shared, self._viewer, self._store = shared, viewer, store
         self._first, self._theme, self._sheet = first, theme, sheet
@@ -62,7 +62,7 @@ class ComparisonMaps:
     def _on_view_change(self) -> None:
         """Add or remove comparison maps until they are those of the view, and let each show its survey and variable."""
         view = self._store.view
-        self.add_button.visible = not view.is_example and len(view.further) < MOST_FURTHER
+        self.add_button.visible = not view.is_example_shown and len(view.further) < MOST_FURTHER
         if not self._store.has_surveys:
             return
         while len(self.maps) > len(view.further):
@@ -77,7 +77,7 @@ class ComparisonMaps:
         jobs = [status.job for status in self._store.jobs.values()]
         named = tuple((each.id, each.name) for each in jobs if each.is_readable)
         if self.maps and named != self._named:
-            self._named, self.surveys = named, survey_options(jobs)
+            self._named, self.surveys = named, survey_menu_options(jobs)
         for each in self.maps:
             each.show_view(self.surveys)
 
@@ -88,12 +88,14 @@ class ComparisonMaps:
     def _add_map(self) -> None:
         """Add a map of the first map's survey: of a variable that the page does not show yet, if there is one."""
         view, request = self._store.view, self._store.request
-        if request is None or view.is_example:
+        if request is None or view.is_example_shown:
             return
-        names = list(map_names(request).values())
+        names = list(maps_by_name(request).values())
         shown = {(view.variable, view.index), *((each.variable, each.index) for each in view.further)}
         free = [each for each in names if (each.variable, each.index) not in shown] or names
-        self._store.dispatch(MapAdded(ComparisonChoice(view.survey, free[0].variable, free[0].index, view.slice)))
+        self._store.dispatch(
+            ComparisonMapAdded(ComparisonChoice(view.survey, free[0].variable, free[0].index, view.slice))
+        )
 
     def end(self) -> None:
         """Stop all work of the comparison maps, because the page was closed."""

@@ -19,11 +19,11 @@ from gear_rattle.service.explorer.common.address import (
     points_by_number,
 )
 from gear_rattle.service.explorer.common.drawings import Show
-from gear_rattle.service.explorer.common.text import Heading, Text
+from gear_rattle.service.explorer.common.text import Heading, TextPane
 from gear_rattle.service.explorer.common.viewer import PageSession
 from gear_rattle.service.explorer.common.watch import WidgetWatcher, on_press
 from gear_rattle.service.explorer.further.difference import DifferenceMap, require_small_survey
-from gear_rattle.service.explorer.map.colouring import Colouring, Shade, colouring
+from gear_rattle.service.explorer.map.colouring import Colouring, LegendColour, colouring
 from gear_rattle.service.explorer.map.figure import MapFigure
 from gear_rattle.service.explorer.map.overlays import LINES_OF_ALL_WINDOWS, MapLines
 from gear_rattle.service.explorer.map.picture import drawn_settings, picture_links, picture_query
@@ -31,8 +31,8 @@ from gear_rattle.service.explorer.map.planes import MapBlock, MapPlane, map_opti
 from gear_rattle.service.explorer.map.readout import cell_in_words
 from gear_rattle.service.explorer.map.shared import SharedState
 from gear_rattle.service.explorer.map.survey_map import SurveyMap
-from gear_rattle.service.explorer.state.events import MapChanged, MapRemoved
-from gear_rattle.service.explorer.state.store import Store, request_of_job
+from gear_rattle.service.explorer.state.events import ComparisonMapChanged, ComparisonMapRemoved
+from gear_rattle.service.explorer.state.store import PageStore, request_of_job
 from gear_rattle.workers import SurveyRequest
 
 SHOWN = "shown"
@@ -45,12 +45,12 @@ class ComparisonMap(SurveyMap):
     """Comparison map number `index`, 0 for the second map of the page. Widgets above it choose survey and variable."""
 
     def __init__(
-        self, shared: SharedState, viewer: PageSession, store: Store, figure: MapFigure, sheet: str, index: int
+        self, shared: SharedState, viewer: PageSession, store: PageStore, figure: MapFigure, sheet: str, index: int
     ) -> None:
-        super().__init__(shared, viewer, store, figure, Heading(sheet), Text("", sheet))
+        super().__init__(shared, viewer, store, figure, Heading(sheet), TextPane("", sheet))
         self._index = index
         self.lines = MapLines(viewer, figure)
-        self.key, self.links = Text("", sheet), Text("", sheet)
+        self.key, self.links = TextPane("", sheet), TextPane("", sheet)
         self._watch = WidgetWatcher()
         styled: dict[str, Any] = {"stylesheets": [sheet], "margin": (2, 8, 2, 0)}
         self.survey = pn.widgets.Select(label=f"Survey of map {index + 2}", options={}, width=175, **styled)
@@ -59,7 +59,7 @@ class ComparisonMap(SurveyMap):
         for widget in (self.survey, self.variable, self.minus):
             self._watch.call_on_change(widget, self._on_chosen)
         remove = pn.widgets.Button(label=f"Remove map {index + 2}", **styled)
-        on_press(remove, partial(store.dispatch, MapRemoved(index)))
+        on_press(remove, partial(store.dispatch, ComparisonMapRemoved(index)))
         choices = pn.FlexBox(
             self.survey, self.variable, self.minus, remove, margin=0, sizing_mode="stretch_width",
             align_items="flex-end",
@@ -105,7 +105,7 @@ class ComparisonMap(SurveyMap):
         survey, _, number = str(self.survey.value).partition(",")
         chosen = MapChoice.read(str(self.variable.value))
         choice = ComparisonChoice(survey, chosen.variable, chosen.index, int(number), bool(self.minus.value))
-        self._store.dispatch(MapChanged(self._index, choice))
+        self._store.dispatch(ComparisonMapChanged(self._index, choice))
 
     async def _draw(
         self, choice: ComparisonChoice, view: View, job: JobRow, first: JobRow | None = None
@@ -181,7 +181,7 @@ class ComparisonMap(SurveyMap):
         query = picture_query(self._store.jobs[choice.survey].job.request, shown, seen)
         return f"<p class=faint>Picture: {picture_links(choice.survey, choice.variable, query)}</p>"
 
-    def show_shades(self, shades: Sequence[Shade]) -> None:
+    def show_legend_colours(self, shades: Sequence[LegendColour]) -> None:
         """Show in the key below the map the meaning of each colour and the share of the cells that have the colour."""
         self.key.html = map_key_html(shades)
 
@@ -197,7 +197,7 @@ def _title_of(plane: MapPlane, colours: Colouring, job: JobRow, first: JobRow | 
     return f"{first.display_name} less {job.display_name}, {cells}: {colours.title}"
 
 
-def map_key_html(shades: Sequence[Shade]) -> str:
+def map_key_html(shades: Sequence[LegendColour]) -> str:
     """Return the key of a map, in HTML: its colours with their meanings and shares."""
     entries = "".join(
         f'<li><span style="display:inline-block;width:.8rem;height:.8rem;background:{each.colour};'

@@ -8,7 +8,7 @@ from gear_rattle.service.database.tables import JobRow
 from gear_rattle.service.explorer.state.store import request_of_job
 
 
-def survey_options(jobs: Iterable[JobRow]) -> dict[str, str]:
+def survey_menu_options(jobs: Iterable[JobRow]) -> dict[str, str]:
     """Return the options of a menu of surveys and slices: {name in words: "survey id,number of the slice"}."""
     surveys: dict[str, str] = {}
     for each in jobs:

@@ -13,10 +13,10 @@ from gear_rattle.service.explorer.common.figures import PRINTED
 from gear_rattle.service.explorer.common.viewer import PageSession
 from gear_rattle.service.explorer.map.shared import SharedState
 from gear_rattle.service.explorer.point.panel import FigurePanel, PointPanel
-from gear_rattle.service.explorer.point.parts import SampledAttractors, survey_attractors
+from gear_rattle.service.explorer.point.parts import SampledAttractors, attractors_of_survey_cell
 from gear_rattle.service.explorer.point.state import machine_and_model_of_open_point
 from gear_rattle.service.explorer.point.view import PointView
-from gear_rattle.service.explorer.state.store import JOBS, Store
+from gear_rattle.service.explorer.state.store import JOBS, PageStore
 from rattle import Machine, RattleError
 from rattle.models import Model
 
@@ -25,7 +25,7 @@ POINT_CLASS = "with-point"  # CSS class of the panel while a point is open, whic
 ANSWER_FIRST = f"@media (max-width: 1199px) {{ :host(.{POINT_CLASS}) > .go-to-place {{ order: 1; }} }}"
 
 
-class RightSide:
+class PanelBesideMap:
     """Right side of the page: the panel `above`, below it the open point, and below the point the panel `under`.
 
     profile_place: panel for the profile of a survey. It stands inside the open point's panel, below its diagram.
@@ -40,7 +40,7 @@ class RightSide:
         self,
         shared: SharedState,
         viewer: PageSession,
-        store: Store,
+        store: PageStore,
         theme: str,
         profile_place: FigurePanel,
         above: pn.Column,
@@ -90,12 +90,12 @@ class RightSide:
                 # True if the survey samples the whole default box of (τ, v), as a clicked point does
                 is_whole = (*sample.tau_range, sample.v_min, sample.v_max) == (0.0, 1.0, 0.0, None)
                 if cell is not None and is_whole and plane.request.gear_model == model:
-                    return survey_attractors(cell, sample.count)
+                    return attractors_of_survey_cell(cell, sample.count)
             return None
 
         known = await self._viewer.run_in_thread(read)
         if known is not None:
-            self._viewer.change(lambda: point.show_survey_answer(known))
+            self._viewer.change(lambda: point.show_survey_attractors(known))
 
     def _close_point(self) -> None:
         self.end()

@@ -13,14 +13,14 @@ from matplotlib.colors import to_hex
 
 from gear_rattle.service.explorer.common.address import Limits, Pair, Ranges
 from gear_rattle.service.explorer.map.planes import UNSEEN, MapBlock, MapPlane, Room
-from gear_rattle.workers.pictures.figure import widest_cells, widest_region_points
+from gear_rattle.workers.pictures.figure import innermost_cells, region_name_positions
 from gear_rattle.workers.pictures.largest import OTHERS
 from gear_rattle.workers.pictures.look import LARGEST, colour_limits, logarithmic_limits
 from gear_rattle.workers.pictures.maps import (
     ZERO,
+    colour_scale_of,
     colours_of_codes,
-    scale_of,
-    title_of,
+    map_title,
     valueless_layers,
     words_for_missing_value,
 )
@@ -32,7 +32,7 @@ LEAST_WIDTH, NAME_SIZE = 0.02, (130, 24)
 
 
 @dataclass(frozen=True)
-class Shade:
+class LegendColour:
     """Colour of a map, its meaning (`label`), and its share.
 
     share: if the colour means a code, such as a region, the code's share of the computed cells. If it means a reason
@@ -60,7 +60,7 @@ class Colouring:
     high: float
     log: bool
     categorical: bool
-    shades: tuple[Shade, ...]
+    shades: tuple[LegendColour, ...]
     reasons: np.ndarray
     reason_colours: tuple[str, ...]
     note: str = ""
@@ -102,18 +102,18 @@ def colouring(plane: MapPlane, block: MapBlock, limits: Limits | Pair, log: bool
     for number, (mask, _) in enumerate(layers.values(), start=1):
         reasons[mask] = number
     shown = values[reasons == 0].astype(float)
-    cmap, norm, codes, labels = scale_of(plane.plane, shown)
+    cmap, norm, codes, labels = colour_scale_of(plane.plane, shown)
     computed = int((block.status != 0).sum())
     nothing = words_for_missing_value(plane.plane)
     shades = tuple(
-        Shade(label, colour, float((reasons == number).sum() / reasons.size))
+        LegendColour(label, colour, float((reasons == number).sum() / reasons.size))
         if block.without is None or label != nothing
-        else Shade(label, colour, block.without)
+        else LegendColour(label, colour, block.without)
         for number, (label, (_, colour)) in enumerate(layers.items(), start=1)
         if (reasons == number).any()
     )
     reason_colours = tuple(to_hex(colour) for _, colour in layers.values())
-    shades = tuple(Shade(each.label, to_hex(each.colour), each.share) for each in shades)
+    shades = tuple(LegendColour(each.label, to_hex(each.colour), each.share) for each in shades)
     if codes is not None and labels:
         every = range(int(codes[0]), int(codes[-1]) + 1)
         colours = [to_hex(cmap(norm(code))) for code in every]
@@ -122,12 +122,12 @@ def colouring(plane: MapPlane, block: MapBlock, limits: Limits | Pair, log: bool
             colours = list(colours_of_codes(plane.plane))
             every = range(len(colours))
         named = tuple(
-            Shade(label, colours[every.index(int(code))], _share_of_code(block, int(code), shown, computed))
+            LegendColour(label, colours[every.index(int(code))], _share_of_code(block, int(code), shown, computed))
             for code, label in zip(codes, labels, strict=True)
         )
         return Colouring(
-            title_of(plane.plane), colours, every[0] - 0.5, every[-1] + 0.5, False, True, named + shades, reasons,
-            reason_colours, names=_placed_names(variable, block, dict(zip(codes, labels, strict=True)), room),
+            map_title(plane.plane), colours, every[0] - 0.5, every[-1] + 0.5, False, True, named + shades, reasons,
+            reason_colours, names=_place_map_names(variable, block, dict(zip(codes, labels, strict=True)), room),
         )  # fmt: skip
     low, high, note = colour_limits(shown, (float(norm.vmin or 0.0), float(norm.vmax or 0.0)), limits)
     if log:
@@ -135,26 +135,26 @@ def colouring(plane: MapPlane, block: MapBlock, limits: Limits | Pair, log: bool
     if log and (hidden := (reasons == 0) & (values <= 0)).any():
         reason_colours += (to_hex(ZERO),)
         reasons[hidden] = len(reason_colours)
-        shades += (Shade("zero or below", reason_colours[-1], float(hidden.sum() / reasons.size)),)
+        shades += (LegendColour("zero or below", reason_colours[-1], float(hidden.sum() / reasons.size)),)
     palette = [to_hex(cmap(shade)) for shade in np.linspace(0.0, 1.0, SHADES)]
     beyond = _shares_beyond_limits(values[reasons == 0], low, high)
     sides = zip(beyond, ("below", "above"), strict=True)
     notes = [note, *(f"{share:.2%} of the values are {side} the scale" for share, side in sides if share)]
     note = "; ".join(each for each in notes if each)
     return Colouring(
-        title_of(plane.plane), palette, low, high, log, False, shades, reasons, reason_colours, note,
+        map_title(plane.plane), palette, low, high, log, False, shades, reasons, reason_colours, note,
         shares_beyond=beyond,
     )  # fmt: skip
 
 
-def _placed_names(variable: str, block: MapBlock, labels: Mapping[float, str], room: Room) -> dict[str, Pair]:
+def _place_map_names(variable: str, block: MapBlock, labels: Mapping[float, str], room: Room) -> dict[str, Pair]:
     """Return the names of regions or of families, each with the point (δ, ε) where it is written; {} on other maps."""
     if variable == "region":
-        return widest_region_points(block.values, block.delta, block.epsilon)
-    return family_places(block, labels, room) if variable == LARGEST else {}
+        return region_name_positions(block.values, block.delta, block.epsilon)
+    return family_name_positions(block, labels, room) if variable == LARGEST else {}
 
 
-def family_places(block: MapBlock, labels: Mapping[float, str], room: Room) -> dict[str, Pair]:
+def family_name_positions(block: MapBlock, labels: Mapping[float, str], room: Room) -> dict[str, Pair]:
     """Return {name of a family: point (δ, ε) where the name is written} of families that are wide enough on the map.
 
     A name that would overlap the name of a wider family is left out. room: pixels of the map along (delta, epsilon).
@@ -167,12 +167,12 @@ def family_places(block: MapBlock, labels: Mapping[float, str], room: Room) -> d
     rows, columns = block.values.shape
     least = max(LEAST_WIDTH * min(rows, columns), 1.5)
     large = [code for code in labels if 0 < code < OTHERS and (block.values == code).sum() > 3 * (least - 1) ** 2]
-    named = {int(code): _short_name(labels[code]) for code in large}
+    named = {int(code): _short_family_name(labels[code]) for code in large}
     # size of a name as shares of the map's width and height
     long, tall = (pixels / max(size, 1) for pixels, size in zip(NAME_SIZE, room, strict=True))
     places: dict[str, Pair] = {}
     taken: list[Pair] = []
-    for code, (i, j, wide) in sorted(widest_cells(block.values, named).items(), key=lambda each: -each[1][2]):
+    for code, (i, j, wide) in sorted(innermost_cells(block.values, named).items(), key=lambda each: -each[1][2]):
         # the name is moved inwards, so that none of its letters is cut off
         inside = int(np.clip(j, long / 2 * columns, max(1 - long / 2, long / 2) * columns - 1))
         at = i / rows, inside / columns
@@ -183,7 +183,7 @@ def family_places(block: MapBlock, labels: Mapping[float, str], room: Room) -> d
     return places
 
 
-def _short_name(label: str) -> str:
+def _short_family_name(label: str) -> str:
     """Shorten the name of a family to its number and letter: "6: P(1,1,1) = D" to "6: D". Other names do not change."""
     number, is_numbered, name = label.partition(": ")
     return f"{number}: {name.split(' = ')[-1]}" if is_numbered else label

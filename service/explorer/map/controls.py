@@ -9,14 +9,14 @@ import panel as pn
 
 from gear_rattle.service.explorer.common.address import Pair
 from gear_rattle.service.explorer.common.lists import MapButtons
-from gear_rattle.service.explorer.common.text import Text, alert_html
+from gear_rattle.service.explorer.common.text import TextPane, alert_html
 from gear_rattle.service.explorer.common.watch import WidgetWatcher
 from gear_rattle.service.explorer.map.shared import SharedState
-from gear_rattle.service.explorer.state.events import IndexChosen, LimitsSet, SliceChosen, VariableChosen
-from gear_rattle.service.explorer.state.store import JOBS, Store
+from gear_rattle.service.explorer.state.events import ColourRangeChosen, MapIndexChosen, SliceChosen, VariableChosen
+from gear_rattle.service.explorer.state.store import JOBS, PageStore
 from gear_rattle.workers import SurveyRequest
 from gear_rattle.workers.pictures.look import LARGEST, variable_in_words
-from gear_rattle.workers.survey.values.quantities import groups_of
+from gear_rattle.workers.survey.values.quantities import variable_groups_of_model
 from gear_rattle.workers.survey.values.schema import Group
 from rattle.models import ADDED, BETA
 
@@ -86,7 +86,7 @@ def map_buttons(names: Collection[str], request: SurveyRequest) -> list[dict[str
 
 def _reason_of_missing_map(featured: FeaturedMap, request: SurveyRequest) -> str:
     """Return a text about a featured map that a survey lacks: how to get the map, or that the model never has it."""
-    if featured.group not in groups_of(request.model, bool(request.harmonics)):
+    if featured.group not in variable_groups_of_model(request.model, bool(request.harmonics)):
         return f"{featured.button}: not computed in this survey, because its model has no quantity {featured.group}."
     return (
         f"{featured.button}: not computed in this survey. A new survey has this map if {featured.group} is ticked "
@@ -94,7 +94,7 @@ def _reason_of_missing_map(featured: FeaturedMap, request: SurveyRequest) -> str
     )
 
 
-def meaning_of(variable: str) -> str:
+def explain_how_to_read_map(variable: str) -> str:
     """Return a sentence that says how to read the map of a variable; "" if no featured map shows the variable."""
     return next((each.meaning for each in FEATURED if variable in each.variables), "")
 
@@ -106,7 +106,7 @@ class MapControls:
     message about wrong limits; the page adds widgets of other classes to it.
     """
 
-    def __init__(self, shared: SharedState, store: Store, sheet: str) -> None:
+    def __init__(self, shared: SharedState, store: PageStore, sheet: str) -> None:
         self._shared, self._store = shared, store
         styled: dict[str, Any] = {"stylesheets": [sheet], "margin": (2, 8, 2, 0)}
         self.buttons = MapButtons(margin=styled["margin"])
@@ -121,7 +121,7 @@ class MapControls:
         self.low = pn.widgets.FloatInput(label="from", width=110, **styled)
         self.high = pn.widgets.FloatInput(label="to", width=110, **styled)
         self.log = pn.widgets.CheckBoxGroup(options=[LOG], **{**styled, "margin": (2, 8, 8, 4)})
-        self.wrong = Text("", sheet)
+        self.wrong = TextPane("", sheet)
         self._watch = WidgetWatcher()
         for widget, used in (
             (self.variable, self._on_variable), (self.index, self._on_index),
@@ -129,7 +129,7 @@ class MapControls:
             (self.low, self._on_entered_limits), (self.high, self._on_entered_limits),
         ):  # fmt: skip
             self._watch.call_on_change(widget, used)
-        self._watch.call_on_change(self.buttons, self._on_button, "chosen")
+        self._watch.call_on_change(self.buttons, self._on_variable_button, "chosen")
         self.featured = pn.Row(self.buttons, margin=0, stylesheets=[UNPRINTED])
         self.row = pn.FlexBox(
             self.variable, self.index, self.slice, self.rule, self.low, self.high, self.log,
@@ -142,7 +142,7 @@ class MapControls:
 
     def _offer_maps(self) -> None:
         """Fill the menus with the maps of the survey, and select the map that the view shows."""
-        view, whole = self._store.view, self._store.whole_request
+        view, whole = self._store.view, self._store.request_with_all_slices
         maps = self._shared.maps(self._store)
         if whole is None or view.variable not in maps:
             return
@@ -176,7 +176,7 @@ class MapControls:
             if drawn is not None:
                 self.low.value, self.high.value = view.limits if isinstance(view.limits, tuple) else drawn
 
-    def _on_button(self) -> None:
+    def _on_variable_button(self) -> None:
         if any(each["variable"] == self.buttons.chosen for each in self.buttons.buttons):
             self._store.dispatch(VariableChosen(self.buttons.chosen))
 
@@ -184,7 +184,7 @@ class MapControls:
         self._store.dispatch(VariableChosen(str(self.variable.value)))
 
     def _on_index(self) -> None:
-        self._store.dispatch(IndexChosen(int(self.index.value)))
+        self._store.dispatch(MapIndexChosen(int(self.index.value)))
 
     def _on_slice(self) -> None:
         self._store.dispatch(SliceChosen(int(self.slice.value or 0)))
@@ -198,16 +198,16 @@ class MapControls:
         if limits == OWN:
             limits = view.limits if isinstance(view.limits, tuple) else view.seen and view.seen.limits
         if limits is not None:
-            self._store.dispatch(LimitsSet(limits, bool(self.log.value)))
+            self._store.dispatch(ColourRangeChosen(limits, bool(self.log.value)))
 
     def _on_entered_limits(self) -> None:
-        own = entered_limits(self.low.value, self.high.value, self._store.view.log)
+        own = parse_entered_limits(self.low.value, self.high.value, self._store.view.log)
         self.wrong.html = alert_html(own) if isinstance(own, str) else ""
         if isinstance(own, tuple):
-            self._store.dispatch(LimitsSet(own, self._store.view.log))
+            self._store.dispatch(ColourRangeChosen(own, self._store.view.log))
 
 
-def entered_limits(low: float | None, high: float | None, log: bool) -> Pair | str:
+def parse_entered_limits(low: float | None, high: float | None, log: bool) -> Pair | str:
     """Return the limits that a viewer has entered, or a message that says why they are not valid."""
     if low is None or high is None:
         return "Enter two numbers as colour limits."

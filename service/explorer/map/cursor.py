@@ -25,7 +25,7 @@ from gear_rattle.service.explorer.state.events import (
     WindowMoved,
     WindowReset,
 )
-from gear_rattle.service.explorer.state.store import Store, window_of
+from gear_rattle.service.explorer.state.store import PageStore, window_of_request
 
 # A step of the cursor is one cell; along an axis on which the window has fewer than FEWEST_CELLS cells, it is 1/STEPS
 # of the window.
@@ -44,7 +44,7 @@ POINT_COMMAND = "point "  # start of the command that opens a point; δ and ε o
 class CursorKeys:
     """Keyboard control of the map of a page: it dispatches events for the messages of keyboard.js."""
 
-    def __init__(self, document: Document, plot: figure, store: Store) -> None:
+    def __init__(self, document: Document, plot: figure, store: PageStore) -> None:
         self._store = store
         keys = ColumnDataSource({"steps": [], "word": [], "number": []})
         keys.on_change("data", handler_in_event_loop(self._on_keys))
@@ -69,7 +69,7 @@ class CursorKeys:
                 steps = [-steps[0], steps[1], -steps[2], steps[3]]
             axes = request.delta.values(), request.epsilon.values()
             at = cursor_after_steps(axes, self.position, self._store.window, steps)
-            self._move_cursor(window_with_cursor(self._store.window, at), at)
+            self._move_cursor(move_window_to_cursor(self._store.window, at), at)
         for word in words[:1]:
             self.execute(str(word))
 
@@ -89,7 +89,7 @@ class CursorKeys:
                 factor = ZOOM_FACTOR if word == "closer" else 1 / ZOOM_FACTOR
                 request = self._store.request
                 assert request is not None
-                self._move_cursor(zoomed_window(self._store.window, at, factor, window_of(request)), at)
+                self._move_cursor(zoomed_window(self._store.window, at, factor, window_of_request(request)), at)
             case "all":
                 dispatch(WindowReset())
             case "open":
@@ -143,7 +143,7 @@ def _step_cursor(axis: np.ndarray, at: float, span: Pair, steps: int, far: int) 
     return float(axis[min(max(here + steps + far * max(1, round(FAR_STEP * width / cell)), 0), axis.size - 1)])
 
 
-def window_with_cursor(window: Ranges, at: Pair) -> Ranges:
+def move_window_to_cursor(window: Ranges, at: Pair) -> Ranges:
     """Return the window, moved to contain the cursor if the cursor is outside."""
     delta, epsilon = (_span_containing(span, value) for span, value in zip(window, at, strict=True))
     return delta, epsilon

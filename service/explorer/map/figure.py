@@ -79,20 +79,20 @@ class MapFigure:
         plot.name = name
         self._axes = axes.MapAxes(plot, is_follower=leader is not None)
         self._apply_theme(theme)
-        self._values, self._fine, self._reasons = (glyphs.empty_source(glyphs.IMAGE) for _ in range(3))
-        self._veiled = glyphs.empty_source(glyphs.IMAGE)
+        self._values, self._fine, self._reasons = (glyphs.create_empty_source(glyphs.IMAGE) for _ in range(3))
+        self._veiled = glyphs.create_empty_source(glyphs.IMAGE)
         self._why_mapper = glyphs.transparent_mapper()
         self._why = glyphs.image_renderer(self._reasons, self._why_mapper)
-        self._scales = glyphs.colour_scales(self._values, self._fine, **_bar_style(theme))
+        self._scales = glyphs.colour_scales(self._values, self._fine, **_colour_bar_style(theme))
         self._log, self._fits = False, True
         self._lines: dict[str, tuple[ColumnDataSource, list[Any]]] = {}
         for line in (*STYLES, *OWN_STYLES):
-            source = glyphs.empty_source(glyphs.LINE)
+            source = glyphs.create_empty_source(glyphs.LINE)
             self._lines[line] = source, glyphs.line_renderers(source, line)
-        self._points, self._sure = glyphs.empty_source(glyphs.POINT), glyphs.empty_source(glyphs.BAND)
-        self._names = glyphs.empty_source(("x", "y", "name", "dx"))
-        self.cross_at, self.cursor_at, self.ellipse_at = (glyphs.empty_source(("x", "y")) for _ in range(3))
-        self.pins_at = glyphs.empty_source(("x", "y", "name"))
+        self._points, self._sure = glyphs.create_empty_source(glyphs.POINT), glyphs.create_empty_source(glyphs.BAND)
+        self._names = glyphs.create_empty_source(("x", "y", "name", "dx"))
+        self.cross_at, self.cursor_at, self.ellipse_at = (glyphs.create_empty_source(("x", "y")) for _ in range(3))
+        self.pins_at = glyphs.create_empty_source(("x", "y", "name"))
         self._marks, self._band = glyphs.point_renderers(self._points), glyphs.band_renderer(self._sure)
         images = (each for scale in self._scales.values() for each in (scale.cells, scale.fine))
         lines = (each for _, pair in self._lines.values() for each in pair)
@@ -103,23 +103,23 @@ class MapFigure:
             self._band,
             *lines,
             *glyphs.outline_renderers(self.ellipse_at),
-            glyphs.name_renderer(self._names),
+            glyphs.create_name_renderer(self._names),
             *self._marks,
             *glyphs.cross_renderers(self.cross_at),
             *glyphs.ring_renderers(self.cursor_at),
             *glyphs.pin_renderers(self.pins_at),
         ]
-        glyphs.share_models(plot.renderers)
-        self._range_arrows = glyphs.range_arrows(INK[theme][0])
+        glyphs.share_filter_and_selection(plot.renderers)
+        self._range_arrows = glyphs.make_range_arrows(INK[theme][0])
         for mark in self._range_arrows:
             plot.add_layout(mark, "right")  # not "center", where the frame would cut off the arrow
         self._is_narrow, self._is_categorical = False, True
-        self._place_bars()
+        self._place_colour_bars()
         plot.on_change("outer_width", handler_in_event_loop(self._on_width))
         for side in ("inner_width", "inner_height"):
-            plot.on_change(side, handler_in_event_loop(lambda _attribute, _old, _new: self._place_names()))
-        self._corners: list[tuple[str, float, float]] = []
-        self._box: Ranges | None = None
+            plot.on_change(side, handler_in_event_loop(lambda _attribute, _old, _new: self._position_names()))
+        self._block_corners: list[tuple[str, float, float]] = []
+        self._box_around_centre: Ranges | None = None
         self._frame: tuple[np.ndarray, Ranges] | None = None
         self._listen_to_browser(name)
 
@@ -177,11 +177,11 @@ class MapFigure:
     def _on_width(self, _attribute: str, _old: object, width: int) -> None:
         if (width < NARROW) != self._is_narrow:
             self._is_narrow = width < NARROW
-            self._place_bars()
+            self._place_colour_bars()
 
-    def _place_bars(self) -> None:
+    def _place_colour_bars(self) -> None:
         glyphs.place_colour_bars(self.figure, [scale.bar for scale in self._scales.values()], self._is_narrow)
-        glyphs.mark_ends(self._range_arrows, self._scales[self._log].bar, self._is_narrow)
+        glyphs.place_arrows_at_bar_ends(self._range_arrows, self._scales[self._log].bar, self._is_narrow)
         self._reserve_bar_width()
 
     def _reserve_bar_width(self) -> None:
@@ -207,10 +207,12 @@ class MapFigure:
             self._window = window
             self._axes.show_window(*window)
         self._hide_enlarged_cells(window[0])
-        self._place_names()
+        self._position_names()
 
     def _hide_enlarged_cells(self, delta: Pair) -> None:
-        self._fits = self._box is None or (self._box[0][1] - self._box[0][0]) < LARGEST_ZOOM * (delta[1] - delta[0])
+        self._fits = self._box_around_centre is None or (
+            self._box_around_centre[0][1] - self._box_around_centre[0][0]
+        ) < LARGEST_ZOOM * (delta[1] - delta[0])
         self._show_scale()
 
     def _show_scale(self) -> None:
@@ -234,7 +236,7 @@ class MapFigure:
 
     def draw_cells(self, block: MapBlock, colours: Colouring) -> None:
         """Draw the cells of a survey in these colours, and the names of regions or families."""
-        self._box, where = block.box, image_position(block.box)
+        self._box_around_centre, where = block.box, image_position(block.box)
         self._apply_colours(colours)
         shown = np.where(colours.reasons == 0, block.values, np.float32(np.nan))
         places = list(colours.names.values())
@@ -244,7 +246,7 @@ class MapFigure:
             "name": list(colours.names),
             "dx": [0.0] * len(places),
         }
-        self._place_names()
+        self._position_names()
         self._values.data = {"image": [shown], **where}
         self._reasons.data = {"image": [colours.reasons], **where}
 
@@ -289,7 +291,7 @@ class MapFigure:
     def _apply_colours(self, colours: Colouring) -> None:
         if self._log != colours.log:
             self._log = colours.log
-            glyphs.mark_ends(self._range_arrows, self._scales[self._log].bar, self._is_narrow)
+            glyphs.place_arrows_at_bar_ends(self._range_arrows, self._scales[self._log].bar, self._is_narrow)
             self._show_finer_cells()
         palette = list(colours.palette)
         self._scales[colours.log].mapper.update(palette=palette, low=colours.low, high=colours.high)
@@ -314,21 +316,21 @@ class MapFigure:
 
     def mark_points(self, points: Sequence[tuple[str, float, float]]) -> None:
         """Mark codimension-two points, each given as (name, δ, ε)."""
-        self._corners = list(points)
-        self._place_names()
+        self._block_corners = list(points)
+        self._position_names()
 
-    def _place_names(self) -> None:
+    def _position_names(self) -> None:
         """Move the names of regions or families into the frame, and name the codimension-two points that have room."""
         self._move_region_names_inside()
-        if not self._corners:
+        if not self._block_corners:
             glyphs.clear(self._points)
             return
-        names, x, y = (list(column) for column in zip(*self._corners, strict=True))
+        names, x, y = (list(column) for column in zip(*self._block_corners, strict=True))
         placed = arrange_names(
             [self._screen_position(*at) for at in zip(x, y, strict=True)],
             [(LETTER * len(name) + 4, ROW) for name in names],
             self.pixels,
-            self._taken_boxes(),
+            self._occupied_boxes(),
         )
         rows = []
         for name, at_x, at_y, found in zip(names, x, y, placed, strict=True):
@@ -349,7 +351,7 @@ class MapFigure:
         if moved != data["dx"]:
             self._names.data = {**data, "dx": moved}
 
-    def _taken_boxes(self) -> list[Box]:
+    def _occupied_boxes(self) -> list[Box]:
         """Return the boxes of the pins and of the names of regions or families on the screen, in pixels."""
         regions, pins = self._names.data, self.pins_at.data
         return [
@@ -370,24 +372,24 @@ class MapFigure:
         """Return the position of a point on the screen, in pixels from the lower left corner of the frame."""
         x, y = (
             side * (at - span.start) / (span.end - span.start)
-            for side, at, span in zip(self.pixels, (delta, epsilon), self._ranges, strict=True)
+            for side, at, span in zip(self.pixels, (delta, epsilon), self._axis_ranges, strict=True)
         )
         return x, y
 
     def _plane_position(self, x: float, y: float) -> tuple[float, float]:
         delta, epsilon = (
             span.start + at / side * (span.end - span.start)
-            for side, at, span in zip(self.pixels, (x, y), self._ranges, strict=True)
+            for side, at, span in zip(self.pixels, (x, y), self._axis_ranges, strict=True)
         )
         return delta, epsilon
 
     @property
-    def _ranges(self) -> tuple[Any, Any]:
+    def _axis_ranges(self) -> tuple[Any, Any]:
         return self.figure.x_range, self.figure.y_range
 
     def remove_lines(self) -> None:
         """Remove all curves, the codimension-two points, and the area of the design limit."""
-        self._corners = []
+        self._block_corners = []
         for source in (self._points, self._sure, *(source for source, _ in self._lines.values())):
             glyphs.clear(source)
 
@@ -413,9 +415,9 @@ class MapFigure:
         }
         if found != self.pins_at.data:
             self.pins_at.data = found
-            self._place_names()
+            self._position_names()
 
-    def draw_point_lines(self, points: np.ndarray | None) -> None:
+    def draw_lines_at_point(self, points: np.ndarray | None) -> None:
         """Draw lines at the open point, such as the ellipse of its tolerances; None removes them.
 
         points: (k, 2) points (δ, ε) of the lines, with a row of NaN between two lines.
@@ -459,7 +461,7 @@ def _are_finite(values: Sequence[Any]) -> bool:
     return all(isinstance(value, int | float) and np.isfinite(value) for value in values)
 
 
-def _bar_style(theme: str) -> dict[str, Any]:
+def _colour_bar_style(theme: str) -> dict[str, Any]:
     ink, paper, line = INK[theme]
     return {
         "major_label_text_color": ink,

@@ -13,15 +13,15 @@ import panel as pn
 
 from gear_rattle.service.explorer.common.address import FEW_LINES, OVERLAYS, UNCHOSEN, Pair, Ranges
 from gear_rattle.service.explorer.common.glyphs import line_style_of
-from gear_rattle.service.explorer.common.lists import MapKey
+from gear_rattle.service.explorer.common.lists import MapLegend
 from gear_rattle.service.explorer.common.viewer import PageSession
 from gear_rattle.service.explorer.common.watch import WidgetWatcher
 from gear_rattle.service.explorer.files import help_table_rows
-from gear_rattle.service.explorer.map.colouring import Shade
+from gear_rattle.service.explorer.map.colouring import LegendColour
 from gear_rattle.service.explorer.map.figure import MapFigure
-from gear_rattle.service.explorer.state.events import OverlaysChosen, ShareSet
-from gear_rattle.service.explorer.state.store import JOBS, Store, window_of
-from gear_rattle.service.operations.overlaid import Overlays, limit_band, limit_line
+from gear_rattle.service.explorer.state.events import OverlaysChosen, RequiredShareSet
+from gear_rattle.service.explorer.state.store import JOBS, PageStore, window_of_request
+from gear_rattle.service.operations.overlaid import Overlays, design_limit_line, limit_band
 from gear_rattle.workers.pictures.look import CRISIS, LIMIT, POINTS, USUAL_SHARE
 from gear_rattle.workers.survey.axes import Window
 from gear_rattle.workers.survey.plane_curves import LOWEST_DELTA, MissingCurve, traced_curve
@@ -92,30 +92,32 @@ class MapLines:
     async def _compute_line(self, name: str, model: Model, window: Ranges) -> None:
         await self._viewer.front.kernels.wait_until_compiled(model.name, patience=math.inf)
         if name == POINTS:
-            points = await self._viewer.run_in_thread(lambda: points_in_window(model, window))
+            points = await self._viewer.run_in_thread(lambda: codimension_two_points_in_window(model, window))
             self._change_lines(name, lambda: self._figure.mark_points(points))
         elif name in model.curve_names:
             pieces, missing = await self._viewer.run_in_thread(lambda: curve_pieces(name, model, *window))
             self._change_lines(name, lambda: self._figure.draw_line(name, pieces))
-            self._note_in_key(name, "", missing)
+            self._write_note_in_key(name, "", missing)
         else:
-            self._note_in_key(name, "", _missing_capability(model))
+            self._write_note_in_key(name, "", _missing_capability(model))
 
-    def _note_in_key(self, name: str, note: str, missing: str = "") -> None:
+    def _write_note_in_key(self, name: str, note: str, missing: str = "") -> None:
         """Write in the key the progress of a line (`note`), or why the line is missing. Without a key, do nothing."""
 
 
 class MapLinesWithKey(MapLines):
     """Lines over the first map, with a key. panel: the key, in which a viewer chooses lines."""
 
-    def __init__(self, overlaid: Overlays, viewer: PageSession, store: Store, figure: MapFigure, sheet: str) -> None:
+    def __init__(
+        self, overlaid: Overlays, viewer: PageSession, store: PageStore, figure: MapFigure, sheet: str
+    ) -> None:
         super().__init__(viewer, figure)
         self._overlaid, self._store = overlaid, store
         self._listed: tuple[Hashable, ...] = ()
         self._listing: asyncio.Task[None] | None = None
         self._entries: list[dict[str, Any]] = []
         view = store.view
-        self.key = MapKey(overlays=[], chosen=list(view.lines), margin=0, sizing_mode="stretch_width")
+        self.key = MapLegend(overlays=[], chosen=list(view.lines), margin=0, sizing_mode="stretch_width")
         self._watch = WidgetWatcher()
         self._watch.call_on_change(self.key, self._on_chosen, "chosen")
         self.share = pn.widgets.FloatInput(
@@ -139,9 +141,9 @@ class MapLinesWithKey(MapLines):
             self._store.dispatch(OverlaysChosen(chosen))
 
     def _on_share(self) -> None:
-        self._store.dispatch(ShareSet(float(self.share.value or USUAL_SHARE)))
+        self._store.dispatch(RequiredShareSet(float(self.share.value or USUAL_SHARE)))
 
-    def show_shades(self, shades: Sequence[Shade]) -> None:
+    def show_legend_colours(self, shades: Sequence[LegendColour]) -> None:
         """Show in the key the meaning of each colour and the share of the cells that have the colour."""
         self.key.shades = [{"label": each.label, "colour": each.colour, "share": each.share} for each in shades]
 
@@ -151,7 +153,7 @@ class MapLinesWithKey(MapLines):
         For the survey of a machine, start a task that removes from the key the lines outside the survey's plane.
         """
         request, model = self._store.request, self._store.model
-        window = None if request is None or request.machine is None else window_of(request)
+        window = None if request is None or request.machine is None else window_of_request(request)
         if (listed := (model, window)) == self._listed:
             return
         self._listed, self._entries = listed, map_key_entries(model)
@@ -184,7 +186,7 @@ class MapLinesWithKey(MapLines):
     @property
     def _delta_range(self) -> Pair:
         """Range of damping of the survey, over which the design limit is computed."""
-        whole = self._store.whole_request
+        whole = self._store.request_with_all_slices
         return UNCHOSEN[0] if whole is None else (whole.delta.start, whole.delta.stop)
 
     async def _compute_line(self, name: str, model: Model, window: Ranges) -> None:
@@ -192,26 +194,26 @@ class MapLinesWithKey(MapLines):
             await super()._compute_line(name, model, window)
             return
         await self._viewer.front.kernels.wait_until_compiled(model.name, patience=math.inf)
-        self._note_in_key(name, "is being computed …")
+        self._write_note_in_key(name, "is being computed …")
         try:
             if name == CRISIS:
-                pieces = [await self._overlaid.crises.crisis_of(model)]
+                pieces = [await self._overlaid.crises.crisis_curve_of(model)]
                 self._change_lines(name, lambda: self._figure.draw_line(name, pieces))
             else:
-                async for delta, limits in self._overlaid.limits.limits_over(
+                async for delta, limits in self._overlaid.limits.limits_over_damping(
                     model, self._delta_range, self._store.view.share
                 ):
                     self._change_lines(name, partial(self._show_design_limit, delta, limits))
         except RattleError as error:
-            self._note_in_key(name, "", str(error))
+            self._write_note_in_key(name, "", str(error))
         else:
-            self._note_in_key(name, "")
+            self._write_note_in_key(name, "")
 
     def _show_design_limit(self, delta: np.ndarray, limits: np.ndarray) -> None:
-        self._figure.draw_line(LIMIT, split_at_nan(limit_line(delta, limits)))
+        self._figure.draw_line(LIMIT, split_at_nan(design_limit_line(delta, limits)))
         self._figure.draw_limit_band(*limit_band(delta, limits))
 
-    def _note_in_key(self, name: str, note: str, missing: str = "") -> None:
+    def _write_note_in_key(self, name: str, note: str, missing: str = "") -> None:
         entries = [
             each | {"note": note, "missing": bool(missing), "meaning": missing or each["meaning"]}
             if each["name"] == name
@@ -294,7 +296,11 @@ def curve_pieces(name: str, model: Model, delta: Pair, epsilon: Pair) -> tuple[l
 def absent_lines(model: Model, window: Ranges) -> set[str]:
     """Return the names of a model's lines and points that are nowhere inside a window. It blocks: use a thread."""
     curves = {name for name in OVERLAYS if name in model.curve_names and curve_pieces(name, model, *window) == ([], "")}
-    return curves if not _is_offered(POINTS, model) or points_in_window(model, window) else curves | {POINTS}
+    return (
+        curves
+        if not _is_offered(POINTS, model) or codimension_two_points_in_window(model, window)
+        else curves | {POINTS}
+    )
 
 
 def cache_default_lines(model: Model, window: Ranges) -> None:
@@ -303,7 +309,7 @@ def cache_default_lines(model: Model, window: Ranges) -> None:
         if name != POINTS:
             curve_pieces(name, model, *window)
         elif _is_offered(name, model):
-            points_in_window(model, window)
+            codimension_two_points_in_window(model, window)
 
 
 def split_at_nan(line: np.ndarray) -> list[np.ndarray]:
@@ -312,7 +318,7 @@ def split_at_nan(line: np.ndarray) -> list[np.ndarray]:
     return [piece[~np.isnan(piece[:, 0])] for piece in np.split(line, gaps)]
 
 
-def points_in_window(model: Model, window: Ranges) -> list[tuple[str, float, float]]:
+def codimension_two_points_in_window(model: Model, window: Ranges) -> list[tuple[str, float, float]]:
     """Return (name, δ, ε) of each codimension-two point in a window.
 
     It blocks: use a thread. Points outside are left out, because their names would reach into the window.

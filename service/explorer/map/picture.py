@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from typing import Any
 from urllib.parse import urlencode
 
-from gear_rattle.service.explorer.common.address import DrawnSettings, View
+from gear_rattle.service.explorer.common.address import DrawnMapSettings, View
 from gear_rattle.service.explorer.map.colouring import Colouring
 from gear_rattle.service.explorer.map.planes import Room
 from gear_rattle.workers.pictures.look import LIMIT
@@ -15,12 +15,12 @@ from gear_rattle.workers.survey.values.schema import FIXED
 FORMS = ("png", "svg", "pdf")
 
 
-def drawn_settings(colours: Colouring, pixels: Room | None) -> DrawnSettings:
+def drawn_settings(colours: Colouring, pixels: Room | None) -> DrawnMapSettings:
     """Return the colour range, the scale and the size of a drawn map. pixels: the size, None for the whole survey."""
-    return DrawnSettings(None if colours.categorical else (colours.low, colours.high), colours.log, pixels)
+    return DrawnMapSettings(None if colours.categorical else (colours.low, colours.high), colours.log, pixels)
 
 
-def picture_query(request: dict[str, Any], view: View, seen: DrawnSettings | None = None) -> str:
+def picture_query(request: dict[str, Any], view: View, seen: DrawnMapSettings | None = None) -> str:
     """Return the query of a picture of a survey's map. seen: settings of the drawn map, None if no map is drawn yet."""
     asked: dict[str, Any] = {"variable": view.variable, "index": view.index or None}
     asked["slice"] = view.slice if any(third_axis_names(request)) else None

@@ -17,17 +17,23 @@ from gear_rattle.service.database.tables import JobRow, State
 from gear_rattle.service.explorer.common.address import MapChoice, Pair, Ranges
 from gear_rattle.service.explorer.state.store import box_of_cells
 from gear_rattle.service.operations.surveys import written_tiles
-from gear_rattle.service.state import Front
+from gear_rattle.service.state import ApplicationState
 from gear_rattle.workers import SurveyRequest, open_survey
 from gear_rattle.workers.errors import report_damage
-from gear_rattle.workers.pictures.largest import open_maps
-from gear_rattle.workers.pictures.levels import DisplayedCells, LevelPart, finest_level_part, read_level, reduce_cells
+from gear_rattle.workers.pictures.largest import open_survey_for_map
+from gear_rattle.workers.pictures.levels import (
+    DisplayedCells,
+    LevelPart,
+    finest_level_part,
+    read_displayed_level_cells,
+    reduce_cells,
+)
 from gear_rattle.workers.pictures.look import IN_SLOTS, LARGEST, SHARE, WHICH, variable_in_words
-from gear_rattle.workers.pictures.planes import drawn_numbers, mask_nonperiodic, plane_of
+from gear_rattle.workers.pictures.planes import map_of_variable, mask_nonperiodic, values_to_draw
 from gear_rattle.workers.storage.store import has_added_node
 from gear_rattle.workers.survey.levels.grid import GROUP, level_centres, levels_of, possible_levels
 from gear_rattle.workers.survey.levels.reduce import pool_cells
-from gear_rattle.workers.survey.slices import slice_of
+from gear_rattle.workers.survey.slices import select_slice
 from gear_rattle.workers.survey.tiles import tiles_of_slice
 from gear_rattle.workers.survey.values.schema import CELL, Group
 
@@ -81,14 +87,14 @@ class MapPlane:
 
     is_kept = True  # True if all cells are kept in memory
 
-    def __init__(self, front: Front, job: JobRow, variable: str, index: int, slice_number: int = 0) -> None:
+    def __init__(self, front: ApplicationState, job: JobRow, variable: str, index: int, slice_number: int = 0) -> None:
         _, place = front.job_with_results(job.id)
         self.id, self.number = job.id, job.number
         self._front = front
         request = SurveyRequest.model_validate(job.request)
         self._place, self._along = place, request.slice_index(slice_number)
-        self._dataset = open_maps(partial(open_survey, place), variable, *self._along)
-        self.plane, self._index = plane_of(self._dataset, variable, index), index
+        self._dataset = open_survey_for_map(partial(open_survey, place), variable, *self._along)
+        self.plane, self._index = map_of_variable(self._dataset, variable, index), index
         self.request = request.slice_request(self._along)
         self._levels = possible_levels(self.request.shape)
         self.delta, self.epsilon = (np.asarray(self._dataset[axis], np.float64) for axis in ("delta", "epsilon"))
@@ -126,7 +132,7 @@ class MapPlane:
         list[int]
             Indices of tiles.
         """
-        _, across = self.request.tile_grid
+        _, across = self.request.tile_grid_shape
         together = across * max(1, MOST_CELLS_AT_ONCE // (self.delta.size * self.request.tile_shape[0]))
         every = list(self._tiles)
         for start in range(0, len(every), together):
@@ -140,7 +146,7 @@ class MapPlane:
     def _read_tiles(self, indices: Sequence[int]) -> None:
         first, last = self._tiles[indices[0]], self._tiles[indices[-1]]
         where = (slice(first.epsilon.start, last.epsilon.stop), slice(first.delta.start, last.delta.stop))
-        self.values[where] = drawn_numbers(mask_nonperiodic(self._dataset, self.plane[where], self._index))
+        self.values[where] = values_to_draw(mask_nonperiodic(self._dataset, self.plane[where], self._index))
         self.status[where] = np.asarray(self._dataset["status"][where])
 
     @property
@@ -241,12 +247,12 @@ class MapPlane:
         return self._dataset[names].isel(epsilon=i, delta=j).load()
 
 
-class LeveledPlane(MapPlane):
+class PyramidMapPlane(MapPlane):
     """Map of a completed survey with pyramid levels. Cells are read from the store when they are drawn."""
 
     is_kept = False
 
-    def __init__(self, front: Front, job: JobRow, variable: str, index: int, slice_number: int = 0) -> None:
+    def __init__(self, front: ApplicationState, job: JobRow, variable: str, index: int, slice_number: int = 0) -> None:
         super().__init__(front, job, variable, index, slice_number)
         self._levels = levels_of(self.request.shape)
         self._opened: dict[str, xr.Dataset] = {}
@@ -258,17 +264,19 @@ class LeveledPlane(MapPlane):
     def _read_displayed_cells(self, part: LevelPart) -> DisplayedCells:
         if part.level is None:
             return super()._read_displayed_cells(part)
-        return read_level(self.plane, self._open_level(part.level.path), self._index, part.level, part.at)
+        return read_displayed_level_cells(
+            self.plane, self._open_level(part.level.path), self._index, part.level, part.at
+        )
 
     def _open_level(self, path: str) -> xr.Dataset:
         with self._lock:
             if path not in self._opened:
-                self._opened[path] = slice_of(open_survey(self._place, path), *self._along)
+                self._opened[path] = select_slice(open_survey(self._place, path), *self._along)
             return self._opened[path]
 
     def _values_and_status(self, rows: slice, columns: slice) -> tuple[np.ndarray, np.ndarray]:
         with report_damage(f"the map of {self.plane.name}"):
-            cells = drawn_numbers(mask_nonperiodic(self._dataset, self.plane[rows, columns], self._index))
+            cells = values_to_draw(mask_nonperiodic(self._dataset, self.plane[rows, columns], self._index))
             return cells.astype(np.float32), np.asarray(self._dataset["status"][rows, columns])
 
 
@@ -329,7 +337,7 @@ def cell_indices(axis: np.ndarray, values: np.ndarray) -> np.ndarray:
 class MapCache:
     """Maps that pages show now or showed lately, in memory."""
 
-    def __init__(self, front: Front) -> None:
+    def __init__(self, front: ApplicationState) -> None:
         self._front = front
         self._lock = threading.Lock()
         self._planes: OrderedDict[Key, MapPlane] = OrderedDict()
@@ -366,12 +374,12 @@ class MapCache:
         return plane, plane.update(job)
 
     def _plane_class(self, job: JobRow, variable: str) -> type[MapPlane]:
-        """Return LeveledPlane if the store of a successful survey has pyramid levels of the map, else MapPlane."""
+        """Return PyramidMapPlane if the store of a successful survey has pyramid levels of the map, else MapPlane."""
         if variable in (LARGEST, SHARE):  # the pyramid levels lack both maps
             return MapPlane
         is_large = levels_of(SurveyRequest.model_validate(job.request).shape)
         ended = is_large and job.state == State.SUCCESSFUL
-        return LeveledPlane if ended and has_added_node(self._front.directory.store(job.id), GROUP) else MapPlane
+        return PyramidMapPlane if ended and has_added_node(self._front.directory.store(job.id), GROUP) else MapPlane
 
     @property
     def _n_cells(self) -> int:
@@ -398,7 +406,7 @@ def maps_of(request: SurveyRequest) -> dict[str, Any]:
     return {
         quantity.name: dimension_labels(quantity.dims[0], request.n_slots) if len(quantity.dims) > 2 else ()
         for quantity in variables_of_groups(request.quantities, request.model)
-        if quantity.per_cell
+        if quantity.is_per_cell
     } | joined
 
 
@@ -412,12 +420,12 @@ def map_options(request: SurveyRequest, *wanted: MapChoice | None) -> tuple[MapC
     tuple[MapChoice, dict[str, str]]
         The first of the `wanted` maps that the survey has, else its first map; {name of a map: text in an address}.
     """
-    maps = map_names(request)
+    maps = maps_by_name(request)
     chosen = next(each for each in (*wanted, *maps.values()) if each is not None and each in maps.values())
     return chosen, {words: each.address_text for words, each in maps.items()}
 
 
-def map_names(request: SurveyRequest) -> dict[str, MapChoice]:
+def maps_by_name(request: SurveyRequest) -> dict[str, MapChoice]:
     """Return all maps of a survey, each under its name in words."""
     named = {}
     for name, labels in maps_of(request).items():

@@ -14,16 +14,16 @@ import xarray as xr
 
 import rattle
 from gear_rattle.service.explorer.common.address import Ranges
-from gear_rattle.service.explorer.common.text import Text
+from gear_rattle.service.explorer.common.text import TextPane
 from gear_rattle.service.explorer.common.watch import on_press
 from gear_rattle.service.explorer.design.axes import coordinate_text
-from gear_rattle.service.explorer.design.fields import NUMBERS, text_in_unit
+from gear_rattle.service.explorer.design.fields import NUMBERS, text_in_field_unit
 from gear_rattle.service.explorer.map.planes import MapBlock, MapPlane
 from gear_rattle.service.explorer.point.parts import listed_attractors
-from gear_rattle.service.explorer.point.words import complex_text, number_text
+from gear_rattle.service.explorer.point.words import number_text, text_of_complex_number
 from gear_rattle.workers import QUANTITIES, Axis, SurveyRequest
 from gear_rattle.workers.pictures.look import replace_periods_with_revolutions
-from gear_rattle.workers.pictures.maps import meanings_of, title_of, words_for_missing_value
+from gear_rattle.workers.pictures.maps import map_title, meanings_of_codes, words_for_missing_value
 from gear_rattle.workers.survey.machine import SurveyedMachine
 from gear_rattle.workers.survey.stored_families import FAMILY
 from gear_rattle.workers.survey.values.evaluate import FAILED, STATUS
@@ -47,7 +47,7 @@ class Readout:
     """
 
     def __init__(self, sheet: str) -> None:
-        self._summary, self._tables = Text("", sheet), Text(HINT, sheet)
+        self._summary, self._tables = TextPane("", sheet), TextPane(HINT, sheet)
         self._is_unfolded = False
         self._button = pn.widgets.Button(label=UNFOLD, css_classes=["unfold"], stylesheets=[sheet], margin=(2, 0))
         on_press(self._button, self._toggle)
@@ -102,7 +102,7 @@ def cell_summary(cell: xr.Dataset | None, request: SurveyRequest) -> str:
     if cell is None:
         return "<p>Outside of the survey's grid.</p>"
     said = []
-    if missing := _status_without_numbers(int(cell["status"])):
+    if missing := _status_in_words(int(cell["status"])):
         said = [missing]
     elif "quiet_fraction" in cell:
         count, share = request.initial_conditions.count, float(cell["quiet_fraction"])
@@ -161,7 +161,7 @@ def cell_tables(
     if cell is None:
         return "".join(tables) + "<p>Outside of the survey.</p>"
     tables.append(f"<h2>Cell at {cell_position(cell, request)}</h2>{_distance_note(cell, delta, epsilon, window)}")
-    if missing := _status_without_numbers(int(cell["status"])):
+    if missing := _status_in_words(int(cell["status"])):
         return "".join(tables) + f"<p>{escape(missing)}</p>"
     scalars = _definition_list(_scalar_rows(cell))
     tables.append(scalars if machine is None else replace_periods_with_revolutions(scalars))
@@ -172,7 +172,7 @@ def cell_tables(
     return "".join(tables)
 
 
-def _status_without_numbers(status: int) -> str:
+def _status_in_words(status: int) -> str:
     """Return the status in words of a cell that is not computed or has failed; "" for a cell that has numbers."""
     return STATUS[status].replace("_", " ") if status in (0, FAILED) else ""
 
@@ -181,7 +181,8 @@ def _speed_and_eccentricity(machine: SurveyedMachine, delta: float, epsilon: flo
     """Return the speed and the eccentricity of a machine at a point, with names and units."""
     si = {"rpm": machine.rpm(delta), "eccentricity": machine.eccentricity(epsilon)}
     return [
-        (NUMBERS[name].name.lower(), f"{text_in_unit(name, value)} {NUMBERS[name].unit}") for name, value in si.items()
+        (NUMBERS[name].name.lower(), f"{text_in_field_unit(name, value)} {NUMBERS[name].unit}")
+        for name, value in si.items()
     ]
 
 
@@ -194,7 +195,7 @@ def _distance_note(cell: xr.Dataset, delta: float, epsilon: float, window: Range
     return f"<p class=faint>The centre of the cell is outside of this window: {where}.</p>"
 
 
-def finer_value(plane: MapPlane, finer: MapBlock | None, delta: float, epsilon: float) -> Row | None:
+def value_of_finer_cell(plane: MapPlane, finer: MapBlock | None, delta: float, epsilon: float) -> Row | None:
     """Return (title, value) of the finer cell at a point; None if no finer cell is computed there.
 
     finer: the finer cells that the workers computed for a window, None without them.
@@ -208,13 +209,13 @@ def finer_value(plane: MapPlane, finer: MapBlock | None, delta: float, epsilon: 
     if value is None:
         return None
     here = words_for_missing_value(plane.plane) if np.isnan(value) else _value_text(value, plane.plane)
-    return f"{title_of(plane.plane)}, computed here", here
+    return f"{map_title(plane.plane)}, computed here", here
 
 
 def cell_in_words(plane: MapPlane, delta: float, epsilon: float, window: Ranges, finer: MapBlock | None = None) -> str:
     """Return a phrase for screen readers: the point, and the value of the map there, from the finer cells if any."""
     place = f"δ {coordinate_text(delta, window[0])}, ε {coordinate_text(epsilon, window[1])}"
-    here = finer_value(plane, finer, delta, epsilon)
+    here = value_of_finer_cell(plane, finer, delta, epsilon)
     said = ", ".join(here) if here is not None else _value_in_words(plane, delta, epsilon)
     if (machine := plane.request.machine) is None or delta <= 0:
         return f"{place}: {said}"
@@ -227,18 +228,18 @@ def _value_in_words(plane: MapPlane, delta: float, epsilon: float) -> str:
     if at is None:
         return "outside of the survey"
     value, status = at
-    if missing := _status_without_numbers(status):
+    if missing := _status_in_words(status):
         said = missing
     elif np.isnan(value):
         said = words_for_missing_value(plane.plane)
     else:
         said = _value_text(value, plane.plane)
-    return f"{title_of(plane.plane)}, {said}"
+    return f"{map_title(plane.plane)}, {said}"
 
 
 def _value_text(number: float, variable: xr.DataArray) -> str:
     if "flag_meanings" in variable.attrs:
-        return meanings_of(variable)[int(number)]
+        return meanings_of_codes(variable)[int(number)]
     return _scalar_text(bool(number) if variable.dtype == bool else number)
 
 
@@ -266,7 +267,9 @@ def _orbits_table(cell: xr.Dataset) -> str:
     for orbit in cell["orbit"].values:
         one = cell.sel(orbit=orbit)
         if bool(one["orbit_exists"]):
-            multipliers = ", ".join(complex_text(complex(value), DIGITS) for value in one["orbit_multiplier"].values)
+            multipliers = ", ".join(
+                text_of_complex_number(complex(value), DIGITS) for value in one["orbit_multiplier"].values
+            )
             stable = "stable" if bool(one["orbit_stable"]) else "unstable"
             numbers = [number_text(float(one[name]), DIGITS) for name in ("orbit_phase", "orbit_velocity")]
             rows.append([str(orbit), stable, *numbers, multipliers])

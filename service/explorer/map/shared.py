@@ -18,11 +18,11 @@ from gear_rattle.service.explorer.common.news import LISTED, StatusPublisher
 from gear_rattle.service.explorer.map.colouring import Colouring, colouring
 from gear_rattle.service.explorer.map.overlays import cache_default_lines
 from gear_rattle.service.explorer.map.planes import UNSEEN, MapBlock, MapCache, MapPlane, Room, maps_of
-from gear_rattle.service.explorer.state.store import Store, window_of
+from gear_rattle.service.explorer.state.store import PageStore, window_of_request
 from gear_rattle.service.operations.overlaid import Overlays
 from gear_rattle.service.operations.surveys import list_jobs
-from gear_rattle.service.state import Front
-from gear_rattle.workers import SurveyRequest, map_quantity
+from gear_rattle.service.state import ApplicationState
+from gear_rattle.workers import SurveyRequest, quantity_of_map
 from gear_rattle.workers.cluster.window import CLOSED_FORM
 from gear_rattle.workers.pictures.look import LARGEST
 from rattle import RattleError
@@ -39,11 +39,11 @@ WAITING = "exact values; the survey waits for its turn"
 log = logging.getLogger(__name__)
 
 
-def is_closed_form(request: SurveyRequest, variable: str) -> bool:
+def is_closed_form_map(request: SurveyRequest, variable: str) -> bool:
     """Return whether a map of a survey is a closed form, which is known before the survey is computed."""
     if variable == LARGEST:
         return False
-    found = map_quantity(variable, 0, request)
+    found = quantity_of_map(variable, 0, request)
     return request.has_closed_forms and found.group in CLOSED_FORM
 
 
@@ -60,9 +60,9 @@ def default_variable(request: SurveyRequest, is_waiting: bool) -> str:
         Name of the variable.
     """
     maps = [name for name in maps_of(request) if name not in ("status", LARGEST)] or ["status"]
-    if is_waiting and is_closed_form(request, maps[0]):
+    if is_waiting and is_closed_form_map(request, maps[0]):
         return maps[0]
-    filling = [name for name in maps if not is_closed_form(request, name)]
+    filling = [name for name in maps if not is_closed_form_map(request, name)]
     return USUAL_VARIABLE if USUAL_VARIABLE in maps else next(iter(filling), maps[0])
 
 
@@ -81,7 +81,7 @@ class UncomputedMaps(Protocol):
         index: number of the attractor or the orbit, for a variable that has a map for each.
         """
 
-    def unfinished_map(
+    def map_of_unfinished_survey(
         self, job: JobRow, variable: str, index: int, number: int, computed: Callable[[], MapPlane]
     ) -> MapPlane:
         """Return a closed-form map of an unfinished survey. The call blocks: use a thread.
@@ -130,7 +130,7 @@ class SharedState:
     on_map_drawn: function that is called in the event loop whenever a page has drawn a map.
     """
 
-    front: Front
+    front: ApplicationState
     news: StatusPublisher
     atlas: MapCache
     overlaid: Overlays
@@ -151,13 +151,13 @@ class SharedState:
         jobs, _ = list_jobs(self.front, LISTED)
         job = default_survey(jobs)
         if job is None:
-            self.exact_map(View(variable=default_variable(self.exact.request, False)))
+            self.compute_example_map(View(variable=default_variable(self.exact.request, False)))
             return MODELS[DEFAULT_MODEL](), UNCHOSEN
         whole = SurveyRequest.model_validate(job.request)
         if job.state == State.SUCCESSFUL:
             self.load_drawn_map(job, View(survey=job.id, variable=default_variable(whole, False)), UNSEEN)
         request = whole.slice_request(whole.slice_index(0))
-        return request.gear_model, window_of(request)
+        return request.gear_model, window_of_request(request)
 
     def load_drawn_map(self, job: JobRow, view: View, room: Room) -> tuple[MapPlane, bool, MapBlock, Colouring]:
         """Return the view's map of a survey, whether all computed tiles are read, the drawn cells and their colours.
@@ -170,8 +170,10 @@ class SharedState:
             The map, whether all tiles computed so far have been read, its drawn cells and their colours.
         """
         key, how = (view.variable, view.index, view.slice), (view.limits, view.log, room)
-        if not State(job.state).is_final and is_closed_form(SurveyRequest.model_validate(job.request), view.variable):
-            plane = self.exact.unfinished_map(job, *key, lambda: self.atlas.plane(job, *key)[0])
+        if not State(job.state).is_final and is_closed_form_map(
+            SurveyRequest.model_validate(job.request), view.variable
+        ):
+            plane = self.exact.map_of_unfinished_survey(job, *key, lambda: self.atlas.plane(job, *key)[0])
             block, colours = _draw_map(plane, *how)
             note = WAITING if job.state == State.ACCEPTED else EXACT_BEFORE_SURVEY
             return plane, True, block, replace(colours, note=note)
@@ -180,11 +182,11 @@ class SharedState:
             return plane, is_whole, *_draw_map(plane, *how)
         return plane, True, *cached_drawing(ref(plane), *how)
 
-    def maps(self, store: Store) -> dict[str, Any]:
+    def maps(self, store: PageStore) -> dict[str, Any]:
         """Return the maps of the chosen survey, or of the example if none is chosen, in the form of `maps_of`."""
-        if store.view.is_example:
+        if store.view.is_example_shown:
             return self.exact.maps
-        return {} if store.whole_request is None else maps_of(store.whole_request)
+        return {} if store.request_with_all_slices is None else maps_of(store.request_with_all_slices)
 
     def plane(self, job: JobRow | None, variable: str, index: int, number: int) -> MapPlane:
         """Return a map of a survey, or of the example if `job` is None. It blocks. For errors see `MapCache.plane`."""
@@ -195,7 +197,7 @@ class SharedState:
             plane, is_whole = self.atlas.plane(job, variable, index, number)
         return plane
 
-    def exact_map(self, view: View) -> tuple[MapPlane, MapBlock, Colouring]:
+    def compute_example_map(self, view: View) -> tuple[MapPlane, MapBlock, Colouring]:
         """Return a map of the example, its drawn cells and their colours. This method blocks: use a thread.
 
         view: the view whose variable is mapped.

@@ -13,17 +13,23 @@ import numpy as np
 
 from gear_rattle.service.explorer.common.address import Limits, MapChoice, Pair, Ranges
 from gear_rattle.service.explorer.common.drawings import DrawingRunner
-from gear_rattle.service.explorer.common.text import Heading, Text, alert_html
+from gear_rattle.service.explorer.common.text import Heading, TextPane, alert_html
 from gear_rattle.service.explorer.common.viewer import PageSession
-from gear_rattle.service.explorer.map.colouring import Colouring, Shade, colouring, shown_values, values_in_window
+from gear_rattle.service.explorer.map.colouring import (
+    Colouring,
+    LegendColour,
+    colouring,
+    shown_values,
+    values_in_window,
+)
 from gear_rattle.service.explorer.map.figure import MapFigure
 from gear_rattle.service.explorer.map.planes import MapBlock, MapPlane, Room
 from gear_rattle.service.explorer.map.shared import SharedState
-from gear_rattle.service.explorer.state.store import Store, box_of_cells
-from gear_rattle.service.operations.windows import clip_to_plane, is_coarse
-from gear_rattle.workers import Frame
-from gear_rattle.workers.pictures.look import is_survey_only
-from gear_rattle.workers.pictures.planes import drawn_numbers
+from gear_rattle.service.explorer.state.store import PageStore, box_of_cells
+from gear_rattle.service.operations.windows import clip_to_plane, has_too_coarse_cells
+from gear_rattle.workers import WindowFrame
+from gear_rattle.workers.pictures.look import needs_whole_survey
+from gear_rattle.workers.pictures.planes import values_to_draw
 from rattle import RattleError
 
 Read = TypeVar("Read")
@@ -47,7 +53,13 @@ class SurveyMap(ABC):
     """
 
     def __init__(
-        self, shared: SharedState, viewer: PageSession, store: Store, figure: MapFigure, title: Heading, said: Text
+        self,
+        shared: SharedState,
+        viewer: PageSession,
+        store: PageStore,
+        figure: MapFigure,
+        title: Heading,
+        said: TextPane,
     ) -> None:
         self._shared, self._viewer, self._store = shared, viewer, store
         self.figure, self.title, self.said = figure, title, said
@@ -65,7 +77,7 @@ class SurveyMap(ABC):
         self._reading: asyncio.Task[None] | None = None
 
     @abstractmethod
-    def show_shades(self, shades: Sequence[Shade]) -> None:
+    def show_legend_colours(self, shades: Sequence[LegendColour]) -> None:
         """Show the meaning of each colour of the map, and its share of the visible cells."""
 
     def draw_map(
@@ -92,15 +104,15 @@ class SurveyMap(ABC):
         if is_new:
             self.refine()
         else:
-            self._count_shares()
+            self._show_colour_shares()
 
     def show_nothing(self, why: str) -> None:
         """Remove all cells, and write why no map is shown. why: the reason, in HTML."""
-        self.title.show_reason(why)
+        self.title.show_reason_for_no_map(why)
         self.colours = None
         self.figure.remove_cells()
         self.forget_window()
-        self._count_shares()
+        self._show_colour_shares()
         self.said.html = ""
 
     def show_error(self, error: RattleError) -> None:
@@ -127,7 +139,7 @@ class SurveyMap(ABC):
         if plane is None:
             return
         if window is None:
-            self._count_shares()
+            self._show_colour_shares()
             return
         self._refined, pixels = (plane, window), self.figure.pixels
         if self.figure.has_too_large_cells:  # the enlarged cells stay until the workers send finer cells
@@ -135,9 +147,9 @@ class SurveyMap(ABC):
             self.figure.draw_finer_cells(shown_values(plane, self._seen()), window)
         else:
             self._seen = partial(plane.block, window, pixels)
-        self._count_shares()
-        is_coarser = is_coarse(plane.delta, plane.epsilon, window, pixels)
-        if is_coarser and (chosen is None or is_survey_only(chosen.variable, plane.request)):
+        self._show_colour_shares()
+        is_coarser = has_too_coarse_cells(plane.delta, plane.epsilon, window, pixels)
+        if is_coarser and (chosen is None or needs_whole_survey(chosen.variable, plane.request)):
             self._show_progress(SURVEY_ONLY)
         elif is_coarser and chosen is not None:
             self._refining = self._viewer.start(self._compute_window(plane, chosen, window, pixels))
@@ -159,30 +171,30 @@ class SurveyMap(ABC):
             frames = windows.frames(plane.request, chosen.variable, chosen.index, clip_to_plane(*window), pixels)
             async with aclosing(frames):
                 async for frame in frames:
-                    self.show_finer(block_of(frame))
+                    self.show_finer_cells(map_block_of_frame(frame))
                     self._show_progress(f"Computing this window: {frame.done:.0%}" if frame.done < 1 else "")
         except RattleError as error:
             self._show_progress(f"No finer cells of this window could be computed: {error}")
 
-    def show_finer(self, finer: MapBlock) -> None:
+    def show_finer_cells(self, finer: MapBlock) -> None:
         """Draw finer cells of the window."""
         self.finer, self._seen = finer, lambda: finer
         self._viewer.change(lambda: self.figure.draw_finer_cells(finer.values, finer.box))
-        self._count_shares()
+        self._show_colour_shares()
 
-    def _count_shares(self) -> None:
+    def _show_colour_shares(self) -> None:
         """Compute the share of each colour among the visible cells, and show it in the key."""
         if self._counting is not None:
             self._counting.cancel()
         if self.plane is not None and self._seen is not None:
-            self._counting = self._viewer.start(self._compute_shades(self.plane, self._seen))
+            self._counting = self._viewer.start(self._compute_legend_colours(self.plane, self._seen))
         else:
-            self.show_shades(self.colours.shades if self.colours is not None else ())
+            self.show_legend_colours(self.colours.shades if self.colours is not None else ())
 
-    async def _compute_shades(self, plane: MapPlane, visible_cells: Callable[[], MapBlock]) -> None:
+    async def _compute_legend_colours(self, plane: MapPlane, visible_cells: Callable[[], MapBlock]) -> None:
         limits, log = self._how
         shades = await self._viewer.run_in_thread(lambda: colouring(plane, visible_cells(), limits, log).shades)
-        self._viewer.change(lambda: self.show_shades(shades))
+        self._viewer.change(lambda: self.show_legend_colours(shades))
 
     def read_cell(self, read: Callable[[], Read], show: Callable[[Read], object]) -> None:
         """Call `read` in a thread, and then `show` with its result. Cancel the reading that an earlier call began."""
@@ -202,8 +214,8 @@ class SurveyMap(ABC):
         self._viewer.change(lambda: self.title.show_progress(text))
 
 
-def block_of(frame: Frame) -> MapBlock:
+def map_block_of_frame(frame: WindowFrame) -> MapBlock:
     """Return the cells of a computed window as a block of a map, with the modulus of complex values."""
-    values = drawn_numbers(frame.values).astype(np.float32)
+    values = values_to_draw(frame.values).astype(np.float32)
     status = np.ones(values.shape, np.int8)
     return MapBlock(frame.delta, frame.epsilon, values, status, box_of_cells(frame.delta, frame.epsilon))

@@ -13,21 +13,27 @@ from gear_rattle.service.errors import MissingError
 from gear_rattle.service.explorer.common.address import KEYBOARD, MapChoice, View, points_by_number
 from gear_rattle.service.explorer.common.changes import handler_in_event_loop
 from gear_rattle.service.explorer.common.drawings import Show
-from gear_rattle.service.explorer.common.text import Heading, Text
+from gear_rattle.service.explorer.common.text import Heading, TextPane
 from gear_rattle.service.explorer.common.viewer import PageSession
-from gear_rattle.service.explorer.map.colouring import Colouring, Shade
-from gear_rattle.service.explorer.map.controls import meaning_of
+from gear_rattle.service.explorer.map.colouring import Colouring, LegendColour
+from gear_rattle.service.explorer.map.controls import explain_how_to_read_map
 from gear_rattle.service.explorer.map.cursor import CursorKeys
 from gear_rattle.service.explorer.map.figure import MapFigure
 from gear_rattle.service.explorer.map.overlays import MapLinesWithKey
 from gear_rattle.service.explorer.map.picture import drawn_settings
 from gear_rattle.service.explorer.map.planes import SIDE, MapBlock, MapPlane
-from gear_rattle.service.explorer.map.readout import Readout, cell_in_words, cell_summary, cell_tables, finer_value
-from gear_rattle.service.explorer.map.shared import SharedState, default_variable, is_closed_form
+from gear_rattle.service.explorer.map.readout import (
+    Readout,
+    cell_in_words,
+    cell_summary,
+    cell_tables,
+    value_of_finer_cell,
+)
+from gear_rattle.service.explorer.map.shared import SharedState, default_variable, is_closed_form_map
 from gear_rattle.service.explorer.map.survey_map import SurveyMap
-from gear_rattle.service.explorer.point.state import point_marks
+from gear_rattle.service.explorer.point.state import marks_of_open_point
 from gear_rattle.service.explorer.state.events import DefaultMapChosen, MapDrawn
-from gear_rattle.service.explorer.state.store import JOBS, Store
+from gear_rattle.service.explorer.state.store import JOBS, PageStore
 from gear_rattle.workers.pictures.look import LARGEST, replace_periods_with_revolutions
 from rattle import RattleError
 
@@ -39,8 +45,10 @@ GONE = "<p>This survey is no longer there. Choose another one.</p>"
 class MapView(SurveyMap):
     """First map of a page. parts: its panels, by their names in the page's document."""
 
-    def __init__(self, shared: SharedState, viewer: PageSession, store: Store, figure: MapFigure, sheet: str) -> None:
-        super().__init__(shared, viewer, store, figure, Heading(sheet), Text("", sheet, is_spoken=True))
+    def __init__(
+        self, shared: SharedState, viewer: PageSession, store: PageStore, figure: MapFigure, sheet: str
+    ) -> None:
+        super().__init__(shared, viewer, store, figure, Heading(sheet), TextPane("", sheet, is_spoken=True))
         self.lines = MapLinesWithKey(shared.overlaid, viewer, store, figure, sheet)
         self.keys = CursorKeys(viewer.document, figure.figure, store)
         self.readout = Readout(sheet)
@@ -62,13 +70,13 @@ class MapView(SurveyMap):
         store.subscribe(self._read_cell_at_pointer, "pointer", "point")
         store.subscribe(self._mark_point_and_pins, "point", "machine", "point_state", "pins", "survey", "slice", JOBS)
 
-    def show_shades(self, shades: Sequence[Shade]) -> None:
+    def show_legend_colours(self, shades: Sequence[LegendColour]) -> None:
         """Show in the key the meaning of each colour and the share of the cells that have the colour."""
-        self.lines.show_shades(shades)
+        self.lines.show_legend_colours(shades)
 
     def _choose_map(self) -> None:
         """Choose the map of a survey that was just chosen or begins to run: the viewer's choice, or the default map."""
-        store, view, whole, job = self._store, self._store.view, self._store.whole_request, self._store.job
+        store, view, whole, job = self._store, self._store.view, self._store.request_with_all_slices, self._store.job
         if whole is None or not store.has_surveys:
             self._survey_at_choice = None
             return
@@ -92,7 +100,7 @@ class MapView(SurveyMap):
             self._drawn_slice, self.plane = (view.survey, view.slice), None
         if not store.has_surveys:
             return
-        if not view.is_example and (job is None or not job.is_readable):
+        if not view.is_example_shown and (job is None or not job.is_readable):
             self.drawings.stop()
             self.plane = None
             self.show_nothing(GONE if job is None else f"<p>{UNREADABLE}</p>")
@@ -111,10 +119,12 @@ class MapView(SurveyMap):
 
     async def _draw(self, view: View, job: JobRow | None) -> AsyncGenerator[Show, None]:
         if job is None:
-            yield partial(self._show, view, *await self._viewer.run_in_thread(partial(self._shared.exact_map, view)))
+            yield partial(
+                self._show, view, *await self._viewer.run_in_thread(partial(self._shared.compute_example_map, view))
+            )
             return
-        whole = self._store.whole_request
-        is_known = whole is not None and is_closed_form(whole, view.variable)
+        whole = self._store.request_with_all_slices
+        is_known = whole is not None and is_closed_form_map(whole, view.variable)
         if job.state == State.ACCEPTED and not job.started and not is_known:
             yield partial(self.show_nothing, SURVEY_WAITS)
             return
@@ -147,7 +157,7 @@ class MapView(SurveyMap):
     def _show(self, view: View, plane: MapPlane, block: MapBlock, colours: Colouring) -> None:
         is_first = self.plane is None
         note = f" <span class=faint>({escape(colours.note)})</span>" if colours.note else ""
-        meaning = meaning_of(view.variable)
+        meaning = explain_how_to_read_map(view.variable)
         title = f"{f'<b>{escape(meaning)}</b><br>' if meaning else ''}{escape(colours.title)}{note}"
         self.title.show(title if plane.request.machine is None else replace_periods_with_revolutions(title))
         if is_first:
@@ -172,9 +182,9 @@ class MapView(SurveyMap):
         self.refine()
         self._dispatch_drawn_settings()
 
-    def show_finer(self, finer: MapBlock) -> None:
+    def show_finer_cells(self, finer: MapBlock) -> None:
         """Draw finer cells of the window, and read the cell under the pointer again."""
-        super().show_finer(finer)
+        super().show_finer_cells(finer)
         self._viewer.change(self._read_cell_at_pointer)
 
     def _mark_pointer(self) -> None:
@@ -194,7 +204,7 @@ class MapView(SurveyMap):
         if at is None:
             self.readout.clear()
         elif plane is not None:
-            request, window, here = plane.request, self._store.window, finer_value(plane, self.finer, *at)
+            request, window, here = plane.request, self._store.window, value_of_finer_cell(plane, self.finer, *at)
 
             def read() -> tuple[str, str]:
                 cell = plane.cell_at(*at)
@@ -214,6 +224,6 @@ class MapView(SurveyMap):
         self.figure.mark_pins(points_by_number(view.pins, model))
         if (marked := (view.point, view.machine, view.point_state, model, machine)) != self._marked:
             self._marked = marked
-            at, lines = point_marks(view, model, machine)
+            at, lines = marks_of_open_point(view, model, machine)
             self.figure.mark_point(at)
-            self.figure.draw_point_lines(lines)
+            self.figure.draw_lines_at_point(lines)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.types import Message, Receive, Scope, Send
 
-from gear_rattle.service.web.prefix import route_path
+from gear_rattle.service.web.prefix import path_without_prefix
 
 if TYPE_CHECKING:
     from gear_rattle.service.explorer.page.pages import PageApplication
@@ -27,7 +27,7 @@ class Assets:
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Handle one ASGI connection."""
-        key = (route_path(scope), scope["query_string"])
+        key = (path_without_prefix(scope), scope["query_string"])
         headers = Headers(scope=scope)
         whole = scope["method"] == "GET" and "range" not in headers and "if-none-match" not in headers
         if whole and key in self._kept:

@@ -16,18 +16,18 @@ from gear_rattle.service.explorer.common.address import Ranges
 from gear_rattle.service.explorer.common.changes import handler_in_event_loop
 from gear_rattle.service.explorer.common.viewer import PageSession
 from gear_rattle.service.explorer.common.watch import on_press
-from gear_rattle.service.explorer.design.axes import rounded_range
+from gear_rattle.service.explorer.design.axes import round_range_ends
 from gear_rattle.service.explorer.page.machine_axes import MachineAxes
 from gear_rattle.service.explorer.page.sample_fields import SampleFields
 from gear_rattle.service.harmonics import EXAMPLE, SHAPE, harmonic_texts, read_harmonics
 from gear_rattle.service.operations.estimate import CostEstimate, estimate
-from gear_rattle.service.operations.limits import check_limits
+from gear_rattle.service.operations.limits import require_within_service_limits
 from gear_rattle.service.operations.surveys import submit_survey
 from gear_rattle.service.operations.windows import clip_to_plane
 from gear_rattle.service.web.problems import field_errors_of
 from gear_rattle.workers import SurveyRequest
 from gear_rattle.workers.survey.machine import SurveyedMachine
-from gear_rattle.workers.survey.values.quantities import groups_of
+from gear_rattle.workers.survey.values.quantities import variable_groups_of_model
 from rattle import RattleError
 from rattle.models import ADDED, BETA, DEFAULT_MODEL, MODELS, Model
 from rattle.plot import FIGURE_8
@@ -114,7 +114,7 @@ class SurveyForm:
         )  # fmt: skip
         self._more = pn.widgets.Button(label=ADVANCED, css_classes=["advanced"], margin=(4, 4), stylesheets=[sheet])
         on_press(self._more, self._toggle_advanced)
-        on_press(self.submit, self._press_submit)
+        on_press(self.submit, self._start_submission)
         self.panel = pn.Column(
             self.plane, self._ranges, self.machine.panel, self.model, pn.Row(*self.added.values(), **row), self.fine,
             pn.Row(self.submit, self.cost, **row), self._more, self._advanced, css_classes=["form"], **row,
@@ -135,18 +135,18 @@ class SurveyForm:
         self.name.value = request.name
         delta, epsilon = request.delta, request.epsilon
         spans = (delta.start, delta.stop), (epsilon.start, epsilon.stop)
-        self._fill_plane(spans, (delta.num, epsilon.num), request.gear_model, request.machine)
+        self._fill_plane_fields(spans, (delta.num, epsilon.num), request.gear_model, request.machine)
         self.sample.fill(request)
 
-    def fill_window(self, window: Ranges, model: Model, machine: SurveyedMachine | None = None) -> None:
+    def set_fields_to_window(self, window: Ranges, model: Model, machine: SurveyedMachine | None = None) -> None:
         """Set the fields to the part of a window that a survey may cover (δ > 0, ε ≥ 0), rounded to few digits.
 
         If a machine is given, set also its fields: its numbers, and its speeds and eccentricities in the window.
         """
-        delta, epsilon = (rounded_range(*span) for span in clip_to_plane(*window))
-        self._fill_plane((delta, epsilon), CELLS, model, machine, is_rounded=True)
+        delta, epsilon = (round_range_ends(*span) for span in clip_to_plane(*window))
+        self._fill_plane_fields((delta, epsilon), CELLS, model, machine, is_rounded=True)
 
-    def _fill_plane(
+    def _fill_plane_fields(
         self,
         window: Ranges,
         counts: tuple[int, int],
@@ -225,7 +225,9 @@ class SurveyForm:
         self.harmonics.visible = MODELS[self.model.value].takes_harmonics
         for name, widget in self.added.items():
             widget.visible = name in self._entered_parameters
-        self.sample.offer_groups([str(group) for group in groups_of(self.model.value, bool(self._harmonic_texts))])
+        self.sample.offer_groups(
+            [str(group) for group in variable_groups_of_model(self.model.value, bool(self._harmonic_texts))]
+        )
 
     def _on_fineness_change(self, *_: Any) -> None:
         for widget, count in zip(self.counts, FINENESS.get(self.fine.value, ()), strict=False):
@@ -241,7 +243,7 @@ class SurveyForm:
         self._advanced.visible = not self._advanced.visible
         self._more.label = "Hide advanced settings" if self._advanced.visible else ADVANCED
 
-    def _press_submit(self) -> None:
+    def _start_submission(self) -> None:
         self._viewer.start(self._submit())
 
     def _on_change(self, *_: Any) -> None:
@@ -253,7 +255,7 @@ class SurveyForm:
         await asyncio.sleep(ESTIMATE_DELAY)
         try:
             request = SurveyRequest.model_validate(self.fields())
-            check_limits(request, self._viewer.front.settings)
+            require_within_service_limits(request, self._viewer.front.settings)
         except (ValidationError, RattleError) as error:
             self._show_cost(error_message(error), wrong=True)
             return

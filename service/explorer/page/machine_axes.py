@@ -8,7 +8,7 @@ from typing import Any
 import panel as pn
 
 from gear_rattle.service.explorer.common.address import Pair
-from gear_rattle.service.explorer.design.axes import rounded_range
+from gear_rattle.service.explorer.design.axes import round_range_ends
 from gear_rattle.service.explorer.design.fields import NUMBERS, SURVEY_NUMBERS, MachineFields, machine_ranges
 from gear_rattle.workers.survey.machine import SurveyedMachine
 
@@ -58,5 +58,5 @@ class MachineAxes:
         delta = max(delta[0], LEAST_DELTA * delta[1]), delta[1]  # a window may reach to δ ≤ 0, where no speed exists
         for name, (low, high) in machine_ranges(machine, delta, epsilon).items():
             span = NUMBERS[name].to_field_unit(low), NUMBERS[name].to_field_unit(high)
-            for widget, value in zip(self._axes[name], rounded_range(*span) if is_rounded else span, strict=True):
+            for widget, value in zip(self._axes[name], round_range_ends(*span) if is_rounded else span, strict=True):
                 widget.value = value

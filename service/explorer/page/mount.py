@@ -22,10 +22,10 @@ from gear_rattle.service.explorer.common.news import StatusPublisher
 from gear_rattle.service.explorer.page.assets_route import Assets
 from gear_rattle.service.explorer.page.head import SCHEME, head_html, html_after_head
 from gear_rattle.service.jobs.manager import STARTING
-from gear_rattle.service.observability.logs import adopt_handlers
+from gear_rattle.service.observability.logs import format_logs_of_libraries
 from gear_rattle.service.operations.overlaid import Overlays
 from gear_rattle.service.settings import Settings
-from gear_rattle.service.state import Front
+from gear_rattle.service.state import ApplicationState
 from gear_rattle.service.web.prefix import public_path
 
 if TYPE_CHECKING:
@@ -63,7 +63,7 @@ class Explorer:
 
     def __init__(self, app: FastAPI, settings: Settings) -> None:
         self._settings = settings
-        self._front: Front | None = None
+        self._front: ApplicationState | None = None
         self.news: StatusPublisher | None = None
         self._overlaid: Overlays | None = None
         self._shared: SharedState | None = None
@@ -71,9 +71,9 @@ class Explorer:
         self._running = AsyncExitStack()
         self._head = ""
         self._warming: asyncio.Task[None] | None = None
-        self._assets, self._socket = Assets(self.load), _Socket(self.load)
+        self._assets, self._socket = Assets(self.load), _PageWebsocketRoute(self.load)
         app.router.routes += [
-            Route("/", self._serve_head, methods=["GET"], include_in_schema=False),
+            Route("/", self._serve_first_document, methods=["GET"], include_in_schema=False),
             WebSocketRoute("/ws", self._socket),
             Route("/page", self._serve_page, methods=["GET"], include_in_schema=False),
             Route("/static/{path:path}", self._assets, methods=["GET"], include_in_schema=False),
@@ -82,7 +82,7 @@ class Explorer:
         ]
 
     @asynccontextmanager
-    async def running(self, front: Front, overlaid: Overlays) -> AsyncIterator[None]:
+    async def running(self, front: ApplicationState, overlaid: Overlays) -> AsyncIterator[None]:
         """Return the context in which the application runs: open pages get job status, and closed pages are dropped."""
         self._front, self._overlaid = front, overlaid
         self.news = StatusPublisher(front)
@@ -133,7 +133,7 @@ class Explorer:
         )
         found = PageApplication(lambda: open_page(shared), TITLE)
         self._head = head_html(found)
-        adopt_handlers()  # the service formats the log records of Panel's handlers too
+        format_logs_of_libraries()  # the service formats the log records of Panel's handlers too
         gc.freeze()  # otherwise every full garbage collection would scan the packages just loaded, and delay answers
         return found
 
@@ -148,7 +148,7 @@ class Explorer:
 
             self._warming = asyncio.create_task(prepare_processes(self._front))
 
-    async def _serve_head(self, _request: Request) -> Response:
+    async def _serve_first_document(self, _request: Request) -> Response:
         """Return the first document, whose scripts request the page itself.
 
         A page takes memory until its browser leaves. So only a client that runs the scripts of this document gets one.
@@ -178,7 +178,7 @@ class Explorer:
 LEFT_CODES = (1000, 1001)  # close codes of RFC 6455: a normal end, and a page that was closed or reloaded
 
 
-class _Socket:
+class _PageWebsocketRoute:
     """The route of the websockets of the pages."""
 
     def __init__(self, load: Callable[[], Awaitable[PageApplication]]) -> None:

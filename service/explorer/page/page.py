@@ -16,15 +16,15 @@ from gear_rattle.service.database.tables import JobKind, Scope
 from gear_rattle.service.errors import ServiceError, UnknownSurveyError
 from gear_rattle.service.explorer.common.address import EXAMPLE, FURTHER, View
 from gear_rattle.service.explorer.common.lists import SurveyMenu
-from gear_rattle.service.explorer.common.news import JobStatus, overall_rate
+from gear_rattle.service.explorer.common.news import JobStatus, mean_cells_per_second
 from gear_rattle.service.explorer.common.text import alert_html
 from gear_rattle.service.explorer.common.viewer import CALLER, PageSession
 from gear_rattle.service.explorer.common.watch import WidgetWatcher, on_press
-from gear_rattle.service.explorer.design.go_to import GoToPanel
+from gear_rattle.service.explorer.design.go_to import NavigationPanel
 from gear_rattle.service.explorer.families.view import FamiliesView
 from gear_rattle.service.explorer.files import help_html, read_asset
 from gear_rattle.service.explorer.further.maps import ComparisonMaps
-from gear_rattle.service.explorer.map.beside import RightSide
+from gear_rattle.service.explorer.map.beside import PanelBesideMap
 from gear_rattle.service.explorer.map.controls import MapControls
 from gear_rattle.service.explorer.map.figure import MapFigure
 from gear_rattle.service.explorer.map.shared import SharedState, default_survey
@@ -35,8 +35,14 @@ from gear_rattle.service.explorer.page.rows import example_row, survey_row
 from gear_rattle.service.explorer.pins.pins_view import PinsView
 from gear_rattle.service.explorer.section.section import ProfileSection
 from gear_rattle.service.explorer.state.events import SurveyChosen
-from gear_rattle.service.explorer.state.store import JOBS, Store, request_of_job
-from gear_rattle.service.operations.surveys import Description, describe_survey, find_job, remove_survey, verify_survey
+from gear_rattle.service.explorer.state.store import JOBS, PageStore, request_of_job
+from gear_rattle.service.operations.surveys import (
+    SurveyDescription,
+    find_job,
+    remove_survey,
+    set_survey_name_and_notes,
+    verify_survey,
+)
 
 
 class _Template(pn.Template):
@@ -68,7 +74,7 @@ class Page:
 
     def __init__(self, shared: SharedState, viewer: PageSession, view: View, theme: str) -> None:
         self._shared, self._viewer = shared, viewer
-        self.store = store = Store(view, shared.exact.request)
+        self.store = store = PageStore(view, shared.exact.request)
         location: Any = pn.state.location
         self._location = location
         self._location.param.watch(lambda _event: viewer.change(self._show_address), "search")
@@ -100,13 +106,13 @@ class Page:
         self._side = pn.Column(
             self._new, self._entering, self._notice, self._list, sizing_mode="stretch_width", margin=0
         )
-        store.subscribe(self._choose_default, JOBS)
+        store.subscribe(self._choose_default_survey, JOBS)
         figure = MapFigure(theme, store.dispatch)
         self._map = MapView(shared, viewer, store, figure, sheet)
         controls = MapControls(shared, store, sheet)
         self._section = ProfileSection(shared, viewer, store, theme, sheet)
-        go_to = GoToPanel(store, sheet)
-        self._beside = RightSide(
+        go_to = NavigationPanel(store, sheet)
+        self._beside = PanelBesideMap(
             shared, viewer, store, theme, self._section.profile_place, go_to.panel, self._map.readout.pane
         )
         self._families = FamiliesView(shared, viewer, store, figure, sheet)
@@ -125,7 +131,7 @@ class Page:
             **dict(zip(FURTHER, self._comparison_maps.panels, strict=True)),
         )
         store.subscribe(self._show_address)
-        store.subscribe(self._show_rows)
+        store.subscribe(self._show_survey_list)
         shared.news.add_listener(self._on_statuses)
 
     def _build_template(self, theme: str, **parts: Any) -> pn.Template:
@@ -152,13 +158,13 @@ class Page:
     def _add_chosen_survey(self, statuses: Sequence[JobStatus]) -> Sequence[JobStatus]:
         """Return the statuses, and the chosen survey's status if it is not among them and the survey exists."""
         asked = self.store.view.survey
-        if not self.store.view.is_example and all(each.job.id != asked for each in statuses):
+        if not self.store.view.is_example_shown and all(each.job.id != asked for each in statuses):
             with suppress(UnknownSurveyError):
                 job = find_job(self._shared.front, asked, JobKind.SURVEY)
-                return [*statuses, JobStatus(job, overall_rate(job), None)]
+                return [*statuses, JobStatus(job, mean_cells_per_second(job), None)]
         return statuses
 
-    def _choose_default(self) -> None:
+    def _choose_default_survey(self) -> None:
         """Show the default survey if no survey is chosen when the list of surveys first arrives.
 
         If this survey is deleted later, show the default survey among the other surveys. If the list is empty at
@@ -178,14 +184,14 @@ class Page:
         if self._list.chosen in (*self.store.jobs, EXAMPLE):
             self.store.dispatch(SurveyChosen(self._list.chosen))
 
-    def _show_rows(self) -> None:
+    def _show_survey_list(self) -> None:
         """Show the surveys in the list, and the example as its last entry."""
         view, jobs, owns = self.store.view, self.store.jobs, self._viewer.caller.is_owner_of
         if self.store.has_surveys:
             rows = [survey_row(each, view, owns(each.job)) for each in jobs.values()]
             rows.append(example_row(self._shared.exact.request))
             with self._watch.ignore_changes():
-                self._list.param.update(rows=rows, chosen=EXAMPLE if view.is_example else view.survey, ready=True)
+                self._list.param.update(rows=rows, chosen=EXAMPLE if view.is_example_shown else view.survey, ready=True)
 
     def _show_address(self) -> None:
         """Write the view to the page's address, when the view has changed or the browser has changed the address."""
@@ -225,8 +231,8 @@ class Page:
     def _open_form_for_view(self) -> None:
         store = self.store
         form = self._open_form()
-        form.fill_window(store.window, store.model, store.machine)
-        if not store.view.is_example and store.request is not None:
+        form.set_fields_to_window(store.window, store.model, store.machine)
+        if not store.view.is_example_shown and store.request is not None:
             form.sample.fill(store.request)
 
     def _on_list_action(self, action: str, survey_id: str, entered: Mapping[str, Any]) -> None:
@@ -256,10 +262,10 @@ class Page:
 
     def _describe_survey(self, caller: Caller, survey_id: str, entered: Mapping[str, Any]) -> None:
         try:
-            given = Description(name=entered.get("name"), notes=entered.get("notes"))
+            given = SurveyDescription(name=entered.get("name"), notes=entered.get("notes"))
         except ValidationError as error:
             raise ServiceError(error_message(error)) from error
-        describe_survey(self._shared.front, caller, survey_id, given)
+        set_survey_name_and_notes(self._shared.front, caller, survey_id, given)
 
     def _cancel_or_delete(self, caller: Caller, survey_id: str, is_deletion: bool) -> None:
         ended = find_job(self._shared.front, survey_id).shown_status[0].is_final

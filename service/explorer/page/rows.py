@@ -7,7 +7,7 @@ from typing import Any
 from gear_rattle.service.database.tables import State
 from gear_rattle.service.explorer.common.address import EXAMPLE, View
 from gear_rattle.service.explorer.common.news import JobStatus
-from gear_rattle.service.explorer.design.fields import NUMBERS, SURVEY_NUMBERS, machine_ranges, text_in_unit
+from gear_rattle.service.explorer.design.fields import NUMBERS, SURVEY_NUMBERS, machine_ranges, text_in_field_unit
 from gear_rattle.service.explorer.map.picture import picture_query, third_axis_names
 from gear_rattle.service.harmonics import harmonic_texts
 from gear_rattle.workers import SurveyRequest
@@ -23,7 +23,7 @@ def survey_row(status: JobStatus, view: View, is_owned: bool) -> dict[str, Any]:
     job = status.job
     state, message = job.shown_status
     submitted = ["submitted", job.created[:16].replace("T", " ") + " UTC"]
-    size, facts = _size_and_facts(job.request) if job.is_readable else ("", [])
+    size, facts = _size_and_requested_values(job.request) if job.is_readable else ("", [])
     chosen = job.id == view.survey and job.is_readable
     return {
         "id": job.id,
@@ -47,7 +47,7 @@ def survey_row(status: JobStatus, view: View, is_owned: bool) -> dict[str, Any]:
 
 def example_row(request: SurveyRequest) -> dict[str, Any]:
     """Return the row of the example, which has no files and cannot be removed. request: the request of the example."""
-    size, facts = _size_and_facts(request.model_dump(mode="json"))
+    size, facts = _size_and_requested_values(request.model_dump(mode="json"))
     return {
         "id": EXAMPLE,
         "name": f"Example: the paper's plane at β = {request.beta:g}",
@@ -59,11 +59,11 @@ def example_row(request: SurveyRequest) -> dict[str, Any]:
     }
 
 
-def _size_and_facts(request: dict[str, Any]) -> tuple[str, list[list[str]]]:
+def _size_and_requested_values(request: dict[str, Any]) -> tuple[str, list[list[str]]]:
     """Return the size of a survey, such as "61 × 60", and rows (name, value) of its requested values."""
     delta, epsilon = request["delta"], request["epsilon"]
     facts = [
-        *(machine_facts(SurveyRequest.model_validate(request)) if request.get("machine") else []),
+        *(machine_rows(SurveyRequest.model_validate(request)) if request.get("machine") else []),
         ["δ", _value_text(delta)],
         ["ε", _value_text(epsilon)],
         ["β", _value_text(request["beta"])],
@@ -81,7 +81,7 @@ def _value_text(value: Any) -> str:
     return f"{value['start']:g} … {value['stop']:g}, {value['num']} values" if isinstance(value, dict) else f"{value:g}"
 
 
-def machine_facts(request: SurveyRequest) -> list[list[str]]:
+def machine_rows(request: SurveyRequest) -> list[list[str]]:
     """Return the ranges of speed and eccentricity of a machine's survey, and the other numbers of the machine.
 
     The list is empty for a survey without a machine.
@@ -96,12 +96,15 @@ def machine_facts(request: SurveyRequest) -> list[list[str]]:
         return []
     spans = machine_ranges(machine, (delta.start, delta.stop), (epsilon.start, epsilon.stop))
     facts = [
-        [NUMBERS[name].name.lower(), f"{text_in_unit(name, low)} … {text_in_unit(name, high)} {NUMBERS[name].unit}"]
+        [
+            NUMBERS[name].name.lower(),
+            f"{text_in_field_unit(name, low)} … {text_in_field_unit(name, high)} {NUMBERS[name].unit}",
+        ]
         for name, (low, high) in spans.items()
     ]
     numbers = machine.model_dump()
     constant = [
-        [NUMBERS[name].name.lower(), f"{text_in_unit(name, numbers[name])} {NUMBERS[name].unit}".rstrip()]
+        [NUMBERS[name].name.lower(), f"{text_in_field_unit(name, numbers[name])} {NUMBERS[name].unit}".rstrip()]
         for name in SURVEY_NUMBERS
         if name in numbers
     ]

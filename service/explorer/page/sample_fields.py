@@ -10,7 +10,7 @@ from gear_rattle.workers import SurveyRequest
 from gear_rattle.workers.survey.refined.asked import AUDITED_SHARE
 from gear_rattle.workers.survey.request import BY_FAMILY, BY_FRACTION, MAX_SLOTS
 from gear_rattle.workers.survey.values.schema import DEFAULT, Group
-from rattle.attractors import BUDGET, read_speed
+from rattle.attractors import BUDGET, parse_speed_limit
 
 NO_CHOICE = ""
 QUANTITIES = (
@@ -102,7 +102,7 @@ class SampleFields:
         return {
             "quantities": self.quantities.value,
             "initial_conditions": {name: widget.value for name, widget in self._sample.items()}
-            | {"v_max": read_speed(self._v_max.value)},
+            | {"v_max": parse_speed_limit(self._v_max.value)},
             "slots": self._slots.value,
             "slots_by": self._by.value or None,
             "refine": {"audit": self._audit.value} if self._refined.value else None,

@@ -36,7 +36,7 @@ async def serve_socket(app: ASGIApp, scope: Scope, receive: Receive, send: Send)
                 log.debug("a message to a page is lost: %s", error)
             outbox.task_done()
 
-    async def receive_until_left() -> Message:
+    async def receive_until_disconnect() -> Message:
         nonlocal is_told
         if not left:
             message = await receive()
@@ -52,7 +52,7 @@ async def serve_socket(app: ASGIApp, scope: Scope, receive: Receive, send: Send)
 
     sender = asyncio.create_task(deliver())
     try:
-        await app(scope, receive_until_left, enqueue)
+        await app(scope, receive_until_disconnect, enqueue)
         if not left:
             await outbox.join()
     except Exception as error:

@@ -14,11 +14,11 @@ from gear_rattle.service.explorer.common.address import MOST_PINS, Pin
 from gear_rattle.service.explorer.common.changes import handler_in_event_loop
 from gear_rattle.service.explorer.common.viewer import PageSession
 from gear_rattle.service.explorer.files import read_asset
-from gear_rattle.service.explorer.pins.table import PinResults, csv_text, results_of_point, table_lines
+from gear_rattle.service.explorer.pins.table import PinResults, build_pin_table, compute_pin_results, csv_text
 from gear_rattle.service.explorer.point.state import pin_of_open_point
 from gear_rattle.service.explorer.point.work import PointTasks
 from gear_rattle.service.explorer.state.events import PinAdded, PinRemoved, PointOpened
-from gear_rattle.service.explorer.state.store import JOBS, Store
+from gear_rattle.service.explorer.state.store import JOBS, PageStore
 from rattle import RattleError
 
 COUNT = 1024  # initial conditions of each pinned point
@@ -53,7 +53,7 @@ class PinTable(JSComponent):
 class PinsView:
     """Table of the pinned points, with a button that pins the open point. The store has the pinned points."""
 
-    def __init__(self, viewer: PageSession, store: Store) -> None:
+    def __init__(self, viewer: PageSession, store: PageStore) -> None:
         self._viewer, self._store = viewer, store
         self._results: dict[Pin, PinResults | str] = {}
         self._work: dict[Pin, PointTasks] = {}
@@ -109,7 +109,7 @@ class PinsView:
         result: PinResults | str
         try:
             result = await work.compute(
-                results_of_point, pin, count, what="The attractors of a pinned point", slow=True
+                compute_pin_results, pin, count, what="The attractors of a pinned point", slow=True
             )
         except RattleError as error:
             result = str(error)
@@ -128,6 +128,6 @@ class PinsView:
         self.table.param.update(
             offered=opened.label if opened is not None and opened not in pins else "",
             heads=[f"{i}: {each.label}" for i, each in enumerate(pins, start=1)],
-            lines=table_lines(pins, self._results),
+            lines=build_pin_table(pins, self._results),
             csv=csv_text(pins, self._results),
         )

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import rattle
 from gear_rattle.service.explorer.common.address import Pin
-from gear_rattle.service.explorer.point.parts import SampledAttractors, add_letters, sampled_attractors
+from gear_rattle.service.explorer.point.parts import SampledAttractors, add_orbit_letters, sampled_attractors
 from gear_rattle.service.explorer.point.words import harmonics_in_words, name_with_letter, number_text, percent_text
 from gear_rattle.service.harmonics import harmonic_texts
 from rattle.models import ADDED, model_at
@@ -37,18 +37,18 @@ class PinResults(NamedTuple):
     chances: SampledAttractors
 
 
-def results_of_point(pin: Pin, count: int) -> PinResults:
+def compute_pin_results(pin: Pin, count: int) -> PinResults:
     """Return the results of a pinned point from `count` initial conditions. It is slow: use another process."""
     gear = pin.model.gear(pin.delta, pin.epsilon)
     found = sampled_attractors(gear, count)
     if gear.parameters.harmonics:
         return PinResults(None, gear.quiet_limit, found)
     if not model_at(gear).has_closed_forms:
-        found = add_letters(found, gear.orbits())
+        found = add_orbit_letters(found, gear.orbits())
     return PinResults(gear.region(), gear.quiet_limit, found)
 
 
-def table_lines(pins: Sequence[Pin], results: Mapping[Pin, PinResults | str]) -> list[list[str]]:
+def build_pin_table(pins: Sequence[Pin], results: Mapping[Pin, PinResults | str]) -> list[list[str]]:
     """Return the lines of the table, each with its head and a cell for each pin.
 
     Parameters

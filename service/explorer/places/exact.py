@@ -23,7 +23,7 @@ from gear_rattle.service.explorer.map.planes import SIDE, MapPlane, maps_of
 from gear_rattle.service.explorer.places.example import CLOSED_FORMS, MAPS, REQUEST, load_stored_variables
 from gear_rattle.service.explorer.places.example import KEPT as SAMPLED
 from gear_rattle.workers import Axis, SurveyRequest
-from gear_rattle.workers.pictures.planes import drawn_numbers, plane_of
+from gear_rattle.workers.pictures.planes import map_of_variable, values_to_draw
 from gear_rattle.workers.survey.levels.grid import possible_levels
 from gear_rattle.workers.survey.tiles import cells_of_tile
 from gear_rattle.workers.survey.values.cells import Cells
@@ -40,9 +40,9 @@ class ExactPlane(MapPlane):
 
     def __init__(self, cells: Cells, dataset: xr.Dataset, variable: str, index: int) -> None:
         self.id, self.number, self.request, self._evaluated = "", 0, REQUEST, cells
-        self.plane, self._levels = plane_of(dataset, variable, index), possible_levels(REQUEST.shape)
+        self.plane, self._levels = map_of_variable(dataset, variable, index), possible_levels(REQUEST.shape)
         self.delta, self.epsilon = cells.delta, cells.epsilon
-        self.values = drawn_numbers(self.plane).astype(np.float32)
+        self.values = values_to_draw(self.plane).astype(np.float32)
         self.status = np.ones(self.values.shape, np.int8)
 
     def cell_at(self, delta: float, epsilon: float) -> xr.Dataset | None:
@@ -77,7 +77,7 @@ class ExamplePlane(ExactPlane):
         return here.merge(around.drop_vars(["delta", "epsilon"]))
 
 
-class UnfinishedPlane(ExactPlane):
+class UnfinishedSurveyPlane(ExactPlane):
     """Closed-form map of an unfinished survey, at most SIDE cells along an axis. The constructor blocks: use a thread.
 
     load_computed_map: a function that returns the map of the cells that the survey has computed. `cell_at` reads the
@@ -92,7 +92,7 @@ class UnfinishedPlane(ExactPlane):
         index: int,
         load_computed_map: Callable[[], MapPlane],
     ) -> None:
-        cells = cells_of_tile(_thinned_request(request))
+        cells = cells_of_tile(_coarse_closed_form_request(request))
         super().__init__(cells, _closed_form_dataset(cells, {variable}), variable, index)
         self.id, self.request, self._load_computed_map = survey_id, request, load_computed_map
         self._levels = possible_levels(cells.shape)
@@ -123,7 +123,7 @@ def _closed_form_request(request: SurveyRequest) -> SurveyRequest:
     return SurveyRequest(beta=request.beta, delta=request.delta, epsilon=request.epsilon, quantities=CLOSED_FORMS)
 
 
-def _thinned_request(request: SurveyRequest) -> SurveyRequest:
+def _coarse_closed_form_request(request: SurveyRequest) -> SurveyRequest:
     """Return the request of a survey of the closed forms in the same plane, with at most SIDE cells along each axis."""
     delta, epsilon = (
         Axis(start=axis.start, stop=axis.stop, num=min(axis.num, SIDE)) for axis in (request.delta, request.epsilon)
@@ -146,7 +146,7 @@ class ExactMaps:
         self._unfinished: OrderedDict[tuple[str, str, int, int], MapPlane] = OrderedDict()
         self._lock = Lock()
 
-    def unfinished_map(
+    def map_of_unfinished_survey(
         self, job: JobRow, variable: str, index: int, number: int, computed: Callable[[], MapPlane]
     ) -> MapPlane:
         """Return a closed-form map of an unfinished survey, whose `cell_at` reads computed cells from the survey.
@@ -173,7 +173,7 @@ class ExactMaps:
             if key not in self._unfinished:
                 request = SurveyRequest.model_validate(job.request)
                 slice_ = request.slice_request(request.slice_index(number))
-                self._unfinished[key] = UnfinishedPlane(slice_, job.id, variable, index, computed)
+                self._unfinished[key] = UnfinishedSurveyPlane(slice_, job.id, variable, index, computed)
             self._unfinished.move_to_end(key)
             while len(self._unfinished) > MOST_UNFINISHED:
                 self._unfinished.popitem(last=False)
@@ -202,7 +202,7 @@ def _closed_form_dataset(cells: Cells, names: Collection[str] = ()) -> xr.Datase
     xr.Dataset
         Variables, with the coordinates δ and ε.
     """
-    every = [each for each in variables_of_groups(CLOSED_FORMS, REQUEST.model) if each.per_cell]
+    every = [each for each in variables_of_groups(CLOSED_FORMS, REQUEST.model) if each.is_per_cell]
     quantities = [each for each in every if not names or each.name in names]
     dims = {dim for each in quantities for dim in each.dims[:-2]}
     labels = {dim: list(dimension_labels(dim, 1)) for dim in dims}

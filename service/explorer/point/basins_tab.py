@@ -13,11 +13,11 @@ from html import escape
 import rattle
 from gear_rattle.service.explorer.common.address import Pair
 from gear_rattle.service.explorer.common.point_state import BASINS, MOTION
-from gear_rattle.service.explorer.common.text import Text
+from gear_rattle.service.explorer.common.text import TextPane
 from gear_rattle.service.explorer.point import parts
 from gear_rattle.service.explorer.point.basins import basins_caption
 from gear_rattle.service.explorer.point.panel import SLIDER_STEPS, PointPanel
-from gear_rattle.service.explorer.point.parts import PlaneLines
+from gear_rattle.service.explorer.point.parts import StatePlaneLines
 from gear_rattle.service.explorer.point.state import (
     ATTRACTORS,
     ORBITS,
@@ -26,7 +26,7 @@ from gear_rattle.service.explorer.point.state import (
     OpenPoint,
     ShownPoint,
     chosen_diagram_point,
-    diagram_line,
+    ends_of_diagram_line,
 )
 from rattle.models import model_at
 
@@ -35,7 +35,7 @@ RESOLUTIONS = ((100, "cells"), (300, "refined"), (600, "refined"))
 #: (cells along each axis, method) of each picture of the basins at another point of the diagram.
 OTHER_POINT_RESOLUTIONS = ((100, "cells"), (300, "refined"))
 # (text that shows the error if the computation fails, computation)
-Part = tuple[Text, Callable[[], Awaitable[None]]]
+Part = tuple[TextPane, Callable[[], Awaitable[None]]]
 
 
 class BasinsTab:
@@ -47,7 +47,7 @@ class BasinsTab:
     def __init__(self, point: OpenPoint, panel: PointPanel) -> None:
         self._point, self._panel = point, panel
         self._basins: rattle.Basins | None = None
-        self._lines: PlaneLines | None = None
+        self._lines: StatePlaneLines | None = None
         self._chosen_point: Pair | None = None  # point (δ, ε) that the slider chooses; None for the open point itself
         first, *finer = [(panel.under_basins, partial(self._compute_open_point_basins, *each)) for each in RESOLUTIONS]
         self._open_point_parts: list[Part] = [first, (panel.about_lines, self._compute_lines), *finer]
@@ -81,7 +81,7 @@ class BasinsTab:
     def _show_slider(self, chosen: Pair | None) -> None:
         """Set the slider to the chosen point (δ, ε) of the diagram, or to the open point if `chosen` is None."""
         gear, state = self._point.gear, self._point.state
-        (begin, end), here = diagram_line(gear, state), (gear.delta, gear.epsilon)
+        (begin, end), here = ends_of_diagram_line(gear, state), (gear.delta, gear.epsilon)
         axis = max((0, 1), key=lambda each: abs(end[each] - begin[each]))
         length = end[axis] - begin[axis]
         open_point_stop = round(SLIDER_STEPS * (here[axis] - begin[axis]) / length) if length else 0

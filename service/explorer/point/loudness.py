@@ -15,7 +15,7 @@ from gear_rattle.service.explorer.common.figures import line_colour, themed_figu
 from gear_rattle.service.explorer.common.glyphs import clear
 from gear_rattle.service.explorer.design.rattling import HIGHEST_SPECTRUM_ORDER
 from gear_rattle.service.explorer.point.words import html_table, number_text, swatch_html
-from rattle import Density, Lines, Machine
+from rattle import Machine, SpectralDensity, SpectralLines
 from rattle.intensity import natural_energy
 from rattle.plot import Palette, legend_name
 
@@ -38,7 +38,7 @@ def intensity_table(
     for attractor, each in zip(attractors, found, strict=True):
         cells = ["–"] * len(SI_COLUMNS if machine else DIMENSIONLESS_COLUMNS)
         if each is not None:
-            cells = _si_texts(each, machine) if machine else _dimensionless_texts(each, delta)
+            cells = _intensity_texts_in_si(each, machine) if machine else _dimensionless_texts(each, delta)
         rows.append((swatch_html(palette.colour(attractor)) + escape(legend_name(attractor)), *cells))
     *heads, level = SI_COLUMNS if machine else DIMENSIONLESS_COLUMNS
     zero = ZERO_LEVEL_IN_SI if machine else ZERO_LEVEL
@@ -59,7 +59,7 @@ def describe_loudest_motion(
     attractor, one = max(known, key=lambda pair: pair[1].energy)
     name = f"{'The loudest motion' if len(known) > 1 else 'Its rattle'}, {legend_name(attractor)},"
     if machine is not None:
-        si = machine.in_si(one)
+        si = machine.intensity_in_si(one)
         level, speed = f"{_decibel_text(si.level)} dB re 1 pW", f"{number_text(si.mean_velocity)} m/s"
     else:
         level = f"{_decibel_text(one.level(natural_energy(delta)))} dB (0 dB is {ZERO_LEVEL})"
@@ -73,8 +73,8 @@ def _dimensionless_texts(found: rattle.Intensity, delta: float) -> list[str]:
     return [number_text(found.impacts), number_text(found.mean_speed), number_text(found.largest_speed), energy, level]
 
 
-def _si_texts(found: rattle.Intensity, machine: Machine) -> list[str]:
-    si = machine.in_si(found)
+def _intensity_texts_in_si(found: rattle.Intensity, machine: Machine) -> list[str]:
+    si = machine.intensity_in_si(found)
     numbers = [number_text(each) for each in (si.impacts, si.mean_velocity, si.largest_velocity, si.energy)]
     return [*numbers, _value_with_error(si.power, si.power_error), _decibel_text(si.level)]
 
@@ -113,12 +113,12 @@ class SpectrumPicture:
         for source in (self.lines, self._density):
             clear(source)
 
-    def show(self, found: Lines | Density, machine: Machine | None, colour: str) -> None:
+    def show(self, found: SpectralLines | SpectralDensity, machine: Machine | None, colour: str) -> None:
         """Draw a spectrum in a colour: in N or N²/Hz over Hz if a machine is given, else dimensionless over orders."""
         self.clear()
         hertz, newton = (machine.units.frequency, machine.units.force) if machine else (1.0, 1.0)
         x = hertz * found.order
-        if isinstance(found, Lines):
+        if isinstance(found, SpectralLines):
             y = newton * np.abs(found.amplitude)
             self.lines.data = {"x": x, "y": y}
             what = "force, N" if machine else "force"
@@ -140,9 +140,9 @@ class SpectrumPicture:
         self._drawn[2].glyph.fill_color = colour
 
 
-def spectrum_caption(found: Lines | Density, what: str) -> str:
+def spectrum_caption(found: SpectralLines | SpectralDensity, what: str) -> str:
     """Return the caption of a spectrum. what: the motion in words."""
-    if isinstance(found, Density):
+    if isinstance(found, SpectralDensity):
         return f"Order spectrum of the force between the teeth, {what}: its density, with the 95 % interval."
     return f"Order spectrum of the force between the teeth, {what}: exact lines, at positive and negative orders."
 

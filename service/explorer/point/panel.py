@@ -13,7 +13,7 @@ from bokeh.models import Range1d
 from gear_rattle.service.explorer.common.address import Pair
 from gear_rattle.service.explorer.common.figures import PRINTED
 from gear_rattle.service.explorer.common.point_state import ANSWER, BASINS, DIAGRAM, MOTION, NUMBERS, TABS
-from gear_rattle.service.explorer.common.text import Text
+from gear_rattle.service.explorer.common.text import TextPane
 from gear_rattle.service.explorer.common.watch import WidgetWatcher, on_press
 from gear_rattle.service.explorer.design.tolerance_fields import ToleranceFields
 from gear_rattle.service.explorer.files import read_asset
@@ -63,7 +63,7 @@ class PointPanel:
         self.theme, self._dispatch, self._profile_place = theme, dispatch, profile_place or FigurePanel()
         self._open_point_stop = 0  # slider position of the open point; all others are other points of the diagram
         self._watch = WidgetWatcher()
-        self._texts = [self._new_text() for _ in range(18)]
+        self._texts = [self._create_text() for _ in range(18)]
         (
             self.likely, self.shares, self.where, self.loudest, self.safe, self.under_basins, self.about_lines,
             self.under_motion, self.under_diagram, self.under_spectrum, self.heard, self.take, self.table, self.loud,
@@ -134,8 +134,8 @@ class PointPanel:
             if name in self.__dict__:  # only pictures that have been made already
                 getattr(self, name).clear()
 
-    def _new_text(self, html: str = "") -> Text:
-        return Text(html, *self._sheets, margin=MARGIN)
+    def _create_text(self, html: str = "") -> TextPane:
+        return TextPane(html, *self._sheets, margin=MARGIN)
 
     @property
     def _sheets(self) -> list[str]:
@@ -146,7 +146,7 @@ class PointPanel:
         """Picture of the basins. The picture and its tab are made at first use."""
         found = basins.BasinsPicture(self.theme, self._dispatch)
         self._bodies[BASINS][:] = [
-            self._new_text("<h2 class=tab>Basins of attraction</h2>").pane,
+            self._create_text("<h2 class=tab>Basins of attraction</h2>").pane,
             pn.pane.Bokeh(found.figure, **WIDE),
             self.under_basins.pane,
             self.about_lines.pane,
@@ -198,7 +198,7 @@ class PointPanel:
         found = motion.MotionPictures(self.theme)
         panes = [pn.pane.Bokeh(each, margin=0, sizing_mode="stretch_width") for each in (found.trace, found.portrait)]
         self._bodies[MOTION][:] = [
-            self._new_text("<h2 class=tab>Motion</h2>").pane, self.motion_choice,
+            self._create_text("<h2 class=tab>Motion</h2>").pane, self.motion_choice,
             pn.Row(*panes, **WIDE, stylesheets=[WRAPPED]),
             self.under_motion.pane,
             pn.Row(self.rpm, self._play_button, self.heard.pane, **WIDE), pn.pane.Bokeh(self.spectrum.figure, **WIDE),
@@ -265,7 +265,7 @@ class PointPanel:
         """Picture of the one-parameter diagram. The picture and its tab are made at first use."""
         found = point_diagram.DiagramPicture(self.theme, self._profile_place.x_range)
         self._bodies[DIAGRAM][:] = [
-            self._new_text("<h2 class=tab>One-parameter diagram</h2>").pane, self.direction, found.speeds,
+            self._create_text("<h2 class=tab>One-parameter diagram</h2>").pane, self.direction, found.speeds,
             pn.pane.Bokeh(found.figure, **WIDE), self.under_diagram.pane, self._profile_place.panel,
         ]  # fmt: skip
         return found

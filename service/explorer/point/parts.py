@@ -13,7 +13,7 @@ import rattle
 from gear_rattle.service.explorer.design import rattling
 from gear_rattle.service.operations import diagrams
 from rattle import Diagram
-from rattle.attractors import attractors_of_cell, classify_plane_states, sampled_speed
+from rattle.attractors import attractors_of_cell, classify_plane_states, highest_sampled_speed
 from rattle.continuation import plane_scale
 from rattle.flight import wrap_phase_difference
 from rattle.models import AnyGear, Capability, model_at, require_capability
@@ -29,7 +29,7 @@ Array = NDArray[np.float64]
 
 def largest_sampled_speed(delta: float, epsilon: float, beta: float) -> float:
     """Return the largest speed that is sampled and drawn: 7 in the paper's plane, the natural speed elsewhere."""
-    return sampled_speed(None, delta, epsilon, beta)
+    return highest_sampled_speed(None, delta, epsilon, beta)
 
 
 class SampledAttractors(NamedTuple):
@@ -52,7 +52,7 @@ class PeriodOneOrbits(NamedTuple):
     orbits: tuple[rattle.Orbit, ...]
 
 
-class Margin(NamedTuple):
+class QuietMargin(NamedTuple):
     """Least impact that ends quiet motion, from `Gear.boundary_distance`.
 
     v, tau: its speed and phase; v is 0 if there is no quiet motion, inf if no such impact was found, NaN if the speed
@@ -82,14 +82,14 @@ class PlaneLine(NamedTuple):
     points: Array
 
 
-class PlaneLines(NamedTuple):
+class StatePlaneLines(NamedTuple):
     """Γ and the manifolds of the saddles A and B, and a sentence for each missing line."""
 
     lines: tuple[PlaneLine, ...]
     missing: tuple[str, ...]
 
 
-class Stroke(NamedTuple):
+class DrawnBranchPart(NamedTuple):
     """A part of a branch in a diagram; either all motions of the part are stable, or none is.
 
     x: the parameter. v, tau: speed and phase of one impact on Σ⁺. motion: the name of the motion.
@@ -142,7 +142,7 @@ class DiagramLines(NamedTuple):
     direction: str
     to: tuple[float, float] | None
     span: tuple[float, float]
-    strokes: tuple[Stroke, ...]
+    strokes: tuple[DrawnBranchPart, ...]
     marks: EventImpacts
     events: tuple[DiagramEvent, ...]
     x: Array
@@ -161,7 +161,7 @@ def listed_attractors(cell: xr.Dataset) -> Iterator[tuple[xr.Dataset, str, tuple
             yield one, kind, label, int(one["attractor_contacts"]) if "attractor_contacts" in one else 0
 
 
-def survey_attractors(cell: xr.Dataset, starts: int) -> SampledAttractors | None:
+def attractors_of_survey_cell(cell: xr.Dataset, starts: int) -> SampledAttractors | None:
     """Return the attractors of a survey's cell. starts: number of samples of the cell.
 
     Returns
@@ -208,7 +208,7 @@ def _multipliers_of(gear: AnyGear, attractor: rattle.Attractor) -> tuple[complex
     return complex(first), complex(second)
 
 
-def add_letters(found: SampledAttractors, orbits: Iterable[rattle.Orbit]) -> SampledAttractors:
+def add_orbit_letters(found: SampledAttractors, orbits: Iterable[rattle.Orbit]) -> SampledAttractors:
     """Return `found` with the letter A to D of each attractor that is one of these orbits, and "" for the others."""
     return found._replace(letters=tuple(_letter_of_attractor(orbits, each) for each in found.attractors))
 
@@ -223,17 +223,17 @@ def _letter_of_attractor(orbits: Iterable[rattle.Orbit], attractor: rattle.Attra
     return ""
 
 
-def margin(gear: Any) -> Margin:
+def margin(gear: Any) -> QuietMargin:
     """Return the least impact that ends quiet motion. The gear's model must have `Capability.MARGIN`."""
     v, tau, undecided = gear.boundary_distance()
     leads_to = None
     if 0 < v < np.inf:
         table, _, _ = classify_plane_states(gear.states, np.array([tau]), np.array([v]))
         (leads_to,) = attractors_of_cell(table, table.samples)
-    return Margin(v, tau, undecided, leads_to, largest_sampled_speed(gear.delta, gear.epsilon, gear.beta))
+    return QuietMargin(v, tau, undecided, leads_to, largest_sampled_speed(gear.delta, gear.epsilon, gear.beta))
 
 
-def compute_plane_lines(gear: AnyGear, arclength: float = ARCLENGTH) -> PlaneLines:
+def compute_plane_lines(gear: AnyGear, arclength: float = ARCLENGTH) -> StatePlaneLines:
     """Return Γ if the model has one, the stable manifolds of the saddles A and B, and the unstable manifold of A."""
     require_capability(Capability.MANIFOLDS, model_at(gear))
     from rattle.plot import gamma_line, manifold_line
@@ -250,7 +250,7 @@ def compute_plane_lines(gear: AnyGear, arclength: float = ARCLENGTH) -> PlaneLin
         found.append(PlaneLine(f"W{'ˢ' if kind == 'stable' else 'ᵘ'}({name})", line))
         if why:
             missing.append(why)
-    return PlaneLines(tuple(line for line in found if len(line.points)), tuple(missing))
+    return StatePlaneLines(tuple(line for line in found if len(line.points)), tuple(missing))
 
 
 def diagram(
@@ -277,7 +277,7 @@ def diagram(
     DiagramLines
         The lines of the diagram.
     """
-    from rattle.plot import curves_along, impacts_at, parameter_axis, strokes
+    from rattle.plot import impact_curves_along_branch, impacts_at_event, parameter_axis, strokes
     from rattle.plot import legend_name as name_of_type
 
     require_capability(Capability.DIAGRAMS, model_at(gear))
@@ -287,18 +287,18 @@ def diagram(
     scale, offset = (1.0, 0.0) if to is not None else parameter_axis(found)[1:]
     pieces = []
     for branch in found.branches:
-        for curve in curves_along(found, branch, scale, offset):
+        for curve in impact_curves_along_branch(found, branch, scale, offset):
             for stable, part in strokes(curve):
                 named = curve.name[part.start]
                 motion = name_of_type(branch.label) + (f", {named}" if named else "")
-                pieces.append(Stroke(curve.x[part], curve.v[part], curve.tau[part], motion, stable))
+                pieces.append(DrawnBranchPart(curve.x[part], curve.v[part], curve.tau[part], motion, stable))
     rows = [
         (
             *(offset + scale * float(found.positions(event)), v, tau),
             *(event.kind.value, found.curve_of(event) or "", name_of_type(event.itinerary.label)),
         )
         for event in found.events
-        for tau, v in zip(*impacts_at(event), strict=True)
+        for tau, v in zip(*impacts_at_event(event), strict=True)
     ]
     x, v, tau, kind, name, motions = zip(*rows, strict=True) if rows else ((), (), (), (), (), ())
     marks = EventImpacts(
@@ -338,7 +338,7 @@ def basins_at_other_point(gear: AnyGear, side: int, method: str) -> BasinsAndOrb
     return BasinsAndOrbits(basins(gear, side, method), orbits)
 
 
-def motion_from(gear: AnyGear, tau: float, v: float, periods: float, points: int) -> rattle.Trajectory:
+def motion_from_state(gear: AnyGear, tau: float, v: float, periods: float, points: int) -> rattle.Trajectory:
     """Return the motion from the state (τ, v) over `periods` forcing periods, at `points` times."""
     return gear.trajectory(tau, v, periods, points)
 
@@ -348,8 +348,8 @@ def load_point_kernels(gear: AnyGear) -> None:
     sampled_attractors(gear, 16)
     for method in ("cells", "refined", "direct"):
         basins(gear, 20, method)
-    motion_from(gear, 0.3, 4.0, 1.0, 2)
-    rattling.warm_up_sounds(gear)
+    motion_from_state(gear, 0.3, 4.0, 1.0, 2)
+    rattling.load_sound_kernels(gear)
     has = model_at(gear).has
     if Capability.MANIFOLDS in has:
         compute_plane_lines(gear, arclength=1.0)

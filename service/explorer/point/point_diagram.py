@@ -108,7 +108,7 @@ class DiagramPicture:
         """Draw a diagram, and mark the point whose basins and motion are shown. at: its value on the parameter axis."""
         self._found = found
         self.figure.x_range.update(start=found.span[0], end=found.span[1])
-        self.figure.xaxis.axis_label = axis_name(found)
+        self.figure.xaxis.axis_label = diagram_axis_name(found)
         self._fit_speed_axis()
         self.mark_position(at)
         for upward, source in self._seen.items():
@@ -146,7 +146,7 @@ class DiagramPicture:
         dense = dense_speed_range(found)
         self.speeds.visible = dense is not None
         low, high = speed_range(found) if dense is None or self.speeds.value == ALL else dense
-        names = placed_event_names(found, self._across, (low, high))
+        names = place_event_names(found, self._across, (low, high))
         rows = 1 + max((each.row for each in names), default=-1)
         unit = (high - low) / (INNER - rows * ROW)  # height of a pixel, as a difference of speed
         self.figure.y_range.update(start=low, end=high + rows * ROW * unit)
@@ -225,7 +225,7 @@ def _add_margin(low: float, high: float) -> Pair:
     return low - room, high + room
 
 
-def placed_event_names(found: DiagramLines, across: float, shown: Pair = (-np.inf, np.inf)) -> list[EventName]:
+def place_event_names(found: DiagramLines, across: float, shown: Pair = (-np.inf, np.inf)) -> list[EventName]:
     """Return the event names that fit above a diagram. Names of events on curves of the (δ, ε) plane are placed first.
 
     Parameters
@@ -267,14 +267,14 @@ def _event_in_words(marks: EventImpacts, i: int) -> str:
     return f"{name}{MEANINGS[marks.kind[i]]} of {marks.motion[i]}"
 
 
-def axis_name(found: DiagramLines) -> str:
+def diagram_axis_name(found: DiagramLines) -> str:
     """Return the name of a diagram's parameter axis."""
     if found.to is None:
         return NAMES[found.direction]
     return f"way from here to δ {found.to[0]:.6g}, ε {found.to[1]:.6g}"
 
 
-def diagram_table(found: DiagramLines, chaos: Sequence[ChaosEvent] = ()) -> str:
+def diagram_table_html(found: DiagramLines, chaos: Sequence[ChaosEvent] = ()) -> str:
     """Return a table of events in HTML. The link of an event opens the point (δ, ε) at which it happens.
 
     Events on curves of the (δ, ε) plane stand before the other events of branches.
@@ -301,7 +301,7 @@ def diagram_table(found: DiagramLines, chaos: Sequence[ChaosEvent] = ()) -> str:
         multipliers = multipliers_text(each.multipliers) if abs(each.multipliers[0]) < LEAST_INFINITE else "∞, 0"
         rows.append((f"{MEANINGS[each.kind]} {each.name}".rstrip(), each.motion, link, multipliers))
     if not rows:
-        return f"<p>The diagram along the {axis_name(found)} has no events.</p>"
+        return f"<p>The diagram along the {diagram_axis_name(found)} has no events.</p>"
     return html_table("Events of the diagram", ("Event", "Of which motion", "Where", "Multipliers"), rows)
 
 
@@ -318,12 +318,12 @@ def diagram_caption(found: DiagramLines) -> str:
     events = count_in_words(len(found.events), "event")
     span = f"{number_text(found.span[0])} to {number_text(found.span[1])}"
     return (
-        f"Impact speed against the {axis_name(found)}, {span}: {motions}, {events}{curves}. "
+        f"Impact speed against the {diagram_axis_name(found)}, {span}: {motions}, {events}{curves}. "
         "The tab Numbers lists the events."
     )
 
 
-def diagram_legend(found: DiagramLines, theme: str) -> str:
+def diagram_legend_html(found: DiagramLines, theme: str) -> str:
     """Return the key of a diagram's lines, dots and event markers, in HTML."""
     there = {each.stable for each in found.strokes}
     lines = [

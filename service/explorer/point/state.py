@@ -10,13 +10,13 @@ import numpy as np
 
 import rattle
 from gear_rattle.service.explorer.common.address import EnteredMachine, Pair, Pin, View, pin_of
-from gear_rattle.service.explorer.common.point_state import PointState
+from gear_rattle.service.explorer.common.point_state import PointTabsState
 from gear_rattle.service.explorer.design.fields import machine_at
 from gear_rattle.service.explorer.design.tolerance import tolerance_outline
 from gear_rattle.service.explorer.point.parts import SampledAttractors, largest_sampled_speed
 from gear_rattle.service.explorer.point.words import ChaosEvent, period_name
 from gear_rattle.service.explorer.point.work import PointTasks
-from gear_rattle.service.explorer.state.store import Listeners, Store
+from gear_rattle.service.explorer.state.store import Listeners, PageStore
 from gear_rattle.service.operations.diagrams import diagram_ends
 from gear_rattle.workers.survey.machine import SurveyedMachine
 from rattle import Machine, RattleError
@@ -58,7 +58,7 @@ class OpenPoint(Listeners):
         True once the page shows how likely quiet running is. Then the open tab begins its computations.
     """
 
-    def __init__(self, store: Store, work: PointTasks, gear: AnyGear, machine: Machine | None) -> None:
+    def __init__(self, store: PageStore, work: PointTasks, gear: AnyGear, machine: Machine | None) -> None:
         super().__init__()
         self.store, self.work, self.gear, self.machine = store, work, gear, machine
         self.period = period_name(machine)
@@ -89,7 +89,7 @@ class OpenPoint(Listeners):
             self.store.unsubscribe(listener)
 
     @property
-    def state(self) -> PointState:
+    def state(self) -> PointTabsState:
         """State of the tabs. An initial condition above the largest speed in the picture of the basins is left out."""
         return self.store.view.point_state.without_start_above(self._fastest)
 
@@ -126,16 +126,16 @@ class OpenPoint(Listeners):
         return (named or [each for each in there if each.kind != "quiet"] or list(there))[0]
 
 
-def diagram_line(gear: AnyGear, state: PointState) -> tuple[Pair, Pair]:
+def ends_of_diagram_line(gear: AnyGear, state: PointTabsState) -> tuple[Pair, Pair]:
     """Return the points (δ, ε) at which the diagram of a point begins and ends."""
     return diagram_ends(gear, *state.diagram_choice)
 
 
-def chosen_diagram_point(gear: AnyGear, state: PointState) -> Pair | None:
+def chosen_diagram_point(gear: AnyGear, state: PointTabsState) -> Pair | None:
     """Return the point (δ, ε) of the diagram that the slider chooses; None for the open point itself."""
     if state.at is None:
         return None
-    (delta, epsilon), (to_delta, to_epsilon) = diagram_line(gear, state)
+    (delta, epsilon), (to_delta, to_epsilon) = ends_of_diagram_line(gear, state)
     left = 1.0 - state.at  # in this form `at` = 0 and 1 give exactly the ends of the line
     return left * delta + state.at * to_delta, left * epsilon + state.at * to_epsilon
 
@@ -150,7 +150,7 @@ def machine_and_model(
     return found, model_at(found.gear)
 
 
-def machine_and_model_of_open_point(store: Store) -> tuple[Machine | None, Model] | None:
+def machine_and_model_of_open_point(store: PageStore) -> tuple[Machine | None, Model] | None:
     """Return the machine and the model of the open point; None if no point is open or the map's survey is unknown."""
     view = store.view
     if view.point is None or not store.has_surveys or (view.survey and store.request is None):
@@ -158,13 +158,15 @@ def machine_and_model_of_open_point(store: Store) -> tuple[Machine | None, Model
     return machine_and_model(view.point, view.machine, store.machine, store.model)
 
 
-def pin_of_open_point(store: Store) -> Pin | None:
+def pin_of_open_point(store: PageStore) -> Pin | None:
     """Return the open point as a pin; None if no point is open, or if the map's survey is not known yet."""
     opened, point = machine_and_model_of_open_point(store), store.view.point
     return None if opened is None or point is None else pin_of(*point, opened[1])
 
 
-def point_marks(view: View, model: Model, machine: SurveyedMachine | None) -> tuple[Pair | None, np.ndarray | None]:
+def marks_of_open_point(
+    view: View, model: Model, machine: SurveyedMachine | None
+) -> tuple[Pair | None, np.ndarray | None]:
     """Return the marks of the open point on the map of a survey.
 
     Returns

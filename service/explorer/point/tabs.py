@@ -85,7 +85,7 @@ class MotionTab:
             shade = QUIET_COLOUR if attractor.kind == "quiet" else point.palette.colour(attractor)
             whole = min(max(PERIODS, 3.0 * attractor.m), MOST_PERIODS)
             periods = CHAOTIC_PERIODS if attractor.kind == "chaotic" else whole
-        found = await point.work.compute(parts.motion_from, gear, tau, v, periods, POINTS, what="The motion")
+        found = await point.work.compute(parts.motion_from_state, gear, tau, v, periods, POINTS, what="The motion")
 
         def show() -> None:
             if requested != self._motion_key:
@@ -107,7 +107,7 @@ class MotionTab:
             if point.is_at_other_point
             else point.machine
         )
-        found = await point.work.compute(rattling.spectrum_lines, gear, attractor, what="The spectrum")
+        found = await point.work.compute(rattling.spectrum_of_attractor, gear, attractor, what="The spectrum")
 
         def show() -> None:
             if requested == self._motion_key:
@@ -152,7 +152,7 @@ class DiagramTab:
         panel.show_direction(state.direction)
         panel.mark_position(self._position)
         if self._choice != state.diagram_choice:
-            point.work.give_up(self._task)
+            point.work.cancel_after_grace(self._task)
             self._choice, self._known, self._task = state.diagram_choice, None, None
             panel.under_diagram.html = waiting_html("the diagram")
         is_shown = self._known is not None and (state.shown_tab == NUMBERS or self._drawn is self._known)
@@ -189,15 +189,15 @@ class DiagramTab:
             self._drawn = found
             panel.diagram.show(found, self._position)
             said = faint_html(point_diagram.diagram_caption(found))
-            panel.under_diagram.html = point_diagram.diagram_legend(found, panel.theme) + said
+            panel.under_diagram.html = point_diagram.diagram_legend_html(found, panel.theme) + said
 
     def _list_events(self) -> None:
         """Fill the table of events: events of the diagram, and beginnings and ends of chaos."""
         if self._known is not None:
-            self._panel.events.html = point_diagram.diagram_table(self._known, self._point.chaos)
+            self._panel.events.html = point_diagram.diagram_table_html(self._known, self._point.chaos)
 
 
-class YieldPart:
+class YieldSection:
     """The fields of the tolerances, and the yield of gears with these tolerances, in the tab "answer"."""
 
     def __init__(self, point: OpenPoint, panel: PointPanel) -> None:
@@ -205,9 +205,9 @@ class YieldPart:
         self._requested: tuple[Tolerance | None, int] = None, point.store.view.yields
         self._task: asyncio.Task[None] | None = None
         point.follow(self._on_view_change, "point_state", "yields")
-        point.subscribe(self._show_fields, READY)
+        point.subscribe(self._fill_fields_from_view, READY)
 
-    def _show_fields(self) -> None:
+    def _fill_fields_from_view(self) -> None:
         """Set the fields to the tolerances of the view. If the view has tolerances, compute the yield."""
         point = self._point
         self._panel.tolerance.fill(point.gear, point.machine, point.state.tolerance)
@@ -231,6 +231,6 @@ class YieldPart:
 
         def show() -> None:
             if widths == point.state.tolerance:
-                self._panel.tolerance.said.html = f"<p>{escape(tolerance.yield_in_words(found, widths.share))}</p>"
+                self._panel.tolerance.said.html = f"<p>{escape(tolerance.describe_yield(found, widths.share))}</p>"
 
         await point.work.change(show)

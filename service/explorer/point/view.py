@@ -19,10 +19,10 @@ from gear_rattle.service.explorer.point import loudness, parts, words
 from gear_rattle.service.explorer.point.basins_tab import BasinsTab
 from gear_rattle.service.explorer.point.panel import PointPanel
 from gear_rattle.service.explorer.point.state import READY, OpenPoint
-from gear_rattle.service.explorer.point.tabs import DiagramTab, MotionTab, YieldPart
+from gear_rattle.service.explorer.point.tabs import DiagramTab, MotionTab, YieldSection
 from gear_rattle.service.explorer.point.work import PointTasks, waiting_html
-from gear_rattle.service.explorer.state.store import Store, window_of
-from gear_rattle.service.state import Front
+from gear_rattle.service.explorer.state.store import PageStore, window_of_request
+from gear_rattle.service.state import ApplicationState
 from rattle import Machine
 from rattle.models import Capability, Model, missing_capability_error, model_at
 
@@ -48,8 +48,8 @@ class PointView:
     def __init__(
         self,
         panel: PointPanel,
-        front: Front,
-        store: Store,
+        front: ApplicationState,
+        store: PageStore,
         delta: float,
         epsilon: float,
         model: Model,
@@ -79,10 +79,10 @@ class PointView:
         ):  # fmt: skip
             text.html = waiting_html(what)
         self._answer = PointAnswer(point, panel, front)
-        for tab in (BasinsTab, MotionTab, DiagramTab, YieldPart):
+        for tab in (BasinsTab, MotionTab, DiagramTab, YieldSection):
             tab(point, panel)
 
-    def show_survey_answer(self, found: parts.SampledAttractors) -> None:
+    def show_survey_attractors(self, found: parts.SampledAttractors) -> None:
         """Show the attractors of the survey's cell that contains the point, unless the point's own are known."""
         if self._point is not None and self._point.attractors is None:
             self._answer.show(found, FROM_SURVEY_CELL)
@@ -100,7 +100,7 @@ class PointAnswer:
     to draw them, and the browser to lay them out.
     """
 
-    def __init__(self, point: OpenPoint, panel: PointPanel, front: Front) -> None:
+    def __init__(self, point: OpenPoint, panel: PointPanel, front: ApplicationState) -> None:
         self._point, self._panel = point, panel
         self._count = min(COUNT, front.settings.max_point_count)
         self._gear, self._model = point.gear, model_at(point.gear)
@@ -149,7 +149,7 @@ class PointAnswer:
         """Show in a sentence how likely the gear is to run quietly. note: HTML after the sentence."""
         said = escape(words.likelihood_in_words(self._gear, found, self._point.period))
         self._panel.likely.html = f'<p class="answer"><strong>{said}</strong>{note}</p>'
-        self._panel.shares.html = words.shares_bar(found, self._point.palette)
+        self._panel.shares.html = words.basin_fractions_bar(found, self._point.palette)
 
     def _show_attractors(self, found: parts.SampledAttractors) -> None:
         self.show(found)
@@ -173,7 +173,7 @@ class PointAnswer:
         if point.attractors is None:
             return
         attractors, request = point.attractors.attractors, point.store.request
-        within = extents.followed_range(gear, None if request is None else window_of(request)[1])
+        within = extents.followed_range(gear, None if request is None else window_of_request(request)[1])
         known: list[extents.MotionExtent | None] = []
         for each in attractors[: extents.MOST_FOLLOWED]:
             try:
@@ -187,7 +187,7 @@ class PointAnswer:
         if extents.has_bracketed_chaos_end(attractors, known):
             with suppress(UnavailableError):  # if this fails, the end of chaos stays the bracket that the sweep found
                 known[:] = await point.work.compute(
-                    extents.add_crisis, gear, attractors, known, what="The boundary crisis", slow=True
+                    extents.add_crisis_to_extents, gear, attractors, known, what="The boundary crisis", slow=True
                 )
             await point.work.change(partial(self._show_extents, known))
         chaos = words.chaos_events(gear, attractors, known)
@@ -209,7 +209,7 @@ class PointAnswer:
         def show() -> None:
             self._show_orbits(found)
             if self._point.attractors is not None:
-                self._show_attractors(parts.add_letters(self._point.attractors, found.orbits))
+                self._show_attractors(parts.add_orbit_letters(self._point.attractors, found.orbits))
 
         await self._point.work.change(show)
 

@@ -23,7 +23,7 @@ from gear_rattle.service.explorer.design.extents import (
     MotionExtent,
 )
 from gear_rattle.service.explorer.design.fields import ERRORS
-from gear_rattle.service.explorer.point.parts import Margin, PeriodOneOrbits, SampledAttractors
+from gear_rattle.service.explorer.point.parts import PeriodOneOrbits, QuietMargin, SampledAttractors
 from gear_rattle.service.harmonics import harmonic_texts
 from rattle import Machine
 from rattle.models import AnyGear, model_at
@@ -81,7 +81,7 @@ def percent_text(share: float) -> str:
     return f"{100 * share:.3g} %"
 
 
-def complex_text(value: complex, digits: int = 4) -> str:
+def text_of_complex_number(value: complex, digits: int = 4) -> str:
     """Return a complex number as text. An imaginary part of the size of rounding errors is left out."""
     if abs(value.imag) < 1e-12 * max(1.0, abs(value.real)):
         return number_text(value.real, digits)
@@ -96,7 +96,7 @@ def multipliers_text(values: tuple[complex, complex] | None) -> str:
     first, second = values
     if first.imag and abs(first - second.conjugate()) < 1e-9:
         return f"{number_text(first.real)} ± {number_text(abs(first.imag))}i"
-    return f"{complex_text(first)}, {complex_text(second)}"
+    return f"{text_of_complex_number(first)}, {text_of_complex_number(second)}"
 
 
 def motion_in_words(attractor: rattle.Attractor, letter: str = "", period: str = PERIOD) -> str:
@@ -127,7 +127,7 @@ def point_in_words(gear: AnyGear) -> str:
     backlash = f", half-backlash β = {number_text(gear.beta, 6)}"
     model = model_at(gear)
     for each in model.added:
-        backlash += f", {each.in_words} = {number_text(model.numbers[each.name], 6)}"
+        backlash += f", {each.list_item_text} = {number_text(model.numbers[each.name], 6)}"
     if harmonics := gear.parameters.harmonics:
         backlash += f", {harmonics_in_words(harmonics)}"
     backlash += f": {region_in_words(gear.region())}." if model.has_closed_forms else "."
@@ -204,7 +204,7 @@ def likelihood_in_words(gear: AnyGear, found: SampledAttractors, period: str = P
     return " ".join(sentences)
 
 
-def margin_in_words(gear: AnyGear, found: Margin, period: str = PERIOD) -> str:
+def margin_in_words(gear: AnyGear, found: QuietMargin, period: str = PERIOD) -> str:
     """Return in words the least impact that ends quiet running, and the motion to which this impact leads."""
     if gear.epsilon >= gear.quiet_limit:
         return "There is no quiet running that an impact could end: the margin is 0."
@@ -222,7 +222,7 @@ def margin_in_words(gear: AnyGear, found: Margin, period: str = PERIOD) -> str:
     return sentence
 
 
-def shares_bar(found: SampledAttractors, palette: Palette) -> str:
+def basin_fractions_bar(found: SampledAttractors, palette: Palette) -> str:
     """Return the basin fractions as one bar in HTML, with the first MOST_NAMED attractors named below it."""
     named = [
         (palette.colour(each), f"{name_with_letter(each, letter)} {percent_text(each.fraction)}", each.fraction)
@@ -278,7 +278,7 @@ def orbits_table(found: PeriodOneOrbits) -> str:
 def notebook_link(gear: AnyGear, direction: str, span: float | None, to: Pair | None) -> str:
     """Return a link in HTML to a notebook that computes a point, and its diagram as the page shows the diagram.
 
-    direction, span, to: the choice of the diagram, as in `PointState`.
+    direction, span, to: the choice of the diagram, as in `PointTabsState`.
 
     Returns
     -------
@@ -321,7 +321,7 @@ def value_with_error_text(value: float, error: float) -> str:
     return f"{value:.{places}f} ± {math.ceil(error * 10**places) / 10**places:.{places}f}".replace("-", MINUS)
 
 
-def end_in_words(end: ExtentEnd, is_upper: bool, scale: float = 1.0) -> str:
+def extent_end_in_words(end: ExtentEnd, is_upper: bool, scale: float = 1.0) -> str:
     """Return in words one end of the range of ε in which a motion attracts, and the event there.
 
     Parameters
@@ -387,7 +387,7 @@ def extents_table(
         swatch = f'<span class="swatch" style="background:{palette.colour(each)}"></span>'
         ends = ("–", "–")
         if extent is not None:
-            ends = end_in_words(extent.low, False, scale), end_in_words(extent.high, True, scale)
+            ends = extent_end_in_words(extent.low, False, scale), extent_end_in_words(extent.high, True, scale)
             seen = f", with {count_in_words(extent.windows, 'periodic window')}" if extent.windows else ""
             ends = ends[0], ends[1] + seen
         rows.append((f"{swatch}{escape(name_with_letter(each, letter))}", *map(escape, ends)))

@@ -14,10 +14,10 @@ import anyio
 
 import rattle
 from gear_rattle.service.explorer.common.changes import change_and_wait
-from gear_rattle.service.explorer.common.text import Text, alert_html
+from gear_rattle.service.explorer.common.text import TextPane, alert_html
 from gear_rattle.service.explorer.point import parts
 from gear_rattle.service.operations.processes import compute_in_process
-from gear_rattle.service.state import Front
+from gear_rattle.service.state import ApplicationState
 from rattle import RattleError
 from rattle.models import DEFAULT_MODEL
 
@@ -31,14 +31,14 @@ Arguments = TypeVarTuple("Arguments")
 log = logging.getLogger(__name__)
 
 
-async def prepare_processes(front: Front) -> None:
+async def prepare_processes(front: ApplicationState) -> None:
     """Start the processes that compute points, and load their kernels, so that the first click is not a slow one."""
     async with anyio.create_task_group() as tasks:
         for _ in range(front.settings.max_points):
             tasks.start_soon(_prepare_process, front)
 
 
-async def _prepare_process(front: Front) -> None:
+async def _prepare_process(front: ApplicationState) -> None:
     try:
         await compute_in_process(
             front,
@@ -60,7 +60,7 @@ def waiting_html(what: str) -> str:
 class PointTasks:
     """The tasks that the view of one point runs in the event loop. document: None if no page shows the view."""
 
-    def __init__(self, front: Front, document: Document | None, model: str) -> None:
+    def __init__(self, front: ApplicationState, document: Document | None, model: str) -> None:
         self._front, self._document = front, document
         self._model = model
         self.tasks: set[asyncio.Task[None]] = set()
@@ -68,7 +68,7 @@ class PointTasks:
 
     def start(self, work: Coroutine[Any, Any, None], replaced: asyncio.Task[None] | None = None) -> asyncio.Task[None]:
         """Start a task, and give up the task `replaced`, if there is one."""
-        self.give_up(replaced)
+        self.cancel_after_grace(replaced)
         task = asyncio.get_running_loop().create_task(work)
         self.tasks.add(task)
         task.add_done_callback(self.tasks.discard)
@@ -78,9 +78,9 @@ class PointTasks:
         """Give up all tasks: no new computation begins, and running ones are cancelled after GRACE_SECONDS."""
         self.stopped = True
         for task in tuple(self.tasks):
-            self.give_up(task)
+            self.cancel_after_grace(task)
 
-    def give_up(self, task: asyncio.Task[None] | None) -> None:
+    def cancel_after_grace(self, task: asyncio.Task[None] | None) -> None:
         """Cancel a task, if there is one, unless it ends within GRACE_SECONDS."""
         if task is not None:
             task.get_loop().call_later(GRACE_SECONDS, task.cancel)
@@ -127,7 +127,7 @@ class PointTasks:
         if self.stopped:
             raise asyncio.CancelledError
 
-    async def run_part(self, text: Text, work: Callable[[], Awaitable[None]]) -> None:
+    async def run_part(self, text: TextPane, work: Callable[[], Awaitable[None]]) -> None:
         """Run `work`, which computes and shows one part of a view. If it fails, `text` shows the error."""
         try:
             await work()
@@ -139,10 +139,10 @@ class PointTasks:
                 text, "This part could not be shown because of an error of the service, which is in its log."
             )
 
-    async def _show_error(self, text: Text, message: str) -> None:
+    async def _show_error(self, text: TextPane, message: str) -> None:
         await self.set_text(text, alert_html(message, "wrong"))
 
-    async def set_text(self, text: Text, html: str) -> None:
+    async def set_text(self, text: TextPane, html: str) -> None:
         """Set the HTML of a text of the page. Raises CancelledError if the view has ended."""
 
         def change() -> None:

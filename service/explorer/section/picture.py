@@ -10,13 +10,13 @@ from bokeh.models import BasicTicker, ColumnDataSource, FixedTicker, HoverTool, 
 from gear_rattle.service.explorer.common.address import Pair
 from gear_rattle.service.explorer.common.figures import LEFT_BORDER, foreground_colour, themed_figure
 from gear_rattle.service.explorer.common.glyphs import clear
-from gear_rattle.service.explorer.section.profile import Profile
+from gear_rattle.service.explorer.section.profile import MapProfile
 
 HEIGHT = 190
 VALUE_MARGIN = 0.06  # margin above and below the values, as a share of their range
 
 
-class ProfilePicture:
+class ProfileFigure:
     """Figure of a map's values along the line of a diagram, drawn against the diagram's parameter."""
 
     def __init__(self, theme: str, x_range: Range1d) -> None:
@@ -33,12 +33,12 @@ class ProfilePicture:
         """Remove the profile from the figure."""
         clear(self.steps)
 
-    def show(self, profile: Profile, span: Pair, limits: Pair | None) -> Pair:
+    def show(self, profile: MapProfile, span: Pair, limits: Pair | None) -> Pair:
         """Draw a profile over the parameter of the diagram.
 
         Parameters
         ----------
-        profile : Profile
+        profile : MapProfile
             Values along the line.
         span : Pair
             Parameter at the two ends of the line.
@@ -62,13 +62,13 @@ class ProfilePicture:
         return low, high
 
 
-def _value_text(profile: Profile, value: float) -> str:
+def _value_text(profile: MapProfile, value: float) -> str:
     if not np.isfinite(value):
         return ""
     return profile.names[int(value)] if profile.names else f"{value:.6g}"
 
 
-def value_range(profile: Profile) -> Pair:
+def value_range(profile: MapProfile) -> Pair:
     """Return the default (low, high) of the axis of values, with a margin around all codes or all finite values."""
     if profile.names:
         return min(profile.names) - 0.5, max(profile.names) + 0.5

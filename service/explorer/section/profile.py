@@ -10,7 +10,7 @@ import numpy as np
 from gear_rattle.service.explorer.common.address import Pair, Ranges
 from gear_rattle.service.explorer.map.colouring import shown_values, valueless_cells
 from gear_rattle.service.explorer.map.planes import MapBlock, MapPlane
-from gear_rattle.workers.pictures.maps import scale_of, title_of
+from gear_rattle.workers.pictures.maps import colour_scale_of, map_title
 
 #: Most values along δ and along ε that are read in the box around a line. If the box has more cells, several cells
 #: share a value.
@@ -20,7 +20,7 @@ Ends = tuple[Pair, Pair]
 
 
 @dataclass(frozen=True)
-class Profile:
+class MapProfile:
     """Values (k,) of the cells along a line, NaN where a cell has no value.
 
     positions (k + 1,): where the line enters or leaves a cell, from 0 at the start of the line to 1 at its end.
@@ -72,7 +72,7 @@ def crossed_cells(box: Ranges, shape: tuple[int, int], ends: Ends) -> tuple[np.n
     return at, row, column
 
 
-def profile_of(plane: MapPlane, ends: Ends) -> Profile:
+def profile_of(plane: MapPlane, ends: Ends) -> MapProfile:
     """Return the profile of a map along a line between two points (δ, ε). The call blocks: use a thread."""
     delta, epsilon = ((min(pair), max(pair)) for pair in zip(*ends, strict=True))
     block = plane.block((delta, epsilon), MOST_READ)
@@ -84,10 +84,10 @@ def profile_of(plane: MapPlane, ends: Ends) -> Profile:
     without = {why: mask for why, (mask, _) in valueless_cells(plane, block).items()}
     gaps = {why: float(lengths[is_there & mask[row, column]].sum()) for why, mask in without.items()}
     gaps[OUTSIDE] = float(lengths[~is_there].sum())
-    _, _, codes, labels = scale_of(plane.plane, values[np.isfinite(values)])
+    _, _, codes, labels = colour_scale_of(plane.plane, values[np.isfinite(values)])
     names = {int(code): label for code, label in zip(codes, labels, strict=True)} if codes is not None else {}
     reasons = {why: share for why, share in gaps.items() if share > 0}
-    return Profile(title_of(plane.plane), at, values, names, reasons, _cells_per_value(plane, block))
+    return MapProfile(map_title(plane.plane), at, values, names, reasons, _cells_per_value(plane, block))
 
 
 def _cells_per_value(plane: MapPlane, block: MapBlock) -> tuple[int, int]:
@@ -101,7 +101,7 @@ def _cells_per_value(plane: MapPlane, block: MapBlock) -> tuple[int, int]:
     return int(across), int(along)
 
 
-def profile_in_words(profile: Profile) -> str:
+def profile_in_words(profile: MapProfile) -> str:
     """Return the caption of a profile: its map, the cells that it crosses, and its gaps."""
     cells = (
         "each cell"

@@ -12,17 +12,17 @@ from gear_rattle.service.database.tables import JobRow
 from gear_rattle.service.explorer.common.address import MapChoice, View
 from gear_rattle.service.explorer.common.drawings import DrawingRunner, Show
 from gear_rattle.service.explorer.common.point_state import DIAGRAM
-from gear_rattle.service.explorer.common.text import Text, alert_html, faint_html
+from gear_rattle.service.explorer.common.text import TextPane, alert_html, faint_html
 from gear_rattle.service.explorer.common.viewer import PageSession
 from gear_rattle.service.explorer.common.watch import WidgetWatcher
 from gear_rattle.service.explorer.map.planes import map_options
 from gear_rattle.service.explorer.map.shared import SharedState
 from gear_rattle.service.explorer.point.panel import FigurePanel
 from gear_rattle.service.explorer.point.state import machine_and_model_of_open_point
-from gear_rattle.service.explorer.section.picture import ProfilePicture
+from gear_rattle.service.explorer.section.picture import ProfileFigure
 from gear_rattle.service.explorer.section.profile import Ends, profile_in_words, profile_of
 from gear_rattle.service.explorer.state.events import DiagramEndChosen, ProfileChosen
-from gear_rattle.service.explorer.state.store import JOBS, Store
+from gear_rattle.service.explorer.state.store import JOBS, PageStore
 from gear_rattle.service.operations.diagrams import diagram_ends, diagram_span
 from gear_rattle.workers import SurveyRequest
 from rattle import RattleError
@@ -35,11 +35,11 @@ NO_END_POINT = "The end point needs a δ above 0 and an ε of at least 0."
 class ProfileSection:
     """Section for the profile of a survey along the diagram of the open point, in the panel `profile_place`."""
 
-    def __init__(self, shared: SharedState, viewer: PageSession, store: Store, theme: str, sheet: str) -> None:
+    def __init__(self, shared: SharedState, viewer: PageSession, store: PageStore, theme: str, sheet: str) -> None:
         self._shared, self._viewer, self._store = shared, viewer, store
         self._theme, self._sheet = theme, sheet
         self.profile_place = FigurePanel()
-        self.said = Text("", sheet, margin=(0, 4))
+        self.said = TextPane("", sheet, margin=(0, 4))
         self._shown_ends: tuple[Any, ...] = ()
         self.drawings = DrawingRunner(viewer, self._show_error)
         self._watch = WidgetWatcher()
@@ -60,11 +60,11 @@ class ProfileSection:
         )  # fmt: skip
 
     @cached_property
-    def picture(self) -> ProfilePicture:
+    def picture(self) -> ProfileFigure:
         """Figure of the profile, made when a profile is first shown."""
-        found = ProfilePicture(self._theme, self.profile_place.x_range)
+        found = ProfileFigure(self._theme, self.profile_place.x_range)
         self.profile_place.panel[:] = [
-            Text("<h2>Along the diagram</h2>", self._sheet, margin=(0, 4)).pane,
+            TextPane("<h2>Along the diagram</h2>", self._sheet, margin=(0, 4)).pane,
             pn.FlexBox(
                 self.variable, self.low, self.high, self.delta, self.epsilon, margin=0,
                 sizing_mode="stretch_width", align_items="flex-end",

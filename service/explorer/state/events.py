@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from gear_rattle.service.explorer.common.address import (
     ComparisonChoice,
-    DrawnSettings,
+    DrawnMapSettings,
     EnteredMachine,
     Limits,
     MapChoice,
@@ -14,7 +14,7 @@ from gear_rattle.service.explorer.common.address import (
     Pin,
     Ranges,
 )
-from gear_rattle.service.explorer.common.point_state import PointState, Tolerance
+from gear_rattle.service.explorer.common.point_state import PointTabsState, Tolerance
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ class DefaultMapChosen:
 
 
 @dataclass(frozen=True)
-class IndexChosen:
+class MapIndexChosen:
     """One of several maps of the variable was chosen by its index."""
 
     index: int
@@ -56,7 +56,7 @@ class SliceChosen:
 
 
 @dataclass(frozen=True)
-class LimitsSet:
+class ColourRangeChosen:
     """The range of the colours was set. log: True for a log scale."""
 
     limits: Limits | Pair
@@ -72,7 +72,7 @@ class MapDrawn:
     `seen`, unless a viewer has changed the view's limits in the meantime.
     """
 
-    seen: DrawnSettings | None
+    seen: DrawnMapSettings | None
     limits: Limits | Pair = "auto"
 
 
@@ -84,7 +84,7 @@ class OverlaysChosen:
 
 
 @dataclass(frozen=True)
-class ShareSet:
+class RequiredShareSet:
     """The probability of quiet running that the design limit requires was set."""
 
     share: float
@@ -137,7 +137,7 @@ class PointOpened:
 
     point: Pair
     machine: EnteredMachine | None = None
-    state: PointState | None = None
+    state: PointTabsState | None = None
 
 
 @dataclass(frozen=True)
@@ -213,7 +213,7 @@ class BookmarkChosen:
 
     window: Ranges
     point: Pair | None
-    state: PointState | None = None
+    state: PointTabsState | None = None
 
 
 @dataclass(frozen=True)
@@ -225,14 +225,14 @@ class ProfileChosen:
 
 
 @dataclass(frozen=True)
-class MapAdded:
+class ComparisonMapAdded:
     """A comparison map was added."""
 
     further: ComparisonChoice
 
 
 @dataclass(frozen=True)
-class MapChanged:
+class ComparisonMapChanged:
     """Another map was chosen for the comparison map with the number `index`, from 0 (the main map has no number)."""
 
     index: int
@@ -240,7 +240,7 @@ class MapChanged:
 
 
 @dataclass(frozen=True)
-class MapRemoved:
+class ComparisonMapRemoved:
     """Comparison map number `index` was removed, 0 for the second map of the page."""
 
     index: int
@@ -261,9 +261,9 @@ class PinRemoved:
 
 
 Event = (
-    SurveyChosen | VariableChosen | DefaultMapChosen | IndexChosen | SliceChosen | LimitsSet | MapDrawn | OverlaysChosen
-    | ShareSet | FamilyChosen | WindowMoved | WindowReset | BackChosen | ForwardChosen | PointerMoved | PointOpened
-    | TabChosen | AttractorChosen | InitialConditionChosen | DirectionChosen | DiagramPointChosen | YieldRequested
-    | SoundRequested | DiagramEndChosen | PointClosed | BookmarkChosen | ProfileChosen | MapAdded | MapChanged
-    | MapRemoved | PinAdded | PinRemoved
+    SurveyChosen | VariableChosen | DefaultMapChosen | MapIndexChosen | SliceChosen | ColourRangeChosen | MapDrawn |
+    OverlaysChosen | RequiredShareSet | FamilyChosen | WindowMoved | WindowReset | BackChosen | ForwardChosen |
+    PointerMoved | PointOpened | TabChosen | AttractorChosen | InitialConditionChosen | DirectionChosen |
+    DiagramPointChosen | YieldRequested | SoundRequested | DiagramEndChosen | PointClosed | BookmarkChosen |
+    ProfileChosen | ComparisonMapAdded | ComparisonMapChanged | ComparisonMapRemoved | PinAdded | PinRemoved
 )  # fmt: skip

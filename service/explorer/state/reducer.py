@@ -14,7 +14,7 @@ from gear_rattle.service.explorer.common.address import (
     Ranges,
     View,
 )
-from gear_rattle.service.explorer.common.point_state import DIAGRAM, MOTION, PointState
+from gear_rattle.service.explorer.common.point_state import DIAGRAM, MOTION, PointTabsState
 from gear_rattle.service.explorer.state import events
 from gear_rattle.service.explorer.state.events import Event
 
@@ -43,11 +43,11 @@ def reduce(view: View, event: Event) -> View:
             return replace(view, variable=variable, index=0, limits="auto", is_variable_chosen=True)
         case events.DefaultMapChosen(variable, index, number):
             return replace(view, variable=variable, index=index, slice=number)
-        case events.IndexChosen(index):
+        case events.MapIndexChosen(index):
             return replace(view, index=index)
         case events.SliceChosen(number):
             return replace(view, slice=number, family=None)  # each slice has families of its own
-        case events.LimitsSet(limits, log):
+        case events.ColourRangeChosen(limits, log):
             return replace(view, limits=limits, log=log)
         case events.MapDrawn(seen, limits):
             is_own = seen is not None and isinstance(view.limits, tuple) and view.limits == limits
@@ -56,7 +56,7 @@ def reduce(view: View, event: Event) -> View:
             return replace(view, seen=seen, limits=drawn)
         case events.OverlaysChosen(overlays):
             return replace(view, overlays=overlays)
-        case events.ShareSet(share):
+        case events.RequiredShareSet(share):
             return replace(view, share=share)
         case events.FamilyChosen(family):
             return replace(view, family=family)
@@ -96,17 +96,17 @@ def reduce(view: View, event: Event) -> View:
         case events.DiagramEndChosen(to):
             return _draw_diagram_to(view, to)
         case events.PointClosed():
-            return _close_point(view)
+            return _close_open_point(view)
         case events.BookmarkChosen(window, point, state):
             moved = replace(_show_window(view, window), pointer=None)
-            return _close_point(moved) if point is None else _open_point(moved, point, None, state)
+            return _close_open_point(moved) if point is None else _open_point(moved, point, None, state)
         case events.ProfileChosen(profile, limits):
             return replace(view, profile=profile, profile_limits=limits)
-        case events.MapAdded(further):
+        case events.ComparisonMapAdded(further):
             return replace(view, further=(*view.further, further)[:MOST_FURTHER])
-        case events.MapChanged(index, further):
+        case events.ComparisonMapChanged(index, further):
             return replace(view, further=(*view.further[:index], further, *view.further[index + 1 :]))
-        case events.MapRemoved(index):
+        case events.ComparisonMapRemoved(index):
             return replace(view, further=(*view.further[:index], *view.further[index + 1 :]))
         case events.PinAdded(pin):
             return replace(view, pins=tuple(dict.fromkeys((*view.pins, pin)))[:MOST_PINS])
@@ -127,7 +127,7 @@ def _show_survey(view: View, survey: str) -> View:
         return view
     if not view.survey:
         return replace(view, survey=survey, pointer=None)
-    left = replace(_close_point(view), delta=None, epsilon=None, slice=0, family=None)
+    left = replace(_close_open_point(view), delta=None, epsilon=None, slice=0, family=None)
     return replace(left, survey=survey, pointer=None)
 
 
@@ -143,7 +143,7 @@ def _set_window(view: View, window: Ranges | None) -> View:
     return replace(view, delta=delta, epsilon=epsilon)
 
 
-def _open_point(view: View, point: Pair, machine: EnteredMachine | None, state: PointState | None) -> View:
+def _open_point(view: View, point: Pair, machine: EnteredMachine | None, state: PointTabsState | None) -> View:
     """Open a point (δ, ε), if δ > 0 and ε ≥ 0.
 
     state: new state of the point's tabs, or None, see `PointOpened`.
@@ -157,15 +157,15 @@ def _open_point(view: View, point: Pair, machine: EnteredMachine | None, state: 
         return view
     if state is None:
         is_open = (view.point, view.machine) == (point, machine)
-        state = view.point_state if is_open else PointState(tab=view.point_state.tab)
+        state = view.point_state if is_open else PointTabsState(tab=view.point_state.tab)
     # a pointer at another point is dropped, so that the numbers beside the map are those of the opened point's cell
     pointer = view.pointer if view.pointer is not None and view.pointer.at == point else None
     return replace(view, point=point, machine=machine, point_state=state.with_changes(), pointer=pointer)
 
 
-def _close_point(view: View) -> View:
+def _close_open_point(view: View) -> View:
     """Close the open point."""
-    return replace(view, point=None, point_state=PointState(), machine=None)
+    return replace(view, point=None, point_state=PointTabsState(), machine=None)
 
 
 def _change_point_state(view: View, **fields: Any) -> View:

@@ -52,7 +52,7 @@ class Listeners:
             self._is_calling = False
 
 
-class Store(Listeners):
+class PageStore(Listeners):
     """View of a page and its list of surveys, with the listeners of changes.
 
     Parameters
@@ -95,9 +95,9 @@ class Store(Listeners):
         return None if status is None else status.job
 
     @property
-    def whole_request(self) -> SurveyRequest | None:
+    def request_with_all_slices(self) -> SurveyRequest | None:
         """Request of the chosen survey or the example, with all slices; None if it is unknown or unreadable."""
-        if self.view.is_example:
+        if self.view.is_example_shown:
             return self._example
         job = self.job
         if job is None or not job.is_readable:
@@ -109,7 +109,7 @@ class Store(Listeners):
     @property
     def request(self) -> SurveyRequest | None:
         """Request of the shown survey, or of the chosen slice along its third axis; None if it is not known yet."""
-        whole = self.whole_request
+        whole = self.request_with_all_slices
         return whole if whole is None else whole.slice_request(whole.slice_index(self.view.slice))
 
     @property
@@ -127,7 +127,7 @@ class Store(Listeners):
     @property
     def window(self) -> Ranges:
         """Visible window: (low, high) of δ and of ε."""
-        return self.view.window or window_of(self.request or self._example)
+        return self.view.window or window_of_request(self.request or self._example)
 
 
 def request_of_job(job: JobRow) -> SurveyRequest:
@@ -135,7 +135,7 @@ def request_of_job(job: JobRow) -> SurveyRequest:
     return SurveyRequest.model_validate(job.request)
 
 
-def window_of(request: SurveyRequest) -> Ranges:
+def window_of_request(request: SurveyRequest) -> Ranges:
     """Return the box, (low, high) of δ and of ε, that the cells of a requested plane will cover."""
     return box_of_cells(request.delta.values(), request.epsilon.values())
 

@@ -30,7 +30,7 @@ def annotate_query(name: str, without: str = DEFAULT_MODEL, example: float | Non
     return Annotated[float | None, query]
 
 
-def machine_texts() -> dict[str, str]:
+def machine_number_descriptions() -> dict[str, str]:
     """Return {name: description} of the numbers of a machine that select another model, such as `stiffness`."""
     return {
         each.machine_number: f"{each.machine_text}: the {model_of_parameter(name).name} model"
@@ -39,7 +39,7 @@ def machine_texts() -> dict[str, str]:
     }
 
 
-def with_queries(after: dict[str, dict[str, Any]]) -> Callable[[Route], Route]:
+def with_query_parameters(after: dict[str, dict[str, Any]]) -> Callable[[Route], Route]:
     """Give a route further query parameters, which are None by default. The route gets them as keyword arguments.
 
     Parameters
@@ -68,7 +68,7 @@ def with_queries(after: dict[str, dict[str, Any]]) -> Callable[[Route], Route]:
     return add_queries
 
 
-def with_fields(base: type[BaseModel]) -> Any:
+def add_parameter_fields(base: type[BaseModel]) -> Any:
     """Return a subclass of a document with a further field for each parameter that a model adds."""
     fields: dict[str, Any] = {
         name: (float | None, Field(description=f"{each.full_label}; null: the {DEFAULT_MODEL} model"))
@@ -78,5 +78,5 @@ def with_fields(base: type[BaseModel]) -> Any:
 
 
 def added_fields(numbers: dict[str, float]) -> dict[str, float | None]:
-    """Return the fields that `with_fields` adds, with None for parameters that the model does not have."""
+    """Return the fields that `add_parameter_fields` adds, with None for parameters that the model does not have."""
     return {name: numbers.get(name) for name in ADDED}

@@ -14,7 +14,7 @@ from gear_rattle.service.routes.picture import PNG
 from gear_rattle.service.state import FrontState
 from gear_rattle.service.web.conditional import NOT_MODIFIED, set_query_etag
 from gear_rattle.service.web.problems import declare_problems
-from rattle.attractors import sampled_speed
+from rattle.attractors import highest_sampled_speed
 from rattle.models import AnyGear, model_at
 
 router = APIRouter(prefix="/v1", tags=["points"])
@@ -48,7 +48,7 @@ async def basins(
     Each point of the picture is followed as an initial condition, as in Figure 4 of the paper. The white line is the
     grazing curve Γ (impacting model).
     """
-    speeds = v_min, highest_speed(point.gear) if v_max is None else v_max
+    speeds = v_min, highest_shown_speed(point.gear) if v_max is None else v_max
     for name, low, high in (("tau", tau_min, tau_max), ("v", *speeds)):
         if not low < high:
             raise LimitError(f"query.{name}_min", f"{name}_min ({low:g}) must be less than {name}_max ({high:g}).")
@@ -71,9 +71,9 @@ async def basins(
     return Response(png, media_type=PNG, headers=dict(response.headers))
 
 
-def highest_speed(gear: AnyGear) -> float:
+def highest_shown_speed(gear: AnyGear) -> float:
     """Return the largest speed that a picture of basins shows by default."""
-    return sampled_speed(None, gear.delta, gear.epsilon, gear.beta)
+    return highest_sampled_speed(None, gear.delta, gear.epsilon, gear.beta)
 
 
 def _draw_basins(gear: AnyGear, resolution: int, tau: tuple[float, float], v: tuple[float, float]) -> bytes:

@@ -8,7 +8,7 @@ from typing import Any
 from fastapi import APIRouter, Depends
 from pydantic import BaseModel, Field
 
-from gear_rattle.service.operations.points import intensities, json_number
+from gear_rattle.service.operations.points import finite_or_none, intensities
 from gear_rattle.service.operations.processes import compute_in_process
 from gear_rattle.service.routes.model.machine import PointQuery, RequestedPoint
 from gear_rattle.service.routes.model.points import (
@@ -124,7 +124,7 @@ async def intensity(
 def _rattling_document(point: RequestedPoint, attractor: Attractor, found: Intensity) -> RattlingDocument:
     values: dict[str, Any] = asdict(found)
     del values["errors"]
-    si = None if point.machine is None else point.machine.in_si(found)
+    si = None if point.machine is None else point.machine.intensity_in_si(found)
     return RattlingDocument(
         kind=attractor.kind,
         m=attractor.m,
@@ -132,8 +132,10 @@ def _rattling_document(point: RequestedPoint, attractor: Attractor, found: Inten
         n_minus=attractor.n_minus,
         contacts=attractor.contacts,
         fraction=attractor.fraction,
-        **{name: json_number(value) for name, value in values.items()},
-        level=json_number(found.level(natural_energy(point.gear.delta))),
-        errors=ErrorsDocument(**{name: json_number(value) for name, value in found.errors._asdict().items()}),
-        si=None if si is None else IntensityInSI(**{name: json_number(value) for name, value in si._asdict().items()}),
+        **{name: finite_or_none(value) for name, value in values.items()},
+        level=finite_or_none(found.level(natural_energy(point.gear.delta))),
+        errors=ErrorsDocument(**{name: finite_or_none(value) for name, value in found.errors._asdict().items()}),
+        si=None
+        if si is None
+        else IntensityInSI(**{name: finite_or_none(value) for name, value in si._asdict().items()}),
     )

@@ -12,13 +12,13 @@ from fastapi.exceptions import RequestValidationError
 from pydantic import BaseModel, Field
 
 from gear_rattle.service.harmonics import HARMONIC_HELP, read_harmonics
-from gear_rattle.service.operations.points import json_number
+from gear_rattle.service.operations.points import finite_or_none
 from gear_rattle.service.routes.model.added import (
+    add_parameter_fields,
     added_fields,
     annotate_query,
-    machine_texts,
-    with_fields,
-    with_queries,
+    machine_number_descriptions,
+    with_query_parameters,
 )
 from gear_rattle.service.web.conditional import NOT_MODIFIED, set_query_etag
 from gear_rattle.service.web.problems import declare_problems
@@ -28,7 +28,7 @@ from rattle.models import ADDED, AnyGear, model_of, with_harmonics
 router = APIRouter(prefix="/v1", tags=["points"])
 
 
-def positive_query(description: str, example: float | None = None, *, zero: bool = False) -> Any:
+def annotate_positive_query(description: str, example: float | None = None, *, zero: bool = False) -> Any:
     """Return the declaration of a query parameter that must be positive; with `zero`, it may also be 0."""
     above, least = (None, 0.0) if zero else (0.0, None)
     examples = None if example is None else [example]
@@ -61,20 +61,20 @@ Harmonics = Annotated[Sequence[str], Query(description=HARMONIC_HELP, max_length
 ADDED_QUERIES: dict[str, dict[str, Any]] = {
     "beta": {name: annotate_query(name) for name in ADDED},
     "drive": {
-        name: Annotated[float | None, positive_query(text, zero=name not in POSITIVE_NUMBERS)]
-        for name, text in (machine_texts() | SECOND_GEAR).items()
+        name: Annotated[float | None, annotate_positive_query(text, zero=name not in POSITIVE_NUMBERS)]
+        for name, text in (machine_number_descriptions() | SECOND_GEAR).items()
     },
 }
 
 
-@with_queries({"drive": {"restitution": annotate_query("restitution", example=0.7), **ADDED_QUERIES["drive"]}})
+@with_query_parameters({"drive": {"restitution": annotate_query("restitution", example=0.7), **ADDED_QUERIES["drive"]}})
 async def machine_of_query(
-    inertia: Annotated[float, positive_query(INERTIA, 0.003)],
-    drag: Annotated[float, positive_query(DRAG, 0.0005)],
-    backlash: Annotated[float, positive_query(ALONG_LINE_OF_ACTION, 0.0001)],
-    eccentricity: Annotated[float, positive_query(ECCENTRICITY, 0.000015, zero=True)],
-    radius: Annotated[float, positive_query("m, of the base circle", 0.05)],
-    rpm: Annotated[float, positive_query("revolutions per minute", 3000.0)],
+    inertia: Annotated[float, annotate_positive_query(INERTIA, 0.003)],
+    drag: Annotated[float, annotate_positive_query(DRAG, 0.0005)],
+    backlash: Annotated[float, annotate_positive_query(ALONG_LINE_OF_ACTION, 0.0001)],
+    eccentricity: Annotated[float, annotate_positive_query(ECCENTRICITY, 0.000015, zero=True)],
+    radius: Annotated[float, annotate_positive_query("m, of the base circle", 0.05)],
+    rpm: Annotated[float, annotate_positive_query("revolutions per minute", 3000.0)],
     drive: Drive = "torque",
     **further_numbers: Any,
 ) -> Machine:
@@ -82,13 +82,13 @@ async def machine_of_query(
     return Machine(inertia, drag, backlash, eccentricity, radius, drive=drive, rpm=rpm, **further_numbers)
 
 
-@with_queries({"drive": {"restitution": annotate_query("restitution", example=0.7), **ADDED_QUERIES["drive"]}})
+@with_query_parameters({"drive": {"restitution": annotate_query("restitution", example=0.7), **ADDED_QUERIES["drive"]}})
 async def measured_machine_of_query(
-    inertia: Annotated[float, positive_query(INERTIA, 0.003)],
-    drag: Annotated[float, positive_query(DRAG, 0.0005)],
-    backlash: Annotated[float, positive_query(ALONG_LINE_OF_ACTION, 0.0001)],
-    radius: Annotated[float, positive_query("m, of the base circle", 0.05)],
-    rpm: Annotated[float, positive_query("revolutions per minute", 3000.0)],
+    inertia: Annotated[float, annotate_positive_query(INERTIA, 0.003)],
+    drag: Annotated[float, annotate_positive_query(DRAG, 0.0005)],
+    backlash: Annotated[float, annotate_positive_query(ALONG_LINE_OF_ACTION, 0.0001)],
+    radius: Annotated[float, annotate_positive_query("m, of the base circle", 0.05)],
+    rpm: Annotated[float, annotate_positive_query("revolutions per minute", 3000.0)],
     drive: Drive = "torque",
     **further_numbers: Any,
 ) -> Machine:
@@ -104,17 +104,19 @@ class RequestedPoint:
     machine: Machine | None
 
 
-@with_queries(ADDED_QUERIES)
+@with_query_parameters(ADDED_QUERIES)
 async def point_of_query(
-    delta: Annotated[float | None, positive_query("damping; needed without a machine", 0.6)] = None,
-    epsilon: Annotated[float | None, positive_query("eccentricity; needed without a machine", 0.1, zero=True)] = None,
-    beta: Annotated[float | None, positive_query("half-backlash, by default 0.6", 0.6)] = None,
-    inertia: Annotated[float | None, positive_query(f"a machine instead: {INERTIA}")] = None,
-    drag: Annotated[float | None, positive_query(DRAG)] = None,
-    backlash: Annotated[float | None, positive_query(ALONG_LINE_OF_ACTION)] = None,
-    eccentricity: Annotated[float | None, positive_query(ECCENTRICITY, zero=True)] = None,
-    radius: Annotated[float | None, positive_query("m, of the base circle")] = None,
-    rpm: Annotated[float | None, positive_query("revolutions per minute")] = None,
+    delta: Annotated[float | None, annotate_positive_query("damping; needed without a machine", 0.6)] = None,
+    epsilon: Annotated[
+        float | None, annotate_positive_query("eccentricity; needed without a machine", 0.1, zero=True)
+    ] = None,
+    beta: Annotated[float | None, annotate_positive_query("half-backlash, by default 0.6", 0.6)] = None,
+    inertia: Annotated[float | None, annotate_positive_query(f"a machine instead: {INERTIA}")] = None,
+    drag: Annotated[float | None, annotate_positive_query(DRAG)] = None,
+    backlash: Annotated[float | None, annotate_positive_query(ALONG_LINE_OF_ACTION)] = None,
+    eccentricity: Annotated[float | None, annotate_positive_query(ECCENTRICITY, zero=True)] = None,
+    radius: Annotated[float | None, annotate_positive_query("m, of the base circle")] = None,
+    rpm: Annotated[float | None, annotate_positive_query("revolutions per minute")] = None,
     drive: Annotated[Literal["torque", "speed"] | None, Query(description=DRIVE)] = None,
     harmonic: Harmonics = (),
     **more: float | None,
@@ -141,7 +143,7 @@ async def point_of_query(
     given = [name for name, value in {**needed, "drive": drive, **further_numbers}.items() if value is not None]
     if not given:
         model = with_harmonics(model_of(0.6 if beta is None else beta, **added), read_harmonics(harmonic))
-        return RequestedPoint(model.gear(**_require_all(plain)), None)
+        return RequestedPoint(model.gear(**_require_all_numbers(plain)), None)
     further_numbers["restitution"] = added.pop("restitution", None)
     plain |= {"beta": beta, **added, "harmonic": harmonic or None}
     both = [name for name, value in plain.items() if value is not None]
@@ -150,12 +152,12 @@ async def point_of_query(
             f"{' and '.join(both)} and a machine's {' and '.join(given)} exclude each other: give only dimensionless "
             "numbers, or only a machine's numbers"
         )
-    numbers: dict[str, Any] = {**_require_all(needed), **further_numbers}
+    numbers: dict[str, Any] = {**_require_all_numbers(needed), **further_numbers}
     machine = Machine(**numbers, drive=drive or "torque")
     return RequestedPoint(machine.gear, machine)
 
 
-def _require_all(numbers: dict[str, float | None]) -> dict[str, float]:
+def _require_all_numbers(numbers: dict[str, float | None]) -> dict[str, float]:
     """Return the numbers. If one is None, raise RequestValidationError, as FastAPI does for a missing parameter."""
     lacking = [name for name, value in numbers.items() if value is None]
     if lacking:
@@ -194,7 +196,7 @@ class _MachineBase(BaseModel):
 if TYPE_CHECKING:
     _Numbers = _MachineBase
 else:
-    _Numbers = with_fields(_MachineBase)
+    _Numbers = add_parameter_fields(_MachineBase)
 
 
 class MachineDocument(_Numbers):
@@ -225,15 +227,15 @@ def machine_document(found: Machine) -> MachineDocument:
     """Return the document of a machine: its parameter point, and the sizes of the model's units."""
     gear = found.gear
     with np.errstate(all="ignore"):  # extreme parameters may overflow
-        quiet_limit = json_number(gear.quiet_limit * found.units.length)
+        quiet_limit = finite_or_none(gear.quiet_limit * found.units.length)
     return MachineDocument(
         delta=gear.delta,
         epsilon=gear.epsilon,
         beta=gear.beta,
         **added_fields(found.added),
-        units=UnitsDocument(**{name: json_number(value) for name, value in found.units._asdict().items()}),
+        units=UnitsDocument(**{name: finite_or_none(value) for name, value in found.units._asdict().items()}),
         harmonics=list(found.harmonics),
         revolutions=found.revolutions,
-        rate_error=json_number(found.rate_error),
+        rate_error=finite_or_none(found.rate_error),
         quiet_limit=quiet_limit,
     )

@@ -11,7 +11,12 @@ from pydantic import BaseModel, Field
 from gear_rattle.service.harmonics import read_harmonics
 from gear_rattle.service.operations.points import curves_document
 from gear_rattle.service.operations.processes import compute_in_process
-from gear_rattle.service.routes.model.added import added_fields, annotate_query, with_fields, with_queries
+from gear_rattle.service.routes.model.added import (
+    add_parameter_fields,
+    added_fields,
+    annotate_query,
+    with_query_parameters,
+)
 from gear_rattle.service.routes.model.machine import Harmonics
 from gear_rattle.service.routes.model.points import Backlash, Multiplier
 from gear_rattle.service.state import FrontState
@@ -60,7 +65,7 @@ class CurveDocument(BaseModel):
     missing: str | None = Field(description="why the curve could not be traced, if it could not")
 
 
-class Tangency(BaseModel):
+class CurveMeeting(BaseModel):
     """The way in which two bifurcation curves meet at a codimension-two point: they cross, or they touch."""
 
     curves: tuple[str, str]
@@ -77,7 +82,7 @@ class CurvePointDocument(BaseModel):
     delta: float
     epsilon: float
     curves: list[str] = Field(description="names of the curves that meet there")
-    tangency: list[Tangency]
+    tangency: list[CurveMeeting]
 
 
 class _CurveBase(BaseModel):
@@ -87,7 +92,7 @@ class _CurveBase(BaseModel):
 if TYPE_CHECKING:
     _Numbers = _CurveBase
 else:
-    _Numbers = with_fields(_CurveBase)
+    _Numbers = add_parameter_fields(_CurveBase)
 
 
 class Curves(_Numbers):
@@ -104,7 +109,7 @@ class Curves(_Numbers):
     dependencies=[Depends(set_query_etag)],
     responses={200: {"links": examples.CURVES_LINKS}, **NOT_MODIFIED, **declare_problems(422)},
 )
-@with_queries({"beta": {name: annotate_query(name, f"the {DEFAULT_MODEL} one") for name in ADDED}})
+@with_query_parameters({"beta": {name: annotate_query(name, f"the {DEFAULT_MODEL} one") for name in ADDED}})
 async def curves(
     front: FrontState,
     beta: Backlash = 0.6,

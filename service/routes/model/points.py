@@ -10,16 +10,16 @@ from starlette.concurrency import run_in_threadpool
 
 import rattle
 from gear_rattle.service.errors import LimitError
-from gear_rattle.service.operations.points import json_number, orbits_document
+from gear_rattle.service.operations.points import finite_or_none, orbits_document
 from gear_rattle.service.operations.processes import compute_in_process
-from gear_rattle.service.routes.model.added import added_fields, with_fields
+from gear_rattle.service.routes.model.added import add_parameter_fields, added_fields
 from gear_rattle.service.routes.model.machine import PointQuery, RequestedPoint
-from gear_rattle.service.state import Front, FrontState
+from gear_rattle.service.state import ApplicationState, FrontState
 from gear_rattle.service.web import examples
 from gear_rattle.service.web.conditional import NOT_MODIFIED, set_query_etag
 from gear_rattle.service.web.problems import declare_problems
 from gear_rattle.workers.survey.request import SpeedLimitOnce
-from rattle.attractors import BUDGET, LARGEST_BUDGET, sampled_speed
+from rattle.attractors import BUDGET, LARGEST_BUDGET, highest_sampled_speed
 from rattle.models import AnyGear, model_at
 
 router = APIRouter(prefix="/v1", tags=["points"])
@@ -39,7 +39,7 @@ MostImpacts = Annotated[
 SampleSeed = Annotated[int, Query(ge=0, lt=2**32)]
 
 
-def require_few_samples(front: Front, count: int) -> None:
+def require_few_samples(front: ApplicationState, count: int) -> None:
     """Raise LimitError if `count`, the initial conditions of a point, exceeds the limit of this service."""
     if count > front.settings.max_point_count:
         raise LimitError(
@@ -60,7 +60,7 @@ class _PointBase(BaseModel):
 if TYPE_CHECKING:
     _Numbers = _PointBase
 else:
-    _Numbers = with_fields(_PointBase)
+    _Numbers = add_parameter_fields(_PointBase)
 
 
 class PointDocument(_Numbers):
@@ -181,7 +181,7 @@ def _orbits_in_si(point: RequestedPoint, found: dict[str, Any]) -> OrbitsInSI | 
     units = point.machine.units
 
     def to_si_units(value: float | None, unit: float) -> float | None:
-        return None if value is None else json_number(value * unit)
+        return None if value is None else finite_or_none(value * unit)
 
     limits = {name: to_si_units(found[name], units.length) for name in ("sn1", "flip", "quiet_limit")}
     return OrbitsInSI(
@@ -222,7 +222,7 @@ async def attractors(
     return Attractors(
         **point_document(gear),
         count=count,
-        v_max=sampled_speed(v_max, gear.delta, gear.epsilon, gear.beta),
+        v_max=highest_sampled_speed(v_max, gear.delta, gear.epsilon, gear.beta),
         seed=seed,
         budget=budget,
         attractors=[attractor_document(item) for item in found],
@@ -246,8 +246,8 @@ def attractor_document(item: rattle.Attractor) -> AttractorDocument:
         contacts=item.contacts,
         fraction=item.fraction,
         fraction_interval=item.fraction_interval,
-        lyapunov=(json_number(item.lyapunov[0]), json_number(item.lyapunov[1])),
-        lyapunov_error=json_number(item.lyapunov_error),
-        tau=json_number(item.tau),
-        v=json_number(item.v),
+        lyapunov=(finite_or_none(item.lyapunov[0]), finite_or_none(item.lyapunov[1])),
+        lyapunov_error=finite_or_none(item.lyapunov_error),
+        tau=finite_or_none(item.tau),
+        v=finite_or_none(item.v),
     )

@@ -12,7 +12,7 @@ from fastapi import APIRouter, Body, Depends, Query
 from pydantic import BaseModel, Field
 from starlette.concurrency import run_in_threadpool
 
-from gear_rattle.service.operations.points import json_number
+from gear_rattle.service.operations.points import finite_or_none
 from gear_rattle.service.operations.processes import compute_in_process
 from gear_rattle.service.routes.model.machine import (
     MachineDocument,
@@ -21,7 +21,7 @@ from gear_rattle.service.routes.model.machine import (
     machine_document,
 )
 from gear_rattle.service.routes.model.points import SampleCount, SampleSeed, require_few_samples
-from gear_rattle.service.state import Front, FrontState
+from gear_rattle.service.state import ApplicationState, FrontState
 from gear_rattle.service.web.conditional import NOT_MODIFIED, set_query_etag
 from gear_rattle.service.web.problems import declare_problems
 from rattle import Machine, RattleError, TransmissionError, read_transmission_error
@@ -102,11 +102,11 @@ async def verdict_of_measured(
     The table contains the effect of the eccentricity, which is therefore no parameter. `machine` in the answer has the
     parameter point, restitution and harmonics of this machine, in the form that the queries of other routes accept.
     """
-    measured = await run_in_threadpool(_read_curve, curve, orders)
+    measured = await run_in_threadpool(_read_transmission_error, curve, orders)
     return await _verdict_document(front, replace(machine, errors=measured.harmonics), measured, count, seed)
 
 
-def _read_curve(text: str, orders: int) -> TransmissionError:
+def _read_transmission_error(text: str, orders: int) -> TransmissionError:
     """Read a transmission error from the CSV text of a request. orders: the highest order of its harmonics.
 
     If the text is wrong, raise RattleError; its message calls the text "the body".
@@ -121,7 +121,7 @@ def _read_curve(text: str, orders: int) -> TransmissionError:
 
 
 async def _verdict_document(
-    front: Front, machine: Machine, measured: TransmissionError | None, count: int, seed: int
+    front: ApplicationState, machine: Machine, measured: TransmissionError | None, count: int, seed: int
 ) -> VerdictDocument:
     require_few_samples(front, count)
     found = await compute_in_process(
@@ -134,7 +134,7 @@ async def _verdict_document(
         advice="Request fewer initial conditions (count).",
     )
     return VerdictDocument(
-        **found._asdict() | {"knock": json_number(found.knock), "hardest": json_number(found.hardest)},
+        **found._asdict() | {"knock": finite_or_none(found.knock), "hardest": finite_or_none(found.hardest)},
         text=str(found),
         machine=machine_document(machine),
         measured=None

@@ -10,12 +10,12 @@ import xarray as xr
 from bokeh.colors import RGB
 from colour_difference import difference, lab_of
 
-from gear_rattle.service.explorer.common.address import DrawnSettings, View
+from gear_rattle.service.explorer.common.address import DrawnMapSettings, View
 from gear_rattle.service.explorer.common.figures import INK, LEAST_CONTRAST, line_colour
-from gear_rattle.service.explorer.map.controls import LIMIT_NAMES, LOG, OWN, MapControls, entered_limits
+from gear_rattle.service.explorer.map.controls import LIMIT_NAMES, LOG, OWN, MapControls, parse_entered_limits
 from gear_rattle.service.explorer.places.example import REQUEST
 from gear_rattle.service.explorer.state.events import MapDrawn
-from gear_rattle.service.explorer.state.store import Store
+from gear_rattle.service.explorer.state.store import PageStore
 from gear_rattle.workers.pictures.largest import FLAG_COLOURS, family_colours
 from gear_rattle.workers.pictures.look import AMONG, LARGEST
 from gear_rattle.workers.pictures.maps import COLOURS_OF_KINDS, colours_of_codes
@@ -86,20 +86,20 @@ def test_regions_and_lines_are_told_apart_without_green() -> None:
 
 
 def test_limits_of_a_viewer_s_own_are_refused_in_words() -> None:
-    assert entered_limits(None, 1.0, False) == "Enter two numbers as colour limits."  # a field that was emptied
-    assert "cannot span -2 to -3" in entered_limits(-2.0, -3.0, False)
-    assert "the second limit must be above 0, not -1" in entered_limits(-2.0, -1.0, True)
-    assert entered_limits(-2.0, -1.0, False) == (-2.0, -1.0)
-    assert entered_limits(-2.0, 1.0, True) == (-2.0, 1.0)
+    assert parse_entered_limits(None, 1.0, False) == "Enter two numbers as colour limits."  # a field that was emptied
+    assert "cannot span -2 to -3" in parse_entered_limits(-2.0, -3.0, False)
+    assert "the second limit must be above 0, not -1" in parse_entered_limits(-2.0, -1.0, True)
+    assert parse_entered_limits(-2.0, -1.0, False) == (-2.0, -1.0)
+    assert parse_entered_limits(-2.0, 1.0, True) == (-2.0, 1.0)
 
 
 def test_own_limits_begin_with_those_of_the_colours_that_are_seen() -> None:
     assert next(iter(LIMIT_NAMES)) == View().limits
-    store = Store(View(), REQUEST)
+    store = PageStore(View(), REQUEST)
     controls = MapControls(Mock(), store, "")
     controls.rule.value = OWN
     assert store.view.limits == "auto"  # nothing is seen whose limits could be taken over
-    store.dispatch(MapDrawn(DrawnSettings((0.1, 0.7), False, None)))
+    store.dispatch(MapDrawn(DrawnMapSettings((0.1, 0.7), False, None)))
     assert controls.rule.value == "auto"
     controls.rule.value = OWN
     assert store.view.limits == (0.1, 0.7)

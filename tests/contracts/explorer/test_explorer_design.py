@@ -18,7 +18,7 @@ from waiting import eventually
 import rattle
 from gear_rattle.service.app import create_app
 from gear_rattle.service.errors import UnavailableError
-from gear_rattle.service.explorer.common.point_state import PointState, Tolerance
+from gear_rattle.service.explorer.common.point_state import PointTabsState, Tolerance
 from gear_rattle.service.explorer.design import rattling, tolerance
 from gear_rattle.service.explorer.design.tolerance import RADIUS
 from gear_rattle.service.explorer.point import loudness, parts
@@ -26,14 +26,14 @@ from gear_rattle.service.explorer.state.events import SoundRequested, TabChosen
 from gear_rattle.service.operations import design_limits
 from gear_rattle.service.operations.design_limits import DesignLimits, dampings_coarse_first
 from gear_rattle.service.settings import Settings
-from gear_rattle.service.state import Front
+from gear_rattle.service.state import ApplicationState
 from rattle.intensity import natural_energy
 from rattle.models import AnyGear, Impacting, Stiff
 
 MACHINE = rattle.Machine(0.003, 5e-4, 100e-6, 15e-6, 0.05, rpm=3000)
 
 
-def with_front(data: Path, body: Callable[[Front], Awaitable[None]]) -> None:
+def with_front(data: Path, body: Callable[[ApplicationState], Awaitable[None]]) -> None:
     async def main() -> None:
         app = create_app(Settings(data=data, preload=False, explorer=False), no_cluster)
         async with app.router.lifespan_context(app):
@@ -70,11 +70,11 @@ def test_the_yield_where_it_is_known(gear: AnyGear, quiet: float, monkeypatch: p
     monkeypatch.setattr(Stiff, "design_gears", 8)
     found = tolerance.compute_yield(gear, None, Tolerance(0.005, 0.001, 0.9))
     assert (found.quiet.value, found.passing.value) == (quiet, quiet)
-    assert f"{100 * quiet:.1f} % [" in tolerance.yield_in_words(found, 0.9)
+    assert f"{100 * quiet:.1f} % [" in tolerance.describe_yield(found, 0.9)
 
 
 def test_the_yield_of_a_machine_is_that_of_its_numbers(monkeypatch: pytest.MonkeyPatch) -> None:
-    given = tolerance.population_numbers(MACHINE.gear, MACHINE, Tolerance(0.0, 3e-6, 0.9))
+    given = tolerance.numbers_with_tolerances(MACHINE.gear, MACHINE, Tolerance(0.0, 3e-6, 0.9))
     assert given["rpm"] == pytest.approx(3000)
     assert given["eccentricity"] == rattle.Normal(15e-6, 3e-6, low=0.0)
     assert (given["backlash"], given["drive"]) == (100e-6, "torque")
@@ -90,23 +90,23 @@ def test_the_yield_of_a_machine_is_that_of_its_numbers(monkeypatch: pytest.Monke
 def test_a_design_limit_is_found_once_coarse_first(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[float] = []
 
-    async def here(_front: Front, work: Callable[..., Any], *arguments: Any, **_: Any) -> Any:
+    async def here(_front: ApplicationState, work: Callable[..., Any], *arguments: Any, **_: Any) -> Any:
         asked.append(arguments[1])
         return work(*arguments)
 
-    async def body(front: Front) -> None:
+    async def body(front: ApplicationState) -> None:
         monkeypatch.setattr(design_limits, "compute_in_process", here)
         monkeypatch.setattr(design_limits, "COUNT", 64)
         monkeypatch.setattr(design_limits, "DAMPINGS", 5)
         known = DesignLimits(front)
-        drawn = [found async for found in known.limits_over(Impacting(0.6), (0.5, 0.9), 0.8)]
+        drawn = [found async for found in known.limits_over_damping(Impacting(0.6), (0.5, 0.9), 0.8)]
         assert [delta.size for delta, _ in drawn] == [1, 2, 3, 4, 5, 5]
         assert asked == pytest.approx([0.5, 0.9, 0.7, 0.6, 0.8])
         delta, found = drawn[-1]
         assert np.all(np.diff(delta) > 0)
         exact = rattle.design_limit({"delta": 0.7, "beta": 0.6}, "epsilon", 0.8, count=64)
         np.testing.assert_array_equal(found[:, 2], exact)
-        again = [delta.size async for delta, _ in known.limits_over(Impacting(0.6), (0.5, 0.9), 0.8)]
+        again = [delta.size async for delta, _ in known.limits_over_damping(Impacting(0.6), (0.5, 0.9), 0.8)]
         assert (again, len(asked)) == ([5], 5)
 
     with_front(tmp_path, body)
@@ -148,8 +148,8 @@ def test_a_machine_s_point_is_told_in_si_and_heard(tmp_path: Path, monkeypatch: 
             raise UnavailableError("not in this test")
         return work(*((arguments[0], 64) if work is parts.sampled_attractors else arguments))
 
-    async def body(front: Front) -> None:
-        state = PointState(tolerance=Tolerance(0.0, 1e-6, 0.9))
+    async def body(front: ApplicationState) -> None:
+        state = PointTabsState(tolerance=Tolerance(0.0, 1e-6, 0.9))
         view = new_view(front, MACHINE.delta, MACHINE.epsilon, Impacting(MACHINE.beta), MACHINE, state=state)
         panel, dispatch = view.panel, view.store.dispatch
 
@@ -180,7 +180,7 @@ def test_a_machine_s_point_is_told_in_si_and_heard(tmp_path: Path, monkeypatch: 
         assert (first.label, second.label, second.value) == ("σ of speed, rpm", "σ of eccentricity, µm", 1.0)
         second.value = 2.0
         panel.tolerance.request_yield()
-        assert view.store.view.point_state == PointState(tolerance=Tolerance(0.0, 2e-6, 0.9), tab="motion")
+        assert view.store.view.point_state == PointTabsState(tolerance=Tolerance(0.0, 2e-6, 0.9), tab="motion")
         second.value = None
         panel.tolerance.request_yield()
         assert "needs a number" in panel.tolerance.said.html

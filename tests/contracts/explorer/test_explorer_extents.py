@@ -22,14 +22,14 @@ from gear_rattle.service.explorer.design.extents import (
     SWEPT,
     ExtentEnd,
     MotionExtent,
-    add_crisis,
+    add_crisis_to_extents,
     followed_range,
     has_bracketed_chaos_end,
     motion_extent,
 )
 from gear_rattle.service.explorer.point import parts, words
-from gear_rattle.service.explorer.point.point_diagram import diagram_table
-from gear_rattle.service.state import Front
+from gear_rattle.service.explorer.point.point_diagram import diagram_table_html
+from gear_rattle.service.state import ApplicationState
 from rattle.crisis import boundary_crisis
 from rattle.curves import trace
 from rattle.models import Impacting, Stiff
@@ -92,7 +92,7 @@ def test_chaos_is_swept_to_a_bracket_and_ends_in_the_crisis(delta: float, epsilo
     assert extent.high.motion_beyond in ("quiet", "undecided")  # the first transients are long
     assert abs(extent.high.epsilon - crisis) < 2 * extent.high.error < 2e-4
     assert has_bracketed_chaos_end([chaotic], [extent])
-    (exact,) = add_crisis(gear, [chaotic], [extent])
+    (exact,) = add_crisis_to_extents(gear, [chaotic], [extent])
     assert exact is not None
     assert (exact.high.kind, exact.high.epsilon, exact.high.error) == (CRISIS, crisis, 0.0)
     assert not has_bracketed_chaos_end([chaotic], [exact])
@@ -124,7 +124,7 @@ def test_a_stiff_motion_goes_on_beyond_its_graze() -> None:
     assert (low.kind, low.curve) == (SADDLE_NODE, "SN1")
     assert low.epsilon == pytest.approx(gear.sn1, abs=1e-9)
     assert (high.kind, high.motion_beyond) == (GRAZING, "P(1,1,1)")
-    assert words.end_in_words(high, True).endswith("ends at a graze (above, P(1,1,1))")
+    assert words.extent_end_in_words(high, True).endswith("ends at a graze (above, P(1,1,1))")
 
 
 @pytest.mark.parametrize(
@@ -145,7 +145,7 @@ def test_a_stiff_motion_goes_on_beyond_its_graze() -> None:
     ],
 )
 def test_an_end_is_said_in_words(end: ExtentEnd, is_upper: bool, said: str) -> None:
-    assert words.end_in_words(end, is_upper) == said
+    assert words.extent_end_in_words(end, is_upper) == said
 
 
 def test_a_machine_has_its_ends_in_micrometres() -> None:
@@ -173,15 +173,15 @@ def test_the_events_list_the_beginning_and_the_end_of_chaos() -> None:
     chaos = words.chaos_events(gear, attractors, extents)
     assert [each[0] for each in chaos] == ["beginning of chaos", "end of chaos"]
     found = parts.diagram(gear, "epsilon", 1e-3, steps=4, count=4)
-    said = diagram_table(found, chaos)
+    said = diagram_table_html(found, chaos)
     assert "Of which motion" in said
     assert 'data-point="0.6,0.0977"' in said
     assert said.index("beginning of chaos") < said.index("end of chaos")
-    assert "beginning of chaos" not in diagram_table(found._replace(direction="delta"), chaos)
+    assert "beginning of chaos" not in diagram_table_html(found._replace(direction="delta"), chaos)
 
 
 def test_the_answer_says_where_each_motion_begins_and_ends(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    async def body(front: Front) -> None:
+    async def body(front: ApplicationState) -> None:
         view = new_view(front, 0.6, 0.089, Impacting(0.6))
 
         async def here(work, *arguments, **_):  # type: ignore[no-untyped-def]

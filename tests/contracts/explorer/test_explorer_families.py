@@ -13,19 +13,19 @@ from waiting import eventually
 
 from gear_rattle.service.database.tables import JobRow, State
 from gear_rattle.service.explorer.common.address import Pin, View
-from gear_rattle.service.explorer.families.description import longest_run
+from gear_rattle.service.explorer.families.description import longest_run_of_true
 from gear_rattle.service.explorer.families.view import FamiliesView
 from gear_rattle.service.explorer.further.difference import DifferenceMap
 from gear_rattle.service.explorer.map.colouring import colouring, valueless_cells
 from gear_rattle.service.explorer.map.picture import picture_query
 from gear_rattle.service.explorer.map.readout import cell_in_words
 from gear_rattle.service.explorer.state.events import FamilyChosen, PinAdded, PinRemoved
-from gear_rattle.service.state import Front
+from gear_rattle.service.state import ApplicationState
 from gear_rattle.workers import Group, SurveyError, SurveyRequest, complete, open_family, open_survey
-from gear_rattle.workers.pictures.largest import open_maps
-from gear_rattle.workers.pictures.look import LARGEST, SHARE, is_survey_only
-from gear_rattle.workers.pictures.maps import meanings_of
-from gear_rattle.workers.pictures.planes import plane_of
+from gear_rattle.workers.pictures.largest import open_survey_for_map
+from gear_rattle.workers.pictures.look import LARGEST, SHARE, needs_whole_survey
+from gear_rattle.workers.pictures.maps import meanings_of_codes
+from gear_rattle.workers.pictures.planes import map_of_variable
 
 pytestmark = pytest.mark.usefixtures("templates_once")
 
@@ -42,7 +42,7 @@ REQUEST = SurveyRequest(
 WITHOUT = REQUEST.model_copy(update={"quantities": (Group.REGION,)})
 
 
-def joined(front: Front) -> JobRow:
+def joined(front: ApplicationState) -> JobRow:
     """A survey that is done, and whose families are joined."""
     survey_id = accepted(front, REQUEST).id
     compute(front, survey_id, REQUEST)
@@ -51,10 +51,10 @@ def joined(front: Front) -> JobRow:
     return front.database.job(survey_id)
 
 
-def with_families(data: Path, body: Callable[[Front, Shown, FamiliesView], Awaitable[None]]) -> None:
+def with_families(data: Path, body: Callable[[ApplicationState, Shown, FamiliesView], Awaitable[None]]) -> None:
     """Do this with a map and its families, as a page has them."""
 
-    async def both(front: Front, shown: Shown) -> None:
+    async def both(front: ApplicationState, shown: Shown) -> None:
         families = FamiliesView(shown.shared, shown.viewer, shown.store, shown.map, "")
         await body(front, shown, families)
         families.drawings.stop()
@@ -63,7 +63,7 @@ def with_families(data: Path, body: Callable[[Front, Shown, FamiliesView], Await
 
 
 def test_one_that_is_chosen_is_told_of_and_the_others_dimmed(tmp_path: Path) -> None:
-    async def body(front: Front, shown: Shown, families: FamiliesView) -> None:
+    async def body(front: ApplicationState, shown: Shown, families: FamiliesView) -> None:
         job = joined(front)
         veil = shown.map.figure.select_one({"name": "veil"}).data_source
         shown.choose(job)
@@ -125,7 +125,7 @@ def test_one_that_is_chosen_is_told_of_and_the_others_dimmed(tmp_path: Path) -> 
 
 
 def test_an_empty_slot_is_not_taken_for_a_cell_without_attractors(tmp_path: Path) -> None:
-    async def body(front: Front, shown: Shown, _families: FamiliesView) -> None:
+    async def body(front: ApplicationState, shown: Shown, _families: FamiliesView) -> None:
         survey_id = accepted(front, REQUEST).id
         compute(front, survey_id, REQUEST)
         atlas, store = shown.shared.atlas, front.directory.store(survey_id)
@@ -150,10 +150,10 @@ def test_an_empty_slot_is_not_taken_for_a_cell_without_attractors(tmp_path: Path
         assert cell_in_words(plane, plane.delta[j], plane.epsilon[i], plane.box).endswith(", empty slot")
         moved, _ = atlas.plane(front.database.job(survey_id), "attractor_kind", 0)
         np.testing.assert_array_equal(moved.values, kinds[0])  # read anew: they have been moved
-        assert is_survey_only("attractor_kind", REQUEST)  # windows are not joined
-        assert not is_survey_only("attractor_kind", REQUEST.model_copy(update={"slots_by": "fraction"}))
-        with open_maps(partial(open_survey, store), LARGEST) as dataset:
-            assert [meanings_of(plane_of(dataset, LARGEST, which))[0] for which in (0, 1)] == [
+        assert needs_whole_survey("attractor_kind", REQUEST)  # windows are not joined
+        assert not needs_whole_survey("attractor_kind", REQUEST.model_copy(update={"slots_by": "fraction"}))
+        with open_survey_for_map(partial(open_survey, store), LARGEST) as dataset:
+            assert [meanings_of_codes(map_of_variable(dataset, LARGEST, which))[0] for which in (0, 1)] == [
                 "undecided",
                 "only quiet",
             ]
@@ -164,7 +164,7 @@ def test_an_empty_slot_is_not_taken_for_a_cell_without_attractors(tmp_path: Path
 
 
 def test_what_has_no_families_yet_says_so(tmp_path: Path) -> None:
-    async def body(front: Front, shown: Shown, families: FamiliesView) -> None:
+    async def body(front: ApplicationState, shown: Shown, families: FamiliesView) -> None:
         running, without = done(front, REQUEST), done(front, WITHOUT)
         shown.choose(running)
         shown.store.dispatch(FamilyChosen(3))
@@ -181,7 +181,7 @@ def test_what_has_no_families_yet_says_so(tmp_path: Path) -> None:
 
 
 def test_families_of_two_surveys_are_not_compared(tmp_path: Path) -> None:
-    async def body(front: Front, shown: Shown, _: FamiliesView) -> None:
+    async def body(front: ApplicationState, shown: Shown, _: FamiliesView) -> None:
         plane = shown.shared.plane(joined(front), LARGEST, 0, 0)
         with pytest.raises(SurveyError, match="numbered differently"):
             DifferenceMap(plane, plane)
@@ -193,7 +193,7 @@ def test_families_of_two_surveys_are_not_compared(tmp_path: Path) -> None:
 
 
 def test_pins_are_marked_with_their_numbers_on_maps_of_their_gear(tmp_path: Path) -> None:
-    async def body(front: Front, shown: Shown) -> None:
+    async def body(front: ApplicationState, shown: Shown) -> None:
         shown.choose(done(front, WITHOUT))
         await eventually(lambda: shown.plane is not None)
         pins = Pin(0.42, 0.1, 0.6), Pin(0.5, 0.1, 0.5), Pin(0.45, 0.12, 0.6)
@@ -208,6 +208,6 @@ def test_pins_are_marked_with_their_numbers_on_maps_of_their_gear(tmp_path: Path
 
 def test_the_longest_run_is_found_in_any_row() -> None:
     there = np.array([[1, 1, 0, 1, 1, 0], [0, 1, 1, 1, 0, 0], [1, 0, 0, 1, 1, 1]], bool)
-    assert longest_run(there) == (1, 1, 4)
-    assert longest_run(there[:, ::-1]) in {(1, 2, 5), (2, 0, 3)}
-    assert longest_run(np.zeros((2, 3), bool)) == (0, 0, 0)
+    assert longest_run_of_true(there) == (1, 1, 4)
+    assert longest_run_of_true(there[:, ::-1]) in {(1, 2, 5), (2, 0, 3)}
+    assert longest_run_of_true(np.zeros((2, 3), bool)) == (0, 0, 0)

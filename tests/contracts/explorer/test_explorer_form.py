@@ -26,9 +26,9 @@ from gear_rattle.service.explorer.page.form import (
     error_message,
 )
 from gear_rattle.service.explorer.page.form import MACHINE as IN_MACHINE
-from gear_rattle.service.explorer.page.rows import machine_facts
+from gear_rattle.service.explorer.page.rows import machine_rows
 from gear_rattle.service.explorer.places.example import REQUEST as EXAMPLE
-from gear_rattle.service.explorer.state.store import window_of
+from gear_rattle.service.explorer.state.store import window_of_request
 from gear_rattle.service.settings import Settings
 from gear_rattle.workers import SurveyRequest
 from gear_rattle.workers.survey.refined.asked import RefineOptions
@@ -182,7 +182,7 @@ def test_a_machine_is_entered_in_the_units_of_a_drawing(tmp_path: Path) -> None:
 def test_a_window_of_a_machine_s_survey_is_saved_in_si(tmp_path: Path) -> None:
     def body(form: SurveyForm) -> None:
         assert IN_SI.machine is not None
-        form.fill_window(((0.05, 0.06), (2e-4, 3e-4)), Impacting(IN_SI.beta), IN_SI.machine)
+        form.set_fields_to_window(((0.05, 0.06), (2e-4, 3e-4)), Impacting(IN_SI.beta), IN_SI.machine)
         found = SurveyRequest.model_validate(form.fields())
         assert found.machine == IN_SI.machine
         assert (found.delta.start, found.delta.stop) == pytest.approx((0.05, 0.06), rel=1e-3)
@@ -191,27 +191,27 @@ def test_a_window_of_a_machine_s_survey_is_saved_in_si(tmp_path: Path) -> None:
         for label in ("rpm from", "rpm to", "µm from", "µm to"):
             assert len(f"{ends[label]!r}".replace(".", "")) <= 6, ends[label]  # no digits below a thousandth
         assert found.shape == CELLS[::-1]
-        form.fill_window(((0.0, 0.06), (0.0, 3e-4)), Impacting(IN_SI.beta), IN_SI.machine)  # zoomed out
+        form.set_fields_to_window(((0.0, 0.06), (0.0, 3e-4)), Impacting(IN_SI.beta), IN_SI.machine)  # zoomed out
         assert SurveyRequest.model_validate(form.fields()).delta.start == pytest.approx(6e-3, rel=1e-3)
-        form.fill_window(((0.5, 0.6), (0.1, 0.2)), Impacting(0.6))
+        form.set_fields_to_window(((0.5, 0.6), (0.1, 0.2)), Impacting(0.6))
         assert SurveyRequest.model_validate(form.fields()).machine is None
 
     with_form(tmp_path, body)
 
 
 def test_a_window_becomes_ranges_that_a_survey_may_have_in_few_digits(tmp_path: Path) -> None:
-    whole = window_of(SurveyRequest(delta=(0.4, 1.0, 31), epsilon=(0.005, 0.3, 30)))
+    whole = window_of_request(SurveyRequest(delta=(0.4, 1.0, 31), epsilon=(0.005, 0.3, 30)))
     assert whole[1][0] < 0  # half a cell below the lowest
     cases: list[tuple[Ranges, Ranges]] = [
         (whole, ((0.39, 1.01), (0.0, 0.3051))),
-        (window_of(EXAMPLE), ((0.4, 1.0), (0.0, 0.3))),
+        (window_of_request(EXAMPLE), ((0.4, 1.0), (0.0, 0.3))),
         (((-0.3, 0.9), (-0.5, 0.123456789)), ((0.0009, 0.9), (0.0, 0.1235))),
         (((0.7701518723, 0.7701518743), (0.0978, 0.0979)), ((0.7701518723, 0.7701518743), (0.0978, 0.0979))),
     ]
 
     def body(form: SurveyForm) -> None:
         for window, (delta, epsilon) in cases:
-            form.fill_window(window, Impacting(0.6))
+            form.set_fields_to_window(window, Impacting(0.6))
             found = SurveyRequest.model_validate(form.fields())
             assert (found.delta.start, found.delta.stop) == delta
             assert (found.epsilon.start, found.epsilon.stop) == epsilon
@@ -220,8 +220,8 @@ def test_a_window_becomes_ranges_that_a_survey_may_have_in_few_digits(tmp_path: 
 
 
 def test_a_survey_of_a_machine_is_listed_in_si() -> None:
-    said = dict(machine_facts(IN_SI))
+    said = dict(machine_rows(IN_SI))
     assert said["speed"] == "1500 … 6000 rpm"
     assert said["eccentricity"] == "2 … 60 µm"
     assert said["base radius"] == "50 mm"
-    assert machine_facts(ASKED) == []
+    assert machine_rows(ASKED) == []

@@ -26,14 +26,14 @@ from gear_rattle.service.explorer.map.colouring import colouring
 from gear_rattle.service.explorer.map.planes import MapPlane
 from gear_rattle.service.explorer.map.shared import SharedState
 from gear_rattle.service.explorer.state.events import (
-    MapAdded,
-    MapChanged,
-    MapRemoved,
+    ComparisonMapAdded,
+    ComparisonMapChanged,
+    ComparisonMapRemoved,
     OverlaysChosen,
     PointerMoved,
     SurveyChosen,
 )
-from gear_rattle.service.state import Front
+from gear_rattle.service.state import ApplicationState
 from gear_rattle.workers import SurveyRequest
 from gear_rattle.workers.errors import SurveyError
 from rattle.models import DEFAULT_MODEL, MODELS, Model, Stiff
@@ -61,7 +61,7 @@ THIRD = SurveyRequest(**BODY | {"quantities": ["region"], "beta": {"start": 0.5,
 def test_a_difference_is_of_each_cell_with_the_one_that_it_is_in(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    async def body(front: Front, shown: Shown) -> None:
+    async def body(front: ApplicationState, shown: Shown) -> None:
         jobs = done(front, ORBITS), done(front, COARSER)
 
         def planes(variable: str, index: int) -> list[MapPlane]:
@@ -117,7 +117,7 @@ def beside(shown: Shown, shared: SharedState | None = None) -> ComparisonMaps:
 
 
 def test_further_maps_have_the_window_and_the_cursor_of_the_first(tmp_path: Path) -> None:
-    async def body(front: Front, shown: Shown) -> None:
+    async def body(front: ApplicationState, shown: Shown) -> None:
         first, other, stiff = done(front, ORBITS), done(front, COARSER), done(front, STIFF)
         maps = beside(shown)
         shown.choose(first)
@@ -167,7 +167,7 @@ def test_further_maps_have_the_window_and_the_cursor_of_the_first(tmp_path: Path
             maps.add_button.clicks += 1
         assert len(shown.view.further) == 3
         assert not maps.add_button.visible
-        shown.store.dispatch(MapRemoved(1))
+        shown.store.dispatch(ComparisonMapRemoved(1))
         assert [i for i, place in enumerate(maps.panels) if "shown" in place.css_classes] == [0, 1]
         shown.store.update_surveys({name: each for name, each in shown.store.jobs.items() if name != other.id})
         assert "no longer there" in one.title.html
@@ -179,7 +179,7 @@ def test_further_maps_have_the_window_and_the_cursor_of_the_first(tmp_path: Path
 def test_what_an_address_has_that_is_not_there_is_told_and_not_tried_again_and_again(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    async def body(front: Front, shown: Shown) -> None:
+    async def body(front: ApplicationState, shown: Shown) -> None:
         first, third = accepted(front, ORBITS), accepted(front, THIRD)
         asked: list[str] = []
         monkeypatch.setattr(difference, "MOST_CELLS", 0)
@@ -193,7 +193,7 @@ def test_what_an_address_has_that_is_not_there_is_told_and_not_tried_again_and_a
         maps = beside(shown, shared)
         shown.follow(first)
         shown.follow(third)
-        shown.store.dispatch(MapAdded(ComparisonChoice(third.id, "region", 0, 9)))
+        shown.store.dispatch(ComparisonMapAdded(ComparisonChoice(third.id, "region", 0, 9)))
         one = maps.maps[0]
         assert one.survey.value == f"{third.id},1"  # the last of two slices
         assert one.survey.value in one.survey.options.values()
@@ -209,9 +209,9 @@ def test_what_an_address_has_that_is_not_there_is_told_and_not_tried_again_and_a
         first.name = "renamed"
         shown.follow(first)
         assert list(one.survey.options) == ["renamed", "small, beta = 0.5", "small, beta = 0.6"]
-        shown.store.dispatch(MapChanged(0, ComparisonChoice(third.id, "region")))
+        shown.store.dispatch(ComparisonMapChanged(0, ComparisonChoice(third.id, "region")))
         await eventually(lambda: len(asked) == 2)
-        shown.store.dispatch(MapChanged(0, ComparisonChoice(third.id, "region", 0, 0, minus=True)))
+        shown.store.dispatch(ComparisonMapChanged(0, ComparisonChoice(third.id, "region", 0, 0, minus=True)))
         assert NO_FIRST in one.title.html
         shown.store.dispatch(SurveyChosen(first.id))
         await eventually(lambda: "at most 0 cells" in one.title.html)
@@ -222,7 +222,7 @@ def test_what_an_address_has_that_is_not_there_is_told_and_not_tried_again_and_a
 
 
 def test_lines_are_sent_once_and_taken_away_with_their_gear(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    async def body(front: Front, shown: Shown) -> None:
+    async def body(front: ApplicationState, shown: Shown) -> None:
         first, other = done(front, REGIONS), done(front, NARROWER)
         maps = beside(shown)
         sent: list[Model] = []
@@ -235,7 +235,7 @@ def test_lines_are_sent_once_and_taken_away_with_their_gear(tmp_path: Path, monk
         monkeypatch.setattr(front.kernels, "wait_until_compiled", ready)
         shown.choose(first)
         shown.follow(other)
-        shown.store.dispatch(MapAdded(ComparisonChoice(first.id, "region")))
+        shown.store.dispatch(ComparisonMapAdded(ComparisonChoice(first.id, "region")))
         one = maps.maps[0]
         await eventually(lambda: one.plane is not None)
         shown.store.dispatch(OverlaysChosen(("SN1",)))
@@ -248,7 +248,7 @@ def test_lines_are_sent_once_and_taken_away_with_their_gear(tmp_path: Path, monk
         await eventually(lambda: cells.data["image"] is not before)
         assert len(sent) == 2
         monkeypatch.setattr(overlays, "curve_pieces", lambda *_: ([], ""))
-        shown.store.dispatch(MapChanged(0, ComparisonChoice(other.id, "region")))
+        shown.store.dispatch(ComparisonMapChanged(0, ComparisonChoice(other.id, "region")))
         await eventually(lambda: one.plane is not None and one.plane.id == other.id)
         assert drawn.data["xs"] == []
         maps.end()

@@ -16,15 +16,15 @@ from waiting import eventually
 
 import rattle
 from gear_rattle.service.explorer.common.address import EnteredMachine, View
-from gear_rattle.service.explorer.common.point_state import PointState, Tolerance
+from gear_rattle.service.explorer.common.point_state import PointTabsState, Tolerance
 from gear_rattle.service.explorer.design.fields import POINT, MachineFields
-from gear_rattle.service.explorer.design.tolerance import population_numbers, tolerance_outline
+from gear_rattle.service.explorer.design.tolerance import numbers_with_tolerances, tolerance_outline
 from gear_rattle.service.explorer.map.overlays import curve_pieces
 from gear_rattle.service.explorer.map.readout import cell_tables
 from gear_rattle.service.explorer.point.state import machine_and_model
 from gear_rattle.service.explorer.point.work import PointTasks
-from gear_rattle.service.explorer.state.store import window_of
-from gear_rattle.service.state import Front
+from gear_rattle.service.explorer.state.store import window_of_request
+from gear_rattle.service.state import ApplicationState
 from gear_rattle.workers import SurveyRequest
 from gear_rattle.workers.pictures.look import LINES
 from rattle.models import Impacting, model_at
@@ -56,7 +56,7 @@ def _no_points(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_speed_and_eccentricity_are_the_axes_of_a_machine_only(tmp_path: Path) -> None:
-    async def body(front: Front, shown: Shown) -> None:
+    async def body(front: ApplicationState, shown: Shown) -> None:
         plot = shown.map.figure
         speed, eccentricity = (plot.select_one({"name": name}) for name in ("rpm", "eccentricity"))
 
@@ -83,7 +83,7 @@ def test_speed_and_eccentricity_are_the_axes_of_a_machine_only(tmp_path: Path) -
 
 
 def test_an_arrow_to_the_right_goes_to_a_higher_speed(tmp_path: Path) -> None:
-    async def body(front: Front, shown: Shown) -> None:
+    async def body(front: ApplicationState, shown: Shown) -> None:
         def cursor(number: int, steps: list[int]) -> tuple[float, float]:
             shown.map.figure.tags[0].data = {"steps": steps, "word": [""] * 4, "number": [number] * 4}
             said = shown.panel.parts["said"].object.text
@@ -102,12 +102,12 @@ def test_an_arrow_to_the_right_goes_to_a_higher_speed(tmp_path: Path) -> None:
 
 
 def test_the_key_of_a_machine_lists_lines_of_its_plane_only(tmp_path: Path) -> None:
-    async def body(front: Front, shown: Shown) -> None:
+    async def body(front: ApplicationState, shown: Shown) -> None:
         def listed() -> set[str]:
             return {each["name"] for each in shown.panel.parts["key"][0].overlays}
 
         shown.choose(done(front, MACHINE))
-        window = window_of(MACHINE)
+        window = window_of_request(MACHINE)
         there = {name for name in MACHINE.gear_model.curve_names if curve_pieces(name, MACHINE.gear_model, *window)[0]}
         assert there < set(MACHINE.gear_model.curve_names)
         await eventually(lambda: listed() == there | {"crisis", "design_limit"})
@@ -118,7 +118,7 @@ def test_the_key_of_a_machine_lists_lines_of_its_plane_only(tmp_path: Path) -> N
 
 
 def test_the_tolerances_of_an_open_point_are_drawn(tmp_path: Path) -> None:
-    async def body(front: Front, shown: Shown) -> None:
+    async def body(front: ApplicationState, shown: Shown) -> None:
         shown.choose(done(front, MACHINE))
         await eventually(lambda: cells(shown) == 1)
         machine = rattle.Machine(**NUMBERS, eccentricity=20e-6, rpm=3000)
@@ -126,7 +126,7 @@ def test_the_tolerances_of_an_open_point_are_drawn(tmp_path: Path) -> None:
         drawn = shown.map.ellipse_at
         assert not len(drawn.data["x"])
         widths = Tolerance(100.0, 2e-6, 0.9)
-        shown.change_point(PointState(tolerance=widths))
+        shown.change_point(PointTabsState(tolerance=widths))
         expected = tolerance_outline(machine.delta, machine.epsilon, machine, widths)
         np.testing.assert_allclose(np.column_stack([drawn.data["x"], drawn.data["y"]]), expected, rtol=1e-9)
         shown.close()
@@ -136,7 +136,7 @@ def test_the_tolerances_of_an_open_point_are_drawn(tmp_path: Path) -> None:
 
 
 def test_a_machine_that_is_entered_is_looked_at_with_its_own_model(tmp_path: Path) -> None:
-    async def body(front: Front, shown: Shown) -> None:
+    async def body(front: ApplicationState, shown: Shown) -> None:
         shown.choose(done(front, MACHINE))
         await eventually(lambda: cells(shown) == 1)
         machine = ENTERED.machine
@@ -156,7 +156,7 @@ def test_a_machine_that_is_entered_is_looked_at_with_its_own_model(tmp_path: Pat
 
 
 def test_what_is_entered_of_a_machine_is_checked(tmp_path: Path) -> None:
-    async def body(_front: Front, shown: Shown) -> None:
+    async def body(_front: ApplicationState, shown: Shown) -> None:
         go = shown.beside.panel[0]
         go[0][1].clicks += 1
         (select, plain, machine, show), said = go[1], go[2]
@@ -237,7 +237,7 @@ def test_a_machine_s_survey_with_mesh_errors_asks_its_points_with_them() -> None
     assert model == request.gear_model
     assert machine.harmonics == ((20, pytest.approx(0.0033), 0.0),)
     assert machine.added == {"restitution": 0.9, "load": 0.0}
-    found = population_numbers(model.gear(*point), machine, Tolerance(10.0, 1e-6, 0.9))
+    found = numbers_with_tolerances(model.gear(*point), machine, Tolerance(10.0, 1e-6, 0.9))
     assert found["restitution"] == 0.9
     assert found["error_20"] == machine.errors[0][1]
     assert rattle.population(found, gears=2, count=2).gears.verdict.size == 2

@@ -19,11 +19,17 @@ from service_support import BODY, compute, front_end, front_of
 from gear_rattle.service.database.tables import State
 from gear_rattle.service.explorer.common.glyphs import line_style_of
 from gear_rattle.service.explorer.map import planes, shared
-from gear_rattle.service.explorer.map.colouring import NAME_SIZE, Colouring, colouring, family_places, shown_values
-from gear_rattle.service.explorer.map.cursor import cursor_after_steps, window_with_cursor, zoomed_window
+from gear_rattle.service.explorer.map.colouring import (
+    NAME_SIZE,
+    Colouring,
+    colouring,
+    family_name_positions,
+    shown_values,
+)
+from gear_rattle.service.explorer.map.cursor import cursor_after_steps, move_window_to_cursor, zoomed_window
 from gear_rattle.service.explorer.map.figure import MapFigure
-from gear_rattle.service.explorer.map.overlays import points_in_window
-from gear_rattle.service.explorer.map.planes import LeveledPlane, MapBlock, MapCache, MapPlane
+from gear_rattle.service.explorer.map.overlays import codimension_two_points_in_window
+from gear_rattle.service.explorer.map.planes import MapBlock, MapCache, MapPlane, PyramidMapPlane
 from gear_rattle.service.explorer.map.readout import cell_in_words
 from gear_rattle.service.explorer.map.shared import MOST_DRAWINGS
 from gear_rattle.service.explorer.state.events import DiagramEndChosen, Event, PointOpened
@@ -140,7 +146,7 @@ def test_of_a_survey_with_levels_is_read_what_is_drawn(
     job = front.database.job(leveled)
     plane, whole = MapCache(front).plane(job, variable, index)
     assert whole
-    assert isinstance(plane, LeveledPlane)
+    assert isinstance(plane, PyramidMapPlane)
     in_memory = MapPlane(front, job, variable, index)
     in_memory.update(job)
     some = ((plane.delta[3], plane.delta[12]), (plane.epsilon[5], plane.epsilon[11]))
@@ -328,8 +334,8 @@ def test_the_cursor_steps_through_cells(plane: MapPlane) -> None:
     assert cursor_after_steps(axes, at, window, [-99, 99, 0, 0]) == (plane.delta[0], plane.epsilon[-1])
     narrow = ((at[0], at[0] + 4e-3), (at[1], at[1] + 4e-3))
     assert cursor_after_steps(axes, at, narrow, [1, 2, 0, 0]) == pytest.approx((at[0] + 1e-4, at[1] + 2e-4))
-    assert window_with_cursor(narrow, at) == narrow
-    (low, high), (bottom, top) = window_with_cursor(narrow, (at[0] + 5e-3, at[1]))
+    assert move_window_to_cursor(narrow, at) == narrow
+    (low, high), (bottom, top) = move_window_to_cursor(narrow, (at[0] + 5e-3, at[1]))
     assert (high - low, bottom, top) == pytest.approx((4e-3, *narrow[1]))
     assert low < at[0] + 5e-3 < high
     (low, high), _ = zoomed_window(window, at, 0.5, plane.box)
@@ -393,9 +399,9 @@ def test_a_point_that_is_not_in_the_window_has_no_name_in_it() -> None:
     model, window = Impacting(0.8), ((0.4, 1.005), (0.0, 0.3))
     inside = [each for each in codimension_two(0.8) if each.delta <= 1.005]
     assert [each.name for each in inside] == ["COD20"]  # COD21 is at 1.007: its name would reach into the window
-    assert points_in_window(model, window) == [(each.name, each.delta, each.epsilon) for each in inside]
-    assert points_in_window(model, ((0.4, 1.005), (0.0, 0.2))) == []
-    assert len(points_in_window(model, ((0.4, 1.1), (0.0, 0.3)))) == 4
+    assert codimension_two_points_in_window(model, window) == [(each.name, each.delta, each.epsilon) for each in inside]
+    assert codimension_two_points_in_window(model, ((0.4, 1.005), (0.0, 0.2))) == []
+    assert len(codimension_two_points_in_window(model, ((0.4, 1.1), (0.0, 0.3)))) == 4
 
 
 @pytest.mark.parametrize("room", [(250, 400), (700, 550), (1400, 1000)])
@@ -404,7 +410,7 @@ def test_names_of_families_are_as_far_apart_as_their_letters_are_wide(room: tupl
     codes += np.repeat(8 * (np.arange(5) % 3), 20)[:, None]
     delta, epsilon = np.linspace(0.4, 1.0, codes.shape[1]), np.linspace(0.0, 0.3, codes.shape[0])
     block = MapBlock(delta, epsilon, codes.astype(np.float32), np.ones_like(codes, np.int8), ((0.4, 1.0), (0.0, 0.3)))
-    places = family_places(block, {code: f"{code}: P(1,{code},0)" for code in range(1, 25)}, room)
+    places = family_name_positions(block, {code: f"{code}: P(1,{code},0)" for code in range(1, 25)}, room)
     at = [((x - 0.4) / 0.6 * room[0], y / 0.3 * room[1]) for x, y in places.values()]
     assert len(at) > 1
     for i, (x, y) in enumerate(at):
@@ -442,7 +448,7 @@ def test_names_of_points_cover_no_mark_and_no_other_name(
     shown = new_map()
     shown.show_window(window)
     shown.mark_pins({"1": (0.77, 0.0985)})
-    points = points_in_window(Impacting(0.6), window)
+    points = codimension_two_points_in_window(Impacting(0.6), window)
     shown.mark_points(points)
     data = shown.figure.select_one({"name": "points"}).data_source.data
     assert data["name"] == [name for name, _, _ in points]
@@ -487,7 +493,7 @@ def test_a_name_without_room_is_left_out() -> None:
 
 def test_names_and_titles_of_maps_are_written_as_everywhere() -> None:
     request = SurveyRequest(**BODY | {"quantities": list(Group)})
-    names = planes.map_names(request)
+    names = planes.maps_by_name(request)
     assert "orbit speed, A" in names
     assert not [name for name in names if "velocity" in name or "_" in name]
     titles = [readable_description(each.long_name) for each in variables_of_groups(request.quantities, request.model)]

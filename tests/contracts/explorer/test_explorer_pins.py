@@ -21,13 +21,13 @@ from gear_rattle.service.explorer.common.address import MOST_PINS, Pin, View, pi
 from gear_rattle.service.explorer.common.viewer import PageSession
 from gear_rattle.service.explorer.pins import pins_view
 from gear_rattle.service.explorer.pins.pins_view import PinsView
-from gear_rattle.service.explorer.pins.table import COMPUTED, PinResults, csv_text, results_of_point, table_lines
+from gear_rattle.service.explorer.pins.table import COMPUTED, PinResults, build_pin_table, compute_pin_results, csv_text
 from gear_rattle.service.explorer.places.example import REQUEST as EXAMPLE
 from gear_rattle.service.explorer.point.state import pin_of_open_point
 from gear_rattle.service.explorer.state.events import PinAdded, PointOpened, SurveyChosen
-from gear_rattle.service.explorer.state.store import Store
+from gear_rattle.service.explorer.state.store import PageStore
 from gear_rattle.service.settings import Settings
-from gear_rattle.service.state import Front
+from gear_rattle.service.state import ApplicationState
 from gear_rattle.workers import SurveyRequest
 
 HERE, QUIET, STIFF = Pin(0.6, 0.1, 0.6), Pin(0.9, 0.01, 0.6), Pin(1 / 3, 0.1, 0.6, (("kappa", 1e4),))
@@ -37,7 +37,7 @@ COUNT = 64
 
 @pytest.fixture(scope="module")
 def told() -> dict[Pin, PinResults | str]:
-    return {pin: results_of_point(pin, COUNT) for pin in (HERE, QUIET)}
+    return {pin: compute_pin_results(pin, COUNT) for pin in (HERE, QUIET)}
 
 
 def parsed(view: View) -> View:
@@ -68,9 +68,9 @@ def test_harmonics_that_cannot_be_read_are_no_pin(more: str) -> None:
 
 
 def test_a_pin_with_harmonics_and_contact_is_told_with_both() -> None:
-    found = {MESH: results_of_point(MESH, 16)}
+    found = {MESH: compute_pin_results(MESH, 16)}
     gear = rattle.Gear(0.6, 0.25, restitution=0.9, harmonics=MESH.harmonics)
-    lines = {name: cells for name, *cells in table_lines((MESH, HERE), found)}
+    lines = {name: cells for name, *cells in build_pin_table((MESH, HERE), found)}
     assert lines["Forcing"] == ["harmonic 20: 0.0033 at 0.25", "–"]
     assert lines["Region"] == ["–", COMPUTED]
     attractors = gear.attractors(16)
@@ -89,7 +89,7 @@ def test_pins_that_cannot_be_read_are_none(text: str) -> None:
 
 
 def test_the_table_says_what_the_library_does(told: dict[Pin, PinResults | str]) -> None:
-    lines = {name: cells for name, *cells in table_lines((HERE, QUIET, STIFF), told)}
+    lines = {name: cells for name, *cells in build_pin_table((HERE, QUIET, STIFF), told)}
     assert lines["Damping δ"] == ["0.6", "0.9", "0.333333"]
     assert lines["Stiffness κ"] == ["–", "–", "10000"]
     gear = rattle.Gear(0.6, 0.1)
@@ -99,7 +99,7 @@ def test_the_table_says_what_the_library_does(told: dict[Pin, PinResults | str])
     found = {each.kind: each for each in gear.attractors(COUNT)}
     assert lines["quiet"][0].startswith(f"{100 * found['quiet'].fraction:.3g} %")
     assert lines["Largest λ₁ of rattling"][1:] == ["–", ""]
-    assert table_lines((STIFF,), {STIFF: "Too many points."})[4] == ["Region", "Too many points."]
+    assert build_pin_table((STIFF,), {STIFF: "Too many points."})[4] == ["Region", "Too many points."]
 
 
 def test_the_csv_is_read_back_to_the_same_bits(told: dict[Pin, PinResults | str]) -> None:
@@ -151,11 +151,11 @@ def test_pins_are_taken_and_given_up(tmp_path: Path, monkeypatch: pytest.MonkeyP
         async with app.router.lifespan_context(app):
             viewer = PageSession(app.state.front, Caller(), Document())
             viewer.tell = said.append
-            await several(Store(View(pins=(HERE, STIFF)), EXAMPLE), viewer)
-            await use(Store(View(pins=(HERE,)), EXAMPLE), viewer)
+            await several(PageStore(View(pins=(HERE, STIFF)), EXAMPLE), viewer)
+            await use(PageStore(View(pins=(HERE,)), EXAMPLE), viewer)
             viewer.end()
 
-    async def several(store: Store, viewer: PageSession) -> None:
+    async def several(store: PageStore, viewer: PageSession) -> None:
         pins = PinsView(viewer, store)
         store.update_surveys({})
         await settled()
@@ -165,7 +165,7 @@ def test_pins_are_taken_and_given_up(tmp_path: Path, monkeypatch: pytest.MonkeyP
         for _ in range(20):
             await asyncio.sleep(0)
 
-    async def use(store: Store, viewer: PageSession) -> None:
+    async def use(store: PageStore, viewer: PageSession) -> None:
         pins = PinsView(viewer, store)
 
         def open_pin(pin: Pin) -> None:
@@ -210,7 +210,7 @@ def test_pins_are_taken_and_given_up(tmp_path: Path, monkeypatch: pytest.MonkeyP
 def test_the_point_that_a_page_is_opened_with_is_offered_once_its_gear_is_known(tmp_path: Path) -> None:
     other = SurveyRequest(**BODY | {"beta": 0.5, "quantities": ["region"]})
 
-    async def body(front: Front, shown: Shown) -> None:
+    async def body(front: ApplicationState, shown: Shown) -> None:
         job = accepted(front, other)
         shown.store.dispatch(SurveyChosen(job.id))
         shown.open((0.6, 0.1))

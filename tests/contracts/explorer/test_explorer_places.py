@@ -10,14 +10,14 @@ from test_explorer_view import REGIONS, STIFF, Shown, accepted, cells, done, wit
 from waiting import eventually
 
 import rattle
-from gear_rattle.service.explorer.common.point_state import PointState
+from gear_rattle.service.explorer.common.point_state import PointTabsState
 from gear_rattle.service.explorer.design.places import CORNERS, CRISES, EITHER_WAY, bookmarks
 from gear_rattle.service.explorer.places.example import EXAMPLE, REQUEST, load_stored_variables
 from gear_rattle.service.explorer.point import parts
-from gear_rattle.service.explorer.point.point_diagram import diagram_table
+from gear_rattle.service.explorer.point.point_diagram import diagram_table_html
 from gear_rattle.service.explorer.state.events import DiagramEndChosen
 from gear_rattle.service.operations import diagrams
-from gear_rattle.service.state import Front
+from gear_rattle.service.state import ApplicationState
 from rattle.attractors import CHAOTIC, QUIET
 from rattle.crisis import boundary_crisis
 from rattle.plot.paper_ranges import FIGURE_5, FIGURE_8, FIGURE_9
@@ -42,10 +42,10 @@ def test_a_figure_s_diagram_goes_as_far_as_the_paper_s() -> None:
         assert place.point is not None
         state = place.state
         assert state is not None
-        assert PointState.read(state.text()) == state
+        assert PointTabsState.read(state.text()) == state
         assert diagrams.diagram_span(rattle.Gear(*place.point), "epsilon", state.span) == pytest.approx(span)
     for wrong in ("0", "-1", "nan", "inf", "1", "wide"):
-        assert PointState.read({"span": wrong}).span is None
+        assert PointTabsState.read({"span": wrong}).span is None
 
 
 def test_the_example_is_what_its_survey_finds() -> None:
@@ -70,7 +70,7 @@ def test_the_example_is_what_its_survey_finds() -> None:
 
 
 def test_a_place_is_gone_to_and_left_again(tmp_path: Path) -> None:
-    async def body(front: Front, shown: Shown) -> None:
+    async def body(front: ApplicationState, shown: Shown) -> None:
         shown.choose(done(front, REGIONS))
         await eventually(lambda: cells(shown) and shown.plane is not None)
         named = shown.go_to.named
@@ -98,7 +98,7 @@ def test_a_place_is_gone_to_and_left_again(tmp_path: Path) -> None:
 
 
 def test_the_form_of_a_point_closes_once_the_point_is_shown(tmp_path: Path) -> None:
-    async def body(_front: Front, shown: Shown) -> None:
+    async def body(_front: ApplicationState, shown: Shown) -> None:
         shown.follow(None)
         panel = shown.go_to.panel
         (button,) = (each for each in panel.select(pn.widgets.Button) if "go-to" in each.css_classes)
@@ -134,20 +134,20 @@ def test_the_way_to_another_point_has_the_events_between() -> None:
     assert born.epsilon == pytest.approx(rattle.Gear(born.delta, born.epsilon).sn1, abs=1e-9)
     assert max(abs(each - 1.0) for each in born.multipliers[:1]) < 1e-4  # one of them is 1, the other e^(−δ)
     assert abs(born.multipliers[0] * born.multipliers[1] - np.exp(-born.delta)) < 1e-9
-    said = diagram_table(found)
+    said = diagram_table_html(found)
     for each in named.values():
         assert f'data-point="{each.delta!r},{each.epsilon!r}"' in said
     assert said.count("<tr>") == len(found.events) + 1
     assert ("∞, 0" in said) == any(each.kind == "GR" for each in found.events)
-    state = PointState.read({"to": "0.65,0.08"})
+    state = PointTabsState.read({"to": "0.65,0.08"})
     assert state.to == to
-    assert PointState.read(state.text()) == state
+    assert PointTabsState.read(state.text()) == state
     for wrong in ("0,1", "1", "1,-1", "nan,1", "a,b"):
-        assert PointState.read({"to": wrong}).to is None
+        assert PointTabsState.read({"to": wrong}).to is None
 
 
 def test_a_click_with_shift_goes_through(tmp_path: Path) -> None:
-    async def body(front: Front, shown: Shown) -> None:
+    async def body(front: ApplicationState, shown: Shown) -> None:
         shown.choose(done(front, REGIONS))
         await eventually(lambda: cells(shown) and shown.plane is not None)
         shown.store.dispatch(DiagramEndChosen((0.55, 0.05)))  # nothing is open: then it is

@@ -21,7 +21,7 @@ import rattle
 from gear_rattle.service.app import create_app
 from gear_rattle.service.errors import UnavailableError
 from gear_rattle.service.explorer.common.address import View
-from gear_rattle.service.explorer.common.point_state import PointState
+from gear_rattle.service.explorer.common.point_state import PointTabsState
 from gear_rattle.service.explorer.design.places import CRISES
 from gear_rattle.service.explorer.places.exact import ExactMaps
 from gear_rattle.service.explorer.places.example import REQUEST as EXAMPLE
@@ -29,23 +29,23 @@ from gear_rattle.service.explorer.point import parts, words, work
 from gear_rattle.service.explorer.point.basins import MOST_NAMED, basins_legend
 from gear_rattle.service.explorer.point.motion import motion_caption
 from gear_rattle.service.explorer.point.panel import PointPanel
-from gear_rattle.service.explorer.point.parts import DiagramLines, EventImpacts, Stroke
+from gear_rattle.service.explorer.point.parts import DiagramLines, DrawnBranchPart, EventImpacts
 from gear_rattle.service.explorer.point.point_diagram import (
     DiagramPicture,
     dense_speed_range,
     diagram_caption,
-    diagram_legend,
-    placed_event_names,
+    diagram_legend_html,
+    place_event_names,
     speed_range,
 )
 from gear_rattle.service.explorer.point.view import PointView
 from gear_rattle.service.explorer.point.work import prepare_processes
 from gear_rattle.service.explorer.state.events import DiagramPointChosen, TabChosen
-from gear_rattle.service.explorer.state.store import Store
+from gear_rattle.service.explorer.state.store import PageStore
 from gear_rattle.service.operations import diagrams
 from gear_rattle.service.operations.processes import compute_in_process
 from gear_rattle.service.settings import Settings
-from gear_rattle.service.state import Front
+from gear_rattle.service.state import ApplicationState
 from rattle.models import AnyGear, Impacting, Model, Stiff
 from rattle.plot import FIGURE_5
 from rattle.plot.colours import Palette
@@ -161,8 +161,8 @@ def test_a_view_where_real_gears_are_has_their_scales() -> None:
     assert high - low < gear.epsilon
     more = rattle.Gear(0.03, 0.005, 0.03)  # more damping: a margin of weak damping takes a while
     assert parts.margin(more).v_max == parts.largest_sampled_speed(more.delta, more.epsilon, more.beta) < 7
-    assert PointState(start=(0.3, 0.02)).without_start_above(highest).start == (0.3, 0.02)
-    assert PointState(start=(0.3, 4.0)).without_start_above(highest).start is None
+    assert PointTabsState(start=(0.3, 0.02)).without_start_above(highest).start == (0.3, 0.02)
+    assert PointTabsState(start=(0.3, 4.0)).without_start_above(highest).start is None
 
 
 def test_a_set_of_orbits_that_is_no_region_is_named() -> None:
@@ -216,7 +216,7 @@ def test_a_survey_s_cell_answers_where_it_lists_all_attractors() -> None:
     at = 0.6, 0.0995
     cell = plane.cell_at(*at)
     assert cell is not None
-    found = parts.survey_attractors(cell, 64)
+    found = parts.attractors_of_survey_cell(cell, 64)
     assert found is not None
     axes = zip((plane.delta, plane.epsilon), at, strict=True)
     gear = rattle.Gear(*(float(axis[np.abs(axis - here).argmin()]) for axis, here in axes))
@@ -228,13 +228,13 @@ def test_a_survey_s_cell_answers_where_it_lists_all_attractors() -> None:
     assert words.likelihood_in_words(gear, found) == words.likelihood_in_words(
         gear, parts.SampledAttractors(64, tuple(expected.values()), (None,) * len(expected), ("",) * len(expected))
     )
-    assert parts.survey_attractors(cell.isel(attractor=slice(0, 1)), 64) is None  # some are not listed
-    assert parts.survey_attractors(cell.drop_vars("attractor_kind"), 64) is None
+    assert parts.attractors_of_survey_cell(cell.isel(attractor=slice(0, 1)), 64) is None  # some are not listed
+    assert parts.attractors_of_survey_cell(cell.drop_vars("attractor_kind"), 64) is None
 
 
 def test_a_bar_has_the_shares_of_all_attractors() -> None:
     found = parts.sampled_attractors(rattle.Gear(0.6, 0.1), 64)
-    said = words.shares_bar(found, Palette())
+    said = words.basin_fractions_bar(found, Palette())
     shares = [float(each) for each in re.findall(r"flex-grow:([\d.]+)", said)]
     assert shares == pytest.approx([each.fraction for each in found.attractors], abs=1e-6)
     assert re.search(r'role="img" aria-label="Shares of starts: quiet 7[\d.]+ %; chaotic', said)
@@ -243,7 +243,7 @@ def test_a_bar_has_the_shares_of_all_attractors() -> None:
 def drawn(marks: EventImpacts, v: np.ndarray, upward: np.ndarray) -> DiagramLines:
     """A diagram with these events, and an unstable motion that has these speeds."""
     at = np.linspace(0.1, 0.2, v.size)
-    stroke = Stroke(at, v, at, "P(1,1,0), A", False)
+    stroke = DrawnBranchPart(at, v, at, "P(1,1,0), A", False)
     return DiagramLines("epsilon", None, (0.0, 1.0), (stroke,), marks, (), at, v, at, upward)
 
 
@@ -258,7 +258,7 @@ def test_events_are_told_beside_their_motions_and_markers_explained() -> None:
     (events,) = [each.renderers[0].data_source.data for each in tools if each.attachment == "right"]
     assert events["what"][:2] == ["SN1, saddle-node of P(1,1,0)", "period doubling of P(2,2,1)"]
     assert events["marker"] == ["circle", "diamond", "diamond"]
-    said = diagram_legend(found, "light")
+    said = diagram_legend_html(found, "light")
     for word in ("unstable", "swept upward", "swept downward", "saddle-node", "period doubling", "here"):
         assert word in said
     for word in ("grazing", ">stable"):
@@ -277,7 +277,7 @@ def test_a_diagram_s_axis_is_fitted_to_its_speeds_with_room_for_the_names_of_eve
     axis = picture.figure.y_range
     assert axis.start == low
     assert high < axis.end < high + 0.25 * (high - low)
-    names = {each.text: each for each in placed_event_names(found, 300)}
+    names = {each.text: each for each in place_event_names(found, 300)}
     assert set(names) == {"saddle-node P(1,1,0)", "period doubling PD1", "grazing P(2,2,1)"}
     one, other = names["saddle-node P(1,1,0)"], names["period doubling PD1"]
     assert one.row != other.row  # they are too close to stand side by side
@@ -286,7 +286,7 @@ def test_a_diagram_s_axis_is_fitted_to_its_speeds_with_room_for_the_names_of_eve
     assert names["grazing P(2,2,1)"].right <= 300
     many = np.linspace(0.3, 0.31, 40)
     crowd = EventImpacts(many, many, many, ("PD",) * 40, ("",) * 40, ("P(1,1,0)",) * 40)
-    placed = placed_event_names(drawn(crowd, many, np.ones(40, bool)), 300)
+    placed = place_event_names(drawn(crowd, many, np.ones(40, bool)), 300)
     assert 1 <= len(placed) < 10
     assert not any(one.collides_with(other) for one in placed for other in placed if one is not other)
 
@@ -387,7 +387,7 @@ def test_a_diagram_has_as_many_steps_as_are_set_when_it_is_asked_for(monkeypatch
     ],
 )  # fmt: skip
 def test_a_state_is_kept(state: dict[str, str]) -> None:
-    assert PointState.read(state).text() == state
+    assert PointTabsState.read(state).text() == state
 
 
 @pytest.mark.parametrize(
@@ -400,7 +400,7 @@ def test_a_state_is_kept(state: dict[str, str]) -> None:
     ],
 )  # fmt: skip
 def test_what_of_a_state_cannot_be_read_is_as_by_default(state: dict[str, str]) -> None:
-    assert PointState.read(state).without_start_above(7.0) == PointState()
+    assert PointTabsState.read(state).without_start_above(7.0) == PointTabsState()
 
 
 @pytest.mark.parametrize(
@@ -412,7 +412,7 @@ def test_what_of_a_state_cannot_be_read_is_as_by_default(state: dict[str, str]) 
     ],
 )  # fmt: skip
 def test_an_address_without_a_tab_opens_the_one_of_its_choice(state: dict[str, str], tab: str) -> None:
-    assert PointState.read(state).shown_tab == tab
+    assert PointTabsState.read(state).shown_tab == tab
 
 
 # The view
@@ -421,20 +421,20 @@ COARSER = either(6, 1)  # basins
 
 
 def new_view(
-    front: Front,
+    front: ApplicationState,
     delta: float,
     epsilon: float,
     model: Model,
     machine: rattle.Machine | None = None,
     panel: PointPanel | None = None,
-    state: PointState | None = None,
+    state: PointTabsState | None = None,
 ) -> PointView:
     """The view of a point, in a store of its own."""
-    store = Store(View(point=(delta, epsilon), point_state=state or PointState()), EXAMPLE)
+    store = PageStore(View(point=(delta, epsilon), point_state=state or PointTabsState()), EXAMPLE)
     return PointView(panel or PointPanel("light", store.dispatch), front, store, delta, epsilon, model, machine)
 
 
-def with_front(data: Path, body: Callable[[Front], Awaitable[None]], **settings: Any) -> None:
+def with_front(data: Path, body: Callable[[ApplicationState], Awaitable[None]], **settings: Any) -> None:
     async def main() -> None:
         app = create_app(Settings(data=data, max_point_seconds=HANG, explorer=False, **settings), no_cluster)
         async with app.router.lifespan_context(app):
@@ -473,7 +473,7 @@ def test_all_parts_fill_in_and_follow_what_is_chosen(tmp_path: Path, monkeypatch
     computed: dict[str, set[int]] = {}
     known: dict[str, Any] = {}  # by what is asked: the second view needs most of it again
 
-    async def in_process_and_noted(front: Front, *work: Any, **words: Any) -> Any:
+    async def in_process_and_noted(front: ApplicationState, *work: Any, **words: Any) -> Any:
         if (asked := repr(work)) in known:
             return known[asked]
         if work[0] is parts.basins:
@@ -483,7 +483,7 @@ def test_all_parts_fill_in_and_follow_what_is_chosen(tmp_path: Path, monkeypatch
         known[asked] = found
         return found
 
-    async def body(front: Front) -> None:
+    async def body(front: ApplicationState) -> None:
         await prepare_processes(front)
         monkeypatch.setattr(work, "compute_in_process", in_process_and_noted)
         view = new_view(front, 0.6, 0.1, Impacting(0.6))
@@ -508,8 +508,8 @@ def test_all_parts_fill_in_and_follow_what_is_chosen(tmp_path: Path, monkeypatch
         assert view.panel.events.html.count("data-point") > 6
         assert "<summary>All" in view.panel.events.html
         view.store.dispatch(TabChosen("answer"))
-        assert view.store.view.point_state == PointState()
-        states: list[PointState] = []
+        assert view.store.view.point_state == PointTabsState()
+        states: list[PointTabsState] = []
         view.store.subscribe(lambda: states.append(view.store.view.point_state), "point_state")
         view.panel.motion_choice.value = 2
         await eventually(lambda: view.panel.under_motion.html.startswith('<p class="faint">P(1,1,0)'))
@@ -523,8 +523,8 @@ def test_all_parts_fill_in_and_follow_what_is_chosen(tmp_path: Path, monkeypatch
         assert "direction=delta" in view.panel.take.html
         start = 0.25, 4.5
         assert states == [
-            PointState(attractor=2, tab="motion"), PointState(start=start, tab="motion"),
-            PointState(start=start, direction="delta", tab="diagram"),
+            PointTabsState(attractor=2, tab="motion"), PointTabsState(start=start, tab="motion"),
+            PointTabsState(start=start, direction="delta", tab="diagram"),
         ]  # fmt: skip
         again = new_view(front, 0.6, 0.1, Impacting(0.6), state=view.store.view.point_state)
         await eventually(lambda: again.panel.under_diagram.html == view.panel.under_diagram.html)
@@ -541,7 +541,7 @@ def test_a_part_that_fails_says_so_and_leaves_the_others(tmp_path: Path, monkeyp
     def refusing(_: rattle.Gear) -> None:
         raise UnavailableError("a margin that takes <b>too long</b>")
 
-    async def body(front: Front) -> None:
+    async def body(front: ApplicationState) -> None:
         view = new_view(front, 0.6, 0.1, Impacting(0.6))
 
         async def compute(work: Any, *arguments: Any, what: str, slow: bool = False) -> Any:
@@ -562,7 +562,7 @@ def test_a_part_that_fails_says_so_and_leaves_the_others(tmp_path: Path, monkeyp
 
 
 def test_a_view_that_is_put_away_computes_and_changes_nothing_more(tmp_path: Path) -> None:
-    async def body(front: Front) -> None:
+    async def body(front: ApplicationState) -> None:
         view = new_view(front, 0.6, 0.1, Impacting(0.6))
         await eventually(lambda: front.point_limiter.borrowed_tokens > 0)
         view.stop()
@@ -576,7 +576,7 @@ def test_a_view_that_is_put_away_computes_and_changes_nothing_more(tmp_path: Pat
 
 
 def test_where_the_next_point_is_comes_before_what_the_last_had_is_taken_away(tmp_path: Path) -> None:
-    async def body(front: Front) -> None:
+    async def body(front: ApplicationState) -> None:
         first, left = new_view(front, 0.6, 0.1, Impacting(0.6)), list[str]()
         panel = first.panel
         first.stop()
@@ -594,7 +594,7 @@ def test_where_the_next_point_is_comes_before_what_the_last_had_is_taken_away(tm
 
 @pytest.mark.parametrize(("delta", "epsilon"), [(-1.0, 0.1), (0.6, float("nan")), (0.0, 0.1)])
 def test_a_point_outside_the_plane_is_told(tmp_path: Path, delta: float, epsilon: float) -> None:
-    async def body(front: Front) -> None:
+    async def body(front: ApplicationState) -> None:
         first = new_view(front, 0.6, 0.1, Impacting(0.6))
         panel = first.panel
         first.stop()
@@ -611,17 +611,17 @@ def test_a_point_outside_the_plane_is_told(tmp_path: Path, delta: float, epsilon
 def test_the_survey_s_answer_comes_first_and_the_sharper_one_replaces_it(tmp_path: Path) -> None:
     cell = ExactMaps().plane("quiet_fraction", 0).cell_at(0.6, 0.1)
     assert cell is not None
-    surveyed = parts.survey_attractors(cell, 64)
+    surveyed = parts.attractors_of_survey_cell(cell, 64)
     assert surveyed is not None
 
-    async def body(front: Front) -> None:
+    async def body(front: ApplicationState) -> None:
         view = new_view(front, 0.6, 0.1, Impacting(0.6))
-        view.show_survey_answer(surveyed)
+        view.show_survey_attractors(surveyed)
         assert "from 64 starts" in view.panel.likely.html
         assert "from the survey's grid cell" in view.panel.likely.html
         await eventually(lambda: "from 1,024 starts" in view.panel.likely.html)
         assert "grid cell" not in view.panel.likely.html
-        view.show_survey_answer(surveyed)  # too late
+        view.show_survey_attractors(surveyed)  # too late
         assert "from 1,024 starts" in view.panel.likely.html
         view.stop()
 
@@ -629,8 +629,8 @@ def test_the_survey_s_answer_comes_first_and_the_sharper_one_replaces_it(tmp_pat
 
 
 def test_basins_and_motion_follow_the_slider_along_the_diagram(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    async def body(front: Front) -> None:
-        view = new_view(front, 0.6, 0.089, Impacting(0.6), state=PointState(tab="basins"))
+    async def body(front: ApplicationState) -> None:
+        view = new_view(front, 0.6, 0.089, Impacting(0.6), state=PointTabsState(tab="basins"))
 
         async def compute(work: Any, *arguments: Any, **_: Any) -> Any:
             return coarse(work, arguments)
@@ -660,7 +660,7 @@ def test_basins_and_motion_follow_the_slider_along_the_diagram(tmp_path: Path, m
         attractors = there.basins(40, None, "cells").attractors
         await eventually(lambda: is_followed(there, attractors))
         slider.value = home
-        assert view.store.view.point_state == PointState(tab="motion")
+        assert view.store.view.point_state == PointTabsState(tab="motion")
         assert is_shown(own)
         assert "Wˢ(A)" in view.panel.under_basins.html
         await eventually(lambda: is_followed(own, (first,)))
@@ -672,7 +672,7 @@ def test_basins_and_motion_follow_the_slider_along_the_diagram(tmp_path: Path, m
 
 
 def test_a_point_of_the_stiff_model(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    async def body(front: Front) -> None:
+    async def body(front: ApplicationState) -> None:
         view = new_view(front, 0.6, 0.075, Stiff(0.6, 1e4))
         asked: list[str] = []
 

@@ -11,14 +11,14 @@ from waiting import eventually
 
 import rattle
 from gear_rattle.service.explorer.common.address import MapChoice, View
-from gear_rattle.service.explorer.common.point_state import PointState
+from gear_rattle.service.explorer.common.point_state import PointTabsState
 from gear_rattle.service.explorer.places.exact import ExactMaps
 from gear_rattle.service.explorer.point.point_diagram import DiagramPicture
 from gear_rattle.service.explorer.section.picture import value_range
 from gear_rattle.service.explorer.section.profile import OUTSIDE, crossed_cells, profile_in_words, profile_of
 from gear_rattle.service.explorer.section.section import NO_END_POINT, ProfileSection
 from gear_rattle.service.explorer.state.events import PointOpened
-from gear_rattle.service.state import Front
+from gear_rattle.service.state import ApplicationState
 from gear_rattle.workers import SurveyRequest
 from rattle import KINDS
 
@@ -88,7 +88,7 @@ ATTRACTORS = SurveyRequest(**BODY | {"quantities": ["region", "attractors"], "sl
 
 
 def test_the_profile_is_of_the_map_that_is_seen_or_of_the_one_that_is_chosen(tmp_path: Path) -> None:
-    async def body(front: Front, shown: Shown) -> None:
+    async def body(front: ApplicationState, shown: Shown) -> None:
         job = done(front, ATTRACTORS)
         shown.choose(job)
         shown.controls.variable.value = "region"
@@ -97,7 +97,7 @@ def test_the_profile_is_of_the_map_that_is_seen_or_of_the_one_that_is_chosen(tmp
         panel, fields = section.profile_place.panel, (section.delta, section.epsilon)
         shown.follow(job)
         assert not panel.visible  # no point, no diagram
-        shown.store.dispatch(PointOpened((0.52, 0.06), state=PointState(to=(0.68, 0.14))))
+        shown.store.dispatch(PointOpened((0.52, 0.06), state=PointTabsState(to=(0.68, 0.14))))
         await eventually(lambda: panel.visible)
         assert section.variable.value == "region,0"
         assert [field.value for field in fields] == [0.68, 0.14]
@@ -130,7 +130,7 @@ def test_the_profile_is_of_the_map_that_is_seen_or_of_the_one_that_is_chosen(tmp
         section.delta.value = -1.0
         assert NO_END_POINT in section.said.html
         assert shown.view.point_state.to == (0.68, 0.1)
-        shown.change_point(PointState(direction="delta", span=0.03))
+        shown.change_point(PointTabsState(direction="delta", span=0.03))
         await eventually(lambda: section.profile_place.x_range.start == pytest.approx(0.49))
         assert section.profile_place.x_range.end == pytest.approx(0.55)
         shown.close()

@@ -9,7 +9,7 @@ from gear_rattle.service.explorer.common.address import (
     MOST_FURTHER,
     MOST_PINS,
     ComparisonChoice,
-    DrawnSettings,
+    DrawnMapSettings,
     EnteredMachine,
     MapChoice,
     Pin,
@@ -17,12 +17,12 @@ from gear_rattle.service.explorer.common.address import (
     Ranges,
     View,
 )
-from gear_rattle.service.explorer.common.point_state import PointState, Tolerance
+from gear_rattle.service.explorer.common.point_state import PointTabsState, Tolerance
 from gear_rattle.service.explorer.places.example import REQUEST
 from gear_rattle.service.explorer.state import events
 from gear_rattle.service.explorer.state.events import Event
 from gear_rattle.service.explorer.state.reducer import MOST_WINDOWS, reduce
-from gear_rattle.service.explorer.state.store import JOBS, Store, window_of
+from gear_rattle.service.explorer.state.store import JOBS, PageStore, window_of_request
 
 WINDOW: Ranges = (0.5, 0.6), (0.1, 0.2)
 CLOSER: Ranges = (0.5, 0.55), (0.1, 0.15)
@@ -41,11 +41,11 @@ def after(view: View, *happened: Event) -> View:
     [
         (events.VariableChosen("region"), {"variable": "region", "index": 0, "limits": "auto"}),
         (events.DefaultMapChosen("region", 1, 2), {"variable": "region", "index": 1, "slice": 2}),
-        (events.IndexChosen(3), {"index": 3}),
+        (events.MapIndexChosen(3), {"index": 3}),
         (events.SliceChosen(2), {"slice": 2, "family": None}),
-        (events.LimitsSet((0.1, 0.2), True), {"limits": (0.1, 0.2), "log": True}),
+        (events.ColourRangeChosen((0.1, 0.2), True), {"limits": (0.1, 0.2), "log": True}),
         (events.OverlaysChosen(("SN1",)), {"overlays": ("SN1",)}),
-        (events.ShareSet(0.9), {"share": 0.9}),
+        (events.RequiredShareSet(0.9), {"share": 0.9}),
         (events.FamilyChosen(7), {"family": 7}),
         (events.ProfileChosen(MapChoice("a"), (1.0, 2.0)), {"profile": MapChoice("a"), "profile_limits": (1.0, 2.0)}),
         (events.ProfileChosen(MapChoice("region")), {"profile": MapChoice("region"), "profile_limits": None}),
@@ -72,12 +72,12 @@ def test_a_new_survey_shows_its_usual_variable() -> None:
 
 
 def test_own_limits_begin_where_the_colours_do_that_are_drawn() -> None:
-    seen = DrawnSettings((0.2, 1.0), True, None)
+    seen = DrawnMapSettings((0.2, 1.0), True, None)
     own = View(limits=(-1.0, 1.0), log=True)
     assert reduce(own, events.MapDrawn(seen, (-1.0, 1.0))).limits == (0.2, 1.0)
     assert reduce(own, events.MapDrawn(seen, (-2.0, 1.0))).limits == (-1.0, 1.0)  # they were drawn for others
     assert reduce(View(), events.MapDrawn(seen)).limits == "auto"
-    assert reduce(own, events.MapDrawn(DrawnSettings(None, False, None), (-1.0, 1.0))).limits == (-1.0, 1.0)
+    assert reduce(own, events.MapDrawn(DrawnMapSettings(None, False, None), (-1.0, 1.0))).limits == (-1.0, 1.0)
     assert reduce(View(), events.MapDrawn(seen)).seen == seen
 
 
@@ -110,13 +110,15 @@ def test_a_window_without_any_gear_is_not_shown(wrong: Ranges) -> None:
 
 def test_a_point_is_opened_changed_and_closed() -> None:
     opened = reduce(View(), events.PointOpened((0.6, 0.1)))
-    assert (opened.point, opened.point_state, opened.machine) == ((0.6, 0.1), PointState(), None)
+    assert (opened.point, opened.point_state, opened.machine) == ((0.6, 0.1), PointTabsState(), None)
     changed = reduce(opened, events.AttractorChosen(2))
-    assert changed.point_state == PointState(attractor=2, tab="motion")
+    assert changed.point_state == PointTabsState(attractor=2, tab="motion")
     assert reduce(changed, events.PointOpened((0.6, 0.1))) == changed
-    assert reduce(changed, events.PointOpened((0.7, 0.1))).point_state == PointState(tab="motion")  # the tab stays open
+    assert reduce(changed, events.PointOpened((0.7, 0.1))).point_state == PointTabsState(
+        tab="motion"
+    )  # the tab stays open
     assert reduce(changed, events.PointOpened((0.6, 0.1), MACHINE)).machine == MACHINE
-    span = PointState(span=0.1)
+    span = PointTabsState(span=0.1)
     assert reduce(changed, events.PointOpened((0.7, 0.1), state=span)).point_state == span
     assert reduce(changed, events.PointClosed()) == View()
     for nowhere in ((0.0, 0.1), (0.6, -0.1)):
@@ -141,20 +143,20 @@ START, WIDTHS = (0.25, 4.5), Tolerance(0.02, 0.01, 0.9)
     ],
 )  # fmt: skip
 def test_a_choice_at_a_point_is_in_its_state(event: Event, state: dict[str, Any]) -> None:
-    view = View(point=(0.6, 0.1), point_state=PointState(attractor=1, at=0.5, to=(0.7, 0.2)))
-    assert reduce(view, event).point_state == PointState(**state)
+    view = View(point=(0.6, 0.1), point_state=PointTabsState(attractor=1, at=0.5, to=(0.7, 0.2)))
+    assert reduce(view, event).point_state == PointTabsState(**state)
 
 
 def test_an_attractor_is_chosen_instead_of_an_initial_condition() -> None:
-    view = View(point=(0.6, 0.1), point_state=PointState(start=START))
-    assert reduce(view, events.AttractorChosen(0)).point_state == PointState(attractor=0, tab="motion")
+    view = View(point=(0.6, 0.1), point_state=PointTabsState(start=START))
+    assert reduce(view, events.AttractorChosen(0)).point_state == PointTabsState(attractor=0, tab="motion")
 
 
 def test_a_state_that_no_address_holds_is_in_no_view() -> None:
     view = View(point=(0.6, 0.1))
     assert reduce(view, events.TabChosen("answer")) == view  # it is open by default
     assert reduce(view, events.DiagramPointChosen(2.0)) == view
-    assert reduce(view, events.PointOpened((0.6, 0.1), state=PointState(span=1.0))) == view
+    assert reduce(view, events.PointOpened((0.6, 0.1), state=PointTabsState(span=1.0))) == view
 
 
 def test_a_sound_and_a_yield_are_requested_as_often_as_a_viewer_wants() -> None:
@@ -168,18 +170,21 @@ def test_a_sound_and_a_yield_are_requested_as_often_as_a_viewer_wants() -> None:
 
 def test_a_way_goes_from_the_open_point() -> None:
     assert reduce(View(), events.DiagramEndChosen((0.6, 0.1))) == reduce(View(), events.PointOpened((0.6, 0.1)))
-    view = View(point=(0.6, 0.1), point_state=PointState(at=0.5, attractor=1))
-    state = PointState(attractor=1, to=(0.7, 0.2), tab="diagram")
+    view = View(point=(0.6, 0.1), point_state=PointTabsState(at=0.5, attractor=1))
+    state = PointTabsState(attractor=1, to=(0.7, 0.2), tab="diagram")
     assert reduce(view, events.DiagramEndChosen((0.7, 0.2))) == replace(view, point_state=state)
     assert reduce(view, events.DiagramEndChosen((0.0, 0.2))) is view
 
 
 def test_a_place_has_a_window_and_a_point() -> None:
-    view, span = View(point=(0.6, 0.1), point_state=PointState(tab="motion"), machine=MACHINE), PointState(span=0.1)
+    view, span = (
+        View(point=(0.6, 0.1), point_state=PointTabsState(tab="motion"), machine=MACHINE),
+        PointTabsState(span=0.1),
+    )
     there = reduce(view, events.BookmarkChosen(WINDOW, (0.7, 0.2), span))
     assert (there.window, there.point, there.point_state, there.machine) == (WINDOW, (0.7, 0.2), span, None)
     kept = reduce(view, events.BookmarkChosen(WINDOW, (0.7, 0.2)))
-    assert kept.point_state == PointState(tab="motion")
+    assert kept.point_state == PointTabsState(tab="motion")
     assert reduce(view, events.BookmarkChosen(WINDOW, None)) == View(delta=WINDOW[0], epsilon=WINDOW[1])
     assert reduce(there, events.BackChosen()).window is None
 
@@ -193,12 +198,12 @@ def test_a_pointer_elsewhere_is_dropped_where_a_point_or_a_place_is_gone_to() ->
 
 
 def test_maps_beside_the_first_are_added_changed_and_removed() -> None:
-    view = after(View(), *(events.MapAdded(each) for each in (*FURTHER, FURTHER[0])))
+    view = after(View(), *(events.ComparisonMapAdded(each) for each in (*FURTHER, FURTHER[0])))
     assert view.further == FURTHER
     assert len(FURTHER) == MOST_FURTHER
     other = ComparisonChoice("b", "region")
-    assert reduce(view, events.MapChanged(1, other)).further == (FURTHER[0], other, FURTHER[2])
-    assert reduce(view, events.MapRemoved(1)).further == (FURTHER[0], FURTHER[2])
+    assert reduce(view, events.ComparisonMapChanged(1, other)).further == (FURTHER[0], other, FURTHER[2])
+    assert reduce(view, events.ComparisonMapRemoved(1)).further == (FURTHER[0], FURTHER[2])
 
 
 def test_pins_are_added_once_and_removed() -> None:
@@ -215,13 +220,13 @@ def test_a_pointer_is_in_no_address() -> None:
 
 
 def test_a_store_tells_of_what_has_changed_and_once() -> None:
-    store = Store(View(), REQUEST)
+    store = PageStore(View(), REQUEST)
     told: list[str] = []
 
     def on_variable() -> None:
         told.append(f"variable {store.view.variable}")
         if store.view.index == 0:  # what a listener does is told after this round
-            store.dispatch(events.IndexChosen(1))
+            store.dispatch(events.MapIndexChosen(1))
 
     store.subscribe(on_variable, "variable")
     store.subscribe(lambda: told.append(f"index {store.view.index}"), "index", "variable")
@@ -229,15 +234,15 @@ def test_a_store_tells_of_what_has_changed_and_once() -> None:
     store.dispatch(events.VariableChosen("region"))
     assert told == ["variable region", "index 1", "index 1"]
     told.clear()
-    store.dispatch(events.IndexChosen(1))
-    store.dispatch(events.ShareSet(0.9))
+    store.dispatch(events.MapIndexChosen(1))
+    store.dispatch(events.RequiredShareSet(0.9))
     assert told == []
     store.update_surveys({})
     assert told == ["surveys"]
 
 
 def test_a_listener_that_is_gone_is_not_called() -> None:
-    store, told = Store(View(), REQUEST), list[str]()
+    store, told = PageStore(View(), REQUEST), list[str]()
 
     def on_index() -> None:
         told.append("kept")
@@ -248,15 +253,15 @@ def test_a_listener_that_is_gone_is_not_called() -> None:
 
     store.subscribe(on_index, "index")
     store.subscribe(gone, "index")
-    store.dispatch(events.IndexChosen(1))
-    store.dispatch(events.IndexChosen(2))
+    store.dispatch(events.MapIndexChosen(1))
+    store.dispatch(events.MapIndexChosen(2))
     assert told == ["kept", "kept"]
 
 
 def test_a_store_without_a_survey_has_the_example() -> None:
-    store = Store(View(), REQUEST)
-    assert store.whole_request is REQUEST
-    assert store.window == window_of(REQUEST)
+    store = PageStore(View(), REQUEST)
+    assert store.request_with_all_slices is REQUEST
+    assert store.window == window_of_request(REQUEST)
     store.dispatch(events.WindowMoved(WINDOW))
     assert store.window == WINDOW
     store.dispatch(events.SurveyChosen("unknown"))

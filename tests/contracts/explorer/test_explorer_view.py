@@ -22,21 +22,21 @@ from gear_rattle.service.app import create_app
 from gear_rattle.service.database.tables import JobRow, State
 from gear_rattle.service.explorer.common.address import EXAMPLE, KEYBOARD, EnteredMachine, Pair, View
 from gear_rattle.service.explorer.common.news import JobStatus, StatusPublisher
-from gear_rattle.service.explorer.common.point_state import PointState
+from gear_rattle.service.explorer.common.point_state import PointTabsState
 from gear_rattle.service.explorer.common.viewer import PageSession
-from gear_rattle.service.explorer.design.go_to import GoToPanel
+from gear_rattle.service.explorer.design.go_to import NavigationPanel
 from gear_rattle.service.explorer.files import help_html
 from gear_rattle.service.explorer.map import shared as map_shared
 from gear_rattle.service.explorer.map import view as map_view
-from gear_rattle.service.explorer.map.beside import RightSide
+from gear_rattle.service.explorer.map.beside import PanelBesideMap
 from gear_rattle.service.explorer.map.colouring import Colouring, colouring
 from gear_rattle.service.explorer.map.controls import FEATURED, MapControls
 from gear_rattle.service.explorer.map.figure import MapFigure
 from gear_rattle.service.explorer.map.overlays import map_key_entries
 from gear_rattle.service.explorer.map.planes import MapCache, MapPlane, maps_of
 from gear_rattle.service.explorer.map.readout import cell_position
-from gear_rattle.service.explorer.map.shared import SharedState, default_variable, is_closed_form
-from gear_rattle.service.explorer.map.survey_map import block_of
+from gear_rattle.service.explorer.map.shared import SharedState, default_variable, is_closed_form_map
+from gear_rattle.service.explorer.map.survey_map import map_block_of_frame
 from gear_rattle.service.explorer.map.view import MapView
 from gear_rattle.service.explorer.page.rows import example_row, survey_row
 from gear_rattle.service.explorer.places.exact import ExactMaps, ExactPlane
@@ -50,11 +50,11 @@ from gear_rattle.service.explorer.state.events import (
     WindowMoved,
     WindowReset,
 )
-from gear_rattle.service.explorer.state.store import Store
+from gear_rattle.service.explorer.state.store import PageStore
 from gear_rattle.service.operations.surveys import submit_survey
 from gear_rattle.service.settings import Settings
-from gear_rattle.service.state import Front
-from gear_rattle.workers import Frame, SurveyRequest, open_survey
+from gear_rattle.service.state import ApplicationState
+from gear_rattle.workers import SurveyRequest, WindowFrame, open_survey
 from rattle.models import Impacting, Stiff
 
 pytestmark = pytest.mark.usefixtures("templates_once")
@@ -80,12 +80,12 @@ class Shown:
 
     def __init__(self, shared: SharedState, viewer: PageSession, view: View) -> None:
         self.shared, self.viewer = shared, viewer
-        self.store = store = Store(view, shared.exact.request)
+        self.store = store = PageStore(view, shared.exact.request)
         self.map = MapFigure("light", store.dispatch)
         self.panel = MapView(shared, viewer, store, self.map, "")
         self.controls = MapControls(shared, store, "")
-        self.go_to = GoToPanel(store, "")
-        self.beside = RightSide(
+        self.go_to = NavigationPanel(store, "")
+        self.beside = PanelBesideMap(
             shared, viewer, store, "light", FigurePanel(), self.go_to.panel, self.panel.readout.pane
         )
         self.title, self.said, self.readout = self.panel.title, self.panel.said, self.panel.readout
@@ -125,7 +125,7 @@ class Shown:
     def open(self, at: Pair, machine: EnteredMachine | None = None) -> None:
         self.store.dispatch(PointOpened(at, machine))
 
-    def change_point(self, state: PointState) -> None:
+    def change_point(self, state: PointTabsState) -> None:
         assert self.view.point is not None
         self.store.dispatch(PointOpened(self.view.point, self.view.machine, state))
 
@@ -135,7 +135,7 @@ class Shown:
 
 def with_map(
     data: Path,
-    body: Callable[[Front, Shown], Awaitable[None]],
+    body: Callable[[ApplicationState, Shown], Awaitable[None]],
     looked: Callable[[], None] = lambda: None,
     **view: Any,
 ) -> None:
@@ -144,7 +144,7 @@ def with_map(
     async def main() -> None:
         app = create_app(Settings(data=data, preload=False), no_cluster)
         async with app.router.lifespan_context(app):
-            front: Front = app.state.front
+            front: ApplicationState = app.state.front
             shared = SharedState(
                 front, StatusPublisher(front), MapCache(front), app.state.overlaid, ExactMaps(), looked
             )
@@ -157,12 +157,12 @@ def with_map(
     asyncio.run(main())
 
 
-def accepted(front: Front, request: SurveyRequest) -> JobRow:
+def accepted(front: ApplicationState, request: SurveyRequest) -> JobRow:
     """A survey that waits."""
     return submit_survey(front, Caller(), request, force=True)
 
 
-def done(front: Front, request: SurveyRequest) -> JobRow:
+def done(front: ApplicationState, request: SurveyRequest) -> JobRow:
     """A survey that is done."""
     survey_id = accepted(front, request).id
     compute(front, survey_id, request)
@@ -206,7 +206,7 @@ def test_what_the_first_page_shows_is_found_before_anybody_looks(
     async def ready(*_: Any, **__: Any) -> None:
         """Kernels, which are not what is waited for here."""
 
-    async def body(front: Front, shown: Shown) -> None:
+    async def body(front: ApplicationState, shown: Shown) -> None:
         monkeypatch.setattr(front.kernels, "wait_until_compiled", ready)
         job = done(front, REGIONS) if is_there else None
         await shown.shared.prepare()
@@ -226,7 +226,7 @@ def test_what_the_first_page_shows_is_found_before_anybody_looks(
 
 @pytest.mark.parametrize("request_in_database", [None, '{"delta": 1}', "{"])
 def test_what_is_damaged_or_gone_is_no_hindrance_beforehand(tmp_path: Path, request_in_database: str | None) -> None:
-    async def body(front: Front, shown: Shown) -> None:
+    async def body(front: ApplicationState, shown: Shown) -> None:
         survey_id = accepted(front, REGIONS).id
         front.database.set_state(survey_id, State.RUNNING)
         front.database.set_state(survey_id, State.SUCCESSFUL)  # its numbers are gone
@@ -239,7 +239,7 @@ def test_what_is_damaged_or_gone_is_no_hindrance_beforehand(tmp_path: Path, requ
 
 
 def test_a_survey_without_numbers_is_not_shown_with_those_of_the_one_before(tmp_path: Path) -> None:
-    async def body(front: Front, shown: Shown) -> None:
+    async def body(front: ApplicationState, shown: Shown) -> None:
         await choose_with_lines(shown, done(front, REGIONS))
         assert shown.lines.key.shades
         shown.choose(accepted(front, STIFF))
@@ -255,7 +255,7 @@ def test_a_survey_without_numbers_is_not_shown_with_those_of_the_one_before(tmp_
 
 
 def test_a_survey_that_is_gone_leaves_nothing_of_it(tmp_path: Path) -> None:
-    async def body(front: Front, shown: Shown) -> None:
+    async def body(front: ApplicationState, shown: Shown) -> None:
         await choose_with_lines(shown, done(front, REGIONS))
         shown.follow(None)
         assert "no longer there" in shown.title.html
@@ -269,7 +269,7 @@ ORBITS = SurveyRequest(**BODY | {"quantities": ["region", "orbits"]})
 
 
 def test_an_address_of_a_survey_that_is_not_there_is_said_to_be_one(tmp_path: Path) -> None:
-    async def body(_front: Front, shown: Shown) -> None:
+    async def body(_front: ApplicationState, shown: Shown) -> None:
         shown.follow(None)
         assert "no longer there" in shown.title.html
 
@@ -277,7 +277,7 @@ def test_an_address_of_a_survey_that_is_not_there_is_said_to_be_one(tmp_path: Pa
 
 
 def test_the_scale_of_own_limits_is_switched_and_wrong_limits_are_told(tmp_path: Path) -> None:
-    async def body(front: Front, shown: Shown) -> None:
+    async def body(front: ApplicationState, shown: Shown) -> None:
         controls = shown.controls
 
         async def drawn(limits: Pair, log: bool) -> None:
@@ -311,7 +311,7 @@ def test_the_scale_of_own_limits_is_switched_and_wrong_limits_are_told(tmp_path:
 def test_a_deep_window_is_read_counted_and_never_white(tmp_path: Path) -> None:
     delta, epsilon = 0.6 + 0.3 * 0.04, 0.1 - 0.4 * 0.1 / 3  # within a cell, and away from its centre
 
-    async def body(front: Front, shown: Shown) -> None:
+    async def body(front: ApplicationState, shown: Shown) -> None:
         shown.choose(done(front, REGIONS))
         await eventually(lambda: cells(shown) and shown.plane is not None)
         plane, figure = shown.plane, shown.map.figure
@@ -334,7 +334,7 @@ def test_a_deep_window_is_read_counted_and_never_white(tmp_path: Path) -> None:
         axes = (np.linspace(low, high, 9) for low, high in window)
         values = np.full((9, 9), other, np.int8)
         values[:3] = int(at[0])
-        shown.panel.show_finer(block_of(Frame(*axes, values, 1.0, 0)))
+        shown.panel.show_finer_cells(map_block_of_frame(WindowFrame(*axes, values, 1.0, 0)))
         await eventually(lambda: shares().get(code) == pytest.approx(1 / 3))
         shown.hover(delta, epsilon)
         await eventually(lambda: "outside of this window" in shown.readout.html)
@@ -352,7 +352,7 @@ def test_a_large_survey_is_drawn_for_the_pixels_that_a_browser_has(
 ) -> None:
     monkeypatch.setattr(map_view, "SIDE", 2)
 
-    async def body(front: Front, shown: Shown) -> None:
+    async def body(front: ApplicationState, shown: Shown) -> None:
         source = shown.map.figure.select_one({"name": "cells0"}).data_source
         shown.choose(done(front, REGIONS))
         await eventually(lambda: [each.shape for each in source.data["image"]] == [(4, 6)])
@@ -367,7 +367,7 @@ THIRD = SurveyRequest(**BODY | {"quantities": ["region"], "beta": {"start": 0.5,
 
 
 def test_a_slider_chooses_the_slice_of_a_third_axis(tmp_path: Path) -> None:
-    async def body(front: Front, shown: Shown) -> None:
+    async def body(front: ApplicationState, shown: Shown) -> None:
         job = done(front, THIRD)
         shown.choose(job)
         await eventually(lambda: cells(shown))
@@ -393,7 +393,7 @@ def test_a_slider_chooses_the_slice_of_a_third_axis(tmp_path: Path) -> None:
 
 
 def test_the_list_tells_of_a_third_axis(tmp_path: Path) -> None:
-    async def body(front: Front, _shown: Shown) -> None:
+    async def body(front: ApplicationState, _shown: Shown) -> None:
         job = accepted(front, THIRD)
         row = survey_row(JobStatus(job, None, None), View(survey=job.id, variable="region", slice=1), True)
         assert (row["size"], row["slice"]) == ("6 × 4 × 2", ["beta", 1])
@@ -403,7 +403,7 @@ def test_the_list_tells_of_a_third_axis(tmp_path: Path) -> None:
 
 
 def test_without_any_survey_the_plane_is_shown_as_it_is_known(tmp_path: Path) -> None:
-    async def body(front: Front, shown: Shown) -> None:
+    async def body(front: ApplicationState, shown: Shown) -> None:
         shown.follow(None)
         await eventually(lambda: cells(shown) and "the gear runs quietly from most starts" in shown.title.html)
         assert shown.view.variable == shown.controls.variable.value == "quiet_fraction"
@@ -440,7 +440,7 @@ def test_without_any_survey_the_plane_is_shown_as_it_is_known(tmp_path: Path) ->
 
 
 def test_a_map_that_a_survey_lacks_keeps_its_button_and_says_what_to_compute(tmp_path: Path) -> None:
-    async def body(front: Front, shown: Shown) -> None:
+    async def body(front: ApplicationState, shown: Shown) -> None:
         def missing() -> dict[str, str]:
             return {each["label"]: each["about"] for each in shown.controls.buttons.buttons if each["missing"]}
 
@@ -467,7 +467,7 @@ def test_a_map_that_a_survey_lacks_keeps_its_button_and_says_what_to_compute(tmp
 
 
 def test_the_example_is_still_there_beside_surveys(tmp_path: Path) -> None:
-    async def body(front: Front, shown: Shown) -> None:
+    async def body(front: ApplicationState, shown: Shown) -> None:
         shown.choose(done(front, STIFF))
         await eventually(lambda: cells(shown))
         shown.store.dispatch(SurveyChosen(EXAMPLE))
@@ -502,13 +502,13 @@ def test_the_usual_map_of_a_survey_that_is_computed_is_one_that_fills_in(asked: 
     request = SurveyRequest(**BODY | asked)
     assert default_variable(request, False) == filling
     first = next(iter(maps_of(request)))
-    assert default_variable(request, True) == (first if is_closed_form(request, first) else filling)
+    assert default_variable(request, True) == (first if is_closed_form_map(request, first) else filling)
 
 
 def test_a_map_that_nobody_chose_fills_in_from_where_its_survey_begins(tmp_path: Path) -> None:
     asked = SurveyRequest(**BODY)
 
-    async def body(front: Front, shown: Shown) -> None:
+    async def body(front: ApplicationState, shown: Shown) -> None:
         job = accepted(front, asked)
         shown.choose(job)
         await eventually(lambda: cells(shown))
@@ -543,7 +543,7 @@ def test_a_map_that_nobody_chose_fills_in_from_where_its_survey_begins(tmp_path:
 
 
 def test_few_lines_are_on_until_a_viewer_chooses_and_over_regions_all_of_their_borders(tmp_path: Path) -> None:
-    async def body(_front: Front, shown: Shown) -> None:
+    async def body(_front: ApplicationState, shown: Shown) -> None:
         shown.follow(None)
         await eventually(lambda: cells(shown))
         assert shown.lines.key.chosen == ["SN1", "G1", "quiet_limit"]
@@ -582,7 +582,7 @@ def test_a_cell_is_read_again_once_it_is_computed(tmp_path: Path) -> None:
     asked = SurveyRequest(**BODY | {"quantities": ["attractors"]})
     at = float(asked.delta.values()[0]), float(asked.epsilon.values()[0])
 
-    async def body(front: Front, shown: Shown) -> None:
+    async def body(front: ApplicationState, shown: Shown) -> None:
         job = accepted(front, asked)
         front.database.set_state(job.id, State.RUNNING)
         shown.choose(front.database.job(job.id))
@@ -602,7 +602,7 @@ def test_beside_an_open_point_its_cell_is_one_line_until_it_is_unfolded(tmp_path
     asked = SurveyRequest(**BODY | {"quantities": ["region", "attractors"], "initial_conditions": {"count": 64}})
     here, there = ((float(asked.delta.values()[i]), float(asked.epsilon.values()[i])) for i in (1, 3))
 
-    async def body(front: Front, shown: Shown) -> None:
+    async def body(front: ApplicationState, shown: Shown) -> None:
         shown.choose(done(front, asked))
         await eventually(lambda: shown.plane is not None and cells(shown))
         (unfold,) = shown.readout.pane.select(pn.widgets.Button)
@@ -654,7 +654,7 @@ def test_closed_forms_of_a_survey_are_shown_before_it_is_computed(tmp_path: Path
     """Of what is computed already all is read, and of the other cells what is known of them."""
     asked = SurveyRequest(**BODY | {"beta": 0.5})
 
-    async def body(front: Front, shown: Shown) -> None:
+    async def body(front: ApplicationState, shown: Shown) -> None:
         job = accepted(front, asked)
         shown.choose(job)
         await eventually(lambda: cells(shown) and "waits for its turn" in shown.title.html)

@@ -129,7 +129,7 @@ def test_a_branch_begins_at_what_orbits_gives() -> None:
     whole = rattle.branch(rattle.periodic_orbit(0.6, 0.089, D.tau, D.v), "epsilon", (0.088, 0.09), resolution=8)
     assert (whole.epsilon == BRANCH.epsilon).all()
     assert (D.delta, D.epsilon, D.beta, D.added) == (0.6, 0.089, 0.6, {})
-    assert rattle.fate(C, 0.6, 0.0891).epsilon == 0.0891  # type: ignore[union-attr]
+    assert rattle.continue_to(C, 0.6, 0.0891).epsilon == 0.0891  # type: ignore[union-attr]
     soft = STIFF.orbits()[0]
     assert (soft.delta, soft.epsilon, soft.beta, soft.added) == (0.6, 0.089, 0.6, {"kappa": 1e4})
     with pytest.raises(rattle.ParameterError, match=r"rattle\.stiff\.stiff_branch"):

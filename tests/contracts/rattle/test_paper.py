@@ -30,7 +30,7 @@ def report() -> paper.Report:
     """Everything, computed once."""
     with pytest.MonkeyPatch.context() as patch:
         if not DEEP:
-            patch.setattr(numbers, "end_of_chaos", exact_end)
+            patch.setattr(numbers, "bracket_end_of_chaos", exact_end)
         return paper.report()
 
 
@@ -38,7 +38,9 @@ def report() -> paper.Report:
 def computed(report: paper.Report, monkeypatch: pytest.MonkeyPatch) -> paper.Report:
     """The command computes its numbers, and takes what costs more from the report."""
     intervals = {x.what: x.computed for x in report.numbers if isinstance(x.computed, tuple)}
-    monkeypatch.setattr(numbers, "end_of_chaos", lambda delta, *_: intervals[f"chaotic attractor ends at δ = {delta}"])
+    monkeypatch.setattr(
+        numbers, "bracket_end_of_chaos", lambda delta, *_: intervals[f"chaotic attractor ends at δ = {delta}"]
+    )
     module = __import__("rattle.paper.report", fromlist=["report"])
     monkeypatch.setattr(module, "compute_statements", lambda *_: report.statements)
     monkeypatch.setattr(module, "compute_findings", lambda *_: report.findings)
@@ -83,7 +85,7 @@ def test_a_wrong_value_in_the_paper_makes_the_command_fail(monkeypatch):
 
 @pytest.mark.usefixtures("computed")
 def test_a_wrong_computed_value_makes_the_command_fail(monkeypatch):
-    right = numbers.epsilon_at
+    right = numbers.epsilon_on_curve
     monkeypatch.setattr(numbers, "epsilon_at", lambda curve, delta: right(curve, delta) + 2e-4 * (curve == "G1"))
     result = CliRunner().invoke(app, ["paper"])
     assert result.exit_code == 1
@@ -96,7 +98,7 @@ def test_a_finding_without_evidence_or_need_is_unexpected(report):
     doubtful = replace(first, evidence=(replace(first.evidence[0], holds=False), *first.evidence[1:]))
     assert replace(report, findings=(doubtful, *report.findings[1:])).deviations
     off = next(x for x in report.numbers if x.finding)
-    assert not replace(off, computed=float(off.stated)).is_as_expected
+    assert not replace(off, computed=float(off.printed_value)).is_as_expected
     assert report.finding_number(off.finding) <= len(report.findings)
     assert replace(report, statements=(replace(report.statements[0], holds=False),)).deviations
 
@@ -117,7 +119,7 @@ def test_a_finding_without_evidence_or_need_is_unexpected(report):
     ],
 )
 def test_the_rule(stated, computed, verdict):
-    number = paper.Number("5.1", "something", stated, computed)
+    number = paper.StatedNumber("5.1", "something", stated, computed)
     assert number.verdict == verdict
     assert number.is_as_expected == (verdict == AGREES)
 
@@ -130,8 +132,8 @@ def test_the_end_of_chaos_agrees_with_the_manifold_condition(report):
 
 def test_one_finding_is_computed_alone(monkeypatch):
     """It has its number and its entry in the whole report, and nothing else is computed."""
-    monkeypatch.setattr(numbers, "end_of_chaos", None)
-    monkeypatch.setattr(paper.report.__globals__["pictures"], "compute_panels", None)
+    monkeypatch.setattr(numbers, "bracket_end_of_chaos", None)
+    monkeypatch.setattr(paper.report.__globals__["pictures"], "compute_figure_4_attractors", None)
     result = CliRunner().invoke(app, ["paper", "--only", "5"])
     assert result.exit_code == 0, result.output
     (title,) = re.findall(r"^### 5\. (.*)$", DOCUMENT, re.MULTILINE)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from rattle.numerics.processes import SAFE_PATH, environment, module_path
+from rattle.numerics.processes import SAFE_PATH, environment, trusted_import_directories
 
 ROOT = Path(__file__).parents[3]
 #: Files that start processes by a library, which inherit the environment of the command or the service.
@@ -21,7 +21,7 @@ def test_a_copy_that_is_the_working_directory_hides_nothing(tmp_path: Path, monk
     (copy / "rattle").mkdir(parents=True)
     monkeypatch.chdir(copy)
     monkeypatch.setattr(sys, "path", ["", "relative", str(copy), str(tmp_path), *sys.path])
-    path = module_path()
+    path = trusted_import_directories()
     assert str(copy) not in path
     assert str(tmp_path) in path
     assert str(ROOT) in path
@@ -33,9 +33,9 @@ def test_children_run_the_code_that_this_process_runs(tmp_path: Path, monkeypatc
     (tmp_path / "rattle").mkdir()
     monkeypatch.setattr(sys, "path", [str(tmp_path)])
     monkeypatch.setenv("PYTHONPATH", str(tmp_path / "named"))
-    assert module_path() == [str(tmp_path / "named"), str(ROOT), str(tmp_path)]
+    assert trusted_import_directories() == [str(tmp_path / "named"), str(ROOT), str(tmp_path)]
     assert environment()[SAFE_PATH] == "1"
-    assert environment()["PYTHONPATH"] == os.pathsep.join(module_path())
+    assert environment()["PYTHONPATH"] == os.pathsep.join(trusted_import_directories())
 
 
 def test_every_process_that_is_started_has_this_environment() -> None:

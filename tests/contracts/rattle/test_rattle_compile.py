@@ -37,7 +37,7 @@ def perhaps(values: Any) -> Any:
 
 @pytest.mark.parametrize("function", [with_its_size, perhaps])
 def test_an_inline_function_that_returns_an_array_is_refused(function: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(compiling.Inline, "compiled", [])
+    monkeypatch.setattr(compiling.InlineFunction, "compiled", [])
     compiled = inline(function)
     compiling.refuse_array_returns()
     compiled.kernel_dispatcher.compile(NUMBERS)

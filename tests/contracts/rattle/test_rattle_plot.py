@@ -21,14 +21,14 @@ from waiting import HANG
 
 from gear_rattle.service.cli import app, main
 from rattle import Attractor, Gear, ParameterError, attractors_of
-from rattle.attractors.basins import Basins, boundary_cells
+from rattle.attractors.basins import Basins, flag_boundary_cells
 from rattle.curves import codimension_two, trace
 from rattle.impacting.orbits.period_one import regions as region_of
 from rattle.orbits.orbits_a_to_d import PAPER_REGIONS, REGIONS
 from rattle.plot import FIGURES, basins, colour, draw, legend_name, plane, save
 from rattle.plot.colours import Palette
 from rattle.plot.drawing import new_figure
-from rattle.plot.paper_figures import ParameterForm, Range, parse_option, request
+from rattle.plot.paper_figures import ParameterForm, RangeArgument, parse_option, request
 from rattle.plot.paper_ranges import FIGURE_7, FIGURE_8
 from rattle.plot.plane import IN_PAPER, draw_curve, draw_points
 
@@ -193,7 +193,7 @@ def test_manifolds_encapsulate_the_basins(figure_6: Figure) -> None:
             tau, v = line.get_xydata()[~np.isnan(line.get_xdata())].T
             inside = v < 7
             on[(v[inside] / 7 * CELLS).astype(int), (tau[inside] * CELLS).astype(int) % CELLS] = True
-    edge = boundary_cells(direct(0.1).labels)
+    edge = flag_boundary_cells(direct(0.1).labels)
     away = distance_transform_edt(~np.tile(on, 3))[:, CELLS : 2 * CELLS]
     assert away[edge].max() < 2.5  # cells
     assert (away[~edge] > 2.5).mean() > 0.5
@@ -323,7 +323,7 @@ def test_figure_8_is_labelled(figure_8: Figure) -> None:
         pytest.param((0.4, 1.0), (0, 0.3), 3.0, marks=deep),
     ],
 )
-def test_other_planes_are_drawn(delta: Range, epsilon: Range, beta: float, tmp_path: Path) -> None:
+def test_other_planes_are_drawn(delta: RangeArgument, epsilon: RangeArgument, beta: float, tmp_path: Path) -> None:
     figure = plane.plane_figure(delta, epsilon, beta).figure
     (axes,) = figure.axes
     assert (axes.get_xlim(), axes.get_ylim()) == (delta, epsilon)
@@ -341,7 +341,7 @@ def test_options_are_numbers_or_a_range() -> None:
     assert parse_option("--delta", []) is None
     assert parse_option("--delta", ["0.1"]) == (0.1,)
     assert parse_option("--delta", ["0.1", "0.3"]) == (0.1, 0.3)
-    assert parse_option("--delta", ["0.1:0.3"]) == Range(0.1, 0.3)
+    assert parse_option("--delta", ["0.1:0.3"]) == RangeArgument(0.1, 0.3)
     for texts_ in (["x"], [""], ["1:2:3"], [":"], ["1:2", "3"], ["1:"]):
         with pytest.raises(ParameterError, match="--delta"):
             parse_option("--delta", texts_)
@@ -352,7 +352,7 @@ def test_options_are_numbers_or_a_range() -> None:
     [
         (3, None),
         (10, None),
-        (4, Range(0.05, 0.1)),
+        (4, RangeArgument(0.05, 0.1)),
         (4, ()),
         (6, (0.1, 0.2)),
         (6, -0.1),
@@ -360,7 +360,7 @@ def test_options_are_numbers_or_a_range() -> None:
         (7, 0.1),
         (7, (0.3, 0.1)),
         (8, (0.1, 0.2, 0.3)),
-        (7, Range(0.1, float("inf"))),
+        (7, RangeArgument(0.1, float("inf"))),
         (6, "0.1"),
     ],
 )
@@ -422,7 +422,7 @@ def test_the_command_refuses(
 ) -> None:
     (tmp_path / "FILE").touch()
     monkeypatch.chdir(tmp_path)
-    for request_ in ("Request", "StiffRequest"):
+    for request_ in ("Request", "StiffFigureRequest"):
         monkeypatch.setattr(f"rattle.plot.paper_figures.{request_}.draw", lambda _: pytest.fail("computed first"))
     monkeypatch.setattr(sys, "argv", ["rattle", "figure", *arguments])
     with pytest.raises(SystemExit) as ended:
@@ -453,7 +453,9 @@ else:
 
 @pytest.mark.parametrize("window", [FIGURE_7, FIGURE_8, ((0.5, 0.8), (0.05, 0.2))], ids=["7", "8", "between"])
 @pytest.mark.parametrize("size", [(3.5, 2.8), (6.8, 5.2), (10.0, 7.0)], ids=["small", "usual", "large"])
-def test_names_of_points_cover_no_marker_and_no_other_name(window: tuple[Range, Range], size: Range) -> None:
+def test_names_of_points_cover_no_marker_and_no_other_name(
+    window: tuple[RangeArgument, RangeArgument], size: RangeArgument
+) -> None:
     figure = new_figure(*size)
     axes = figure.add_subplot(xlim=window[0], ylim=window[1])
     with np.errstate(all="ignore"):

@@ -17,7 +17,7 @@ import sys
 import numpy as np
 import rattle
 from rattle.intensity.balance import impulse_balance_errors
-from rattle.intensity.table import intensities_of, follow_one_by_one
+from rattle.intensity.table import intensities_of, follow_motions_one_by_one
 from rattle.impacting.attractors.classifier import cells_of
 from rattle.impacting.attractors.stretch import stretch
 from rattle.impacting.bifurcations.curve_tracing import trace
@@ -38,7 +38,7 @@ if kappa is None:
 else:
     gear, table = StiffGear(0.5, 0.1, 0.7, kappa), classifier.attractors_of(delta, epsilon, beta, kappa, count=32)
     cells = classifier.cells_of(Parameters.from_values("stiff", delta, epsilon, beta, kappa=kappa))
-    stretched = follow_one_by_one
+    stretched = follow_motions_one_by_one
 gear.orbits()
 impulse_balance_errors(table, cells)
 intensities_of(table, cells, stretched)

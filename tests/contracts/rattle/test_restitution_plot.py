@@ -5,7 +5,7 @@ import numpy as np
 import rattle
 from rattle.attractors.samples import Outcome
 from rattle.inelastic import NAMES
-from rattle.plot import codimension_two_figure, restitution_figure, restitution_plane
+from rattle.plot import codimension_two_figure, draw_restitution_figure, restitution_plane
 from rattle.plot.restitution import CHAOTIC, CONTACT, P_110, QUIET_ALONE, SHOWN
 
 
@@ -26,7 +26,7 @@ def test_what_planes_show() -> None:
     assert lossy.dominant_types[1, 0] == P_110
     assert elastic.dominant_types[2, 0] == CHAOTIC
     assert lossy.dominant_types[2, 0] == CONTACT
-    drawn = restitution_figure(planes).figure
+    drawn = draw_restitution_figure(planes).figure
     titles = [axes.get_title() for axes in drawn.axes]
     assert titles[:2] == ["r = 1", "r = 0.8"]
     lines = {line.get_label() for line in drawn.axes[1].lines}

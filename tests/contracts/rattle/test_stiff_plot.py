@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 from gear_rattle.service.cli import app
 from rattle.errors import ParameterError
 from rattle.plot import diagram, stiff, stiff_figure
-from rattle.plot.diagram import curves_along, parameter_axis, strokes
+from rattle.plot.diagram import impact_curves_along_branch, parameter_axis, strokes
 from rattle.stiff import StiffGear
 from rattle.stiff import diagram as stiff_diagram
 
@@ -44,7 +44,9 @@ def test_a_diagram_is_drawn_as_that_of_the_impacting_model() -> None:
     axis, scale, offset = parameter_axis(found)
     assert axis == "eccentricity $ε$ (δ = 0.6, β = 0.6, κ = 10000)"
     drawn, names = [], set()
-    for curve in (curve for branch in found.branches for curve in curves_along(found, branch, scale, offset)):
+    for curve in (
+        curve for branch in found.branches for curve in impact_curves_along_branch(found, branch, scale, offset)
+    ):
         names |= set(curve.name)
         for stable, part in strokes(curve):
             x, tau = curve.x[part], curve.tau[part]

@@ -13,7 +13,7 @@ import rattle
 from gear_rattle.service.cli import app
 from rattle.errors import ParameterError
 from rattle.plot import branch_figure
-from rattle.plot.diagram import _left_out_note
+from rattle.plot.diagram import _note_on_omitted_branches
 from rattle.stiff import StiffGear, stiff_branch
 
 
@@ -103,7 +103,7 @@ def test_a_diagram_draws_itself_and_its_legend_names_every_mark() -> None:
 def test_branches_left_out_are_one_line() -> None:
     found = rattle.diagram((0.6, 0.08), (0.6, 0.09), steps=6, count=32, impacts=2, most=3)
     assert len(found.left_out) > 4
-    (note,) = _left_out_note(found)
+    (note,) = _note_on_omitted_branches(found)
     assert note.startswith(f"{len(found.left_out)} branches left out")
     assert note.endswith(f"and {len(found.left_out) - 4} more")
     assert len(note) < 120

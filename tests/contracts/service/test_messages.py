@@ -16,7 +16,7 @@ import rattle
 from gear_rattle import Client, ServiceError, SurveyError, run_survey
 from gear_rattle.service.cli import app
 from gear_rattle.workers import Axis, SurveyRequest
-from gear_rattle.workers.cluster.window import map_quantity
+from gear_rattle.workers.cluster.window import quantity_of_map
 from rattle.errors import did_you_mean
 
 #: Words of pydantic, json and Python, which speak of the program.
@@ -155,7 +155,7 @@ def test_queries(client: TestClient, path: str, words: str) -> None:
 def test_a_map_that_was_meant_is_named(given: str, meant: str) -> None:
     request = SurveyRequest(delta=(0.4, 1.0, 3), epsilon=(0.1, 0.2, 3))
     with pytest.raises(SurveyError, match=rf"there is no map '{given}': did you mean {meant}"):
-        map_quantity(given, 0, request)
+        quantity_of_map(given, 0, request)
 
 
 def test_names_of_the_library_too() -> None:

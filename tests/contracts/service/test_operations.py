@@ -57,7 +57,7 @@ def test_the_large_survey() -> None:
         "epsilon": {"start": 0.005, "stop": 0.3, "num": 31_623},
     }
     large = SurveyRequest(**axes, tile={"delta": 64, "epsilon": 64})
-    per_cell = sum(each.per_cell for each in stored_variables(DEFAULT, DEFAULT_MODEL))
+    per_cell = sum(each.is_per_cell for each in stored_variables(DEFAULT, DEFAULT_MODEL))
     assert f"{large.n_tiles:_}".replace("_", " ") in TEXT
     assert f"{SurveyRequest(**axes).n_tiles:_}".replace("_", " ") in TEXT
     (measured,) = map(int, re.findall(r"\| (\d+) per tile", TEXT))

@@ -30,7 +30,7 @@ def test_a_secret_is_nowhere_in_the_data_directory(client: TestClient) -> None:
     secret = keys.TOKEN.fullmatch(token)[2].encode()
     files = [path for path in front_of(client).directory.path.rglob("*") if path.is_file()]
     kept = b"".join(path.read_bytes() for path in files)
-    assert keys.hash_of(secret.decode()).encode() in kept
+    assert keys.hash_secret(secret.decode()).encode() in kept
     assert secret not in kept
 
 

@@ -11,7 +11,7 @@ from waiting import eventually
 
 from gear_rattle.service.errors import UnknownSurveyError
 from gear_rattle.service.jobs import broadcast
-from gear_rattle.service.jobs.broadcast import Broadcast, encode_events
+from gear_rattle.service.jobs.broadcast import SurveyEventBroadcaster, encode_events
 
 PAGE = 7
 KEPT = 10
@@ -40,7 +40,7 @@ class Survey:
         return self.rows[after : after + PAGE]
 
 
-async def follow(feeds: Broadcast, survey: Survey, seen: int, until: int, lag: int = 0) -> list[int]:
+async def follow(feeds: SurveyEventBroadcaster, survey: Survey, seen: int, until: int, lag: int = 0) -> list[int]:
     """Ids of the events from `seen` to `until`, by a stream that looks again when `lag` more have happened."""
     found: list[int] = []
     with feeds.listen("x", survey.read, len(survey.rows)) as (feed, grown):
@@ -57,7 +57,7 @@ async def follow(feeds: Broadcast, survey: Survey, seen: int, until: int, lag: i
     return found
 
 
-async def watched(feeds: Broadcast, number: int) -> None:
+async def watched(feeds: SurveyEventBroadcaster, number: int) -> None:
     """Open so many listeners of the survey."""
     await eventually(lambda: "x" in feeds._feeds and len(feeds._feeds["x"].listeners) == number)
 
@@ -67,7 +67,7 @@ def test_every_stream_gets_every_event_once(monkeypatch: pytest.MonkeyPatch) -> 
     monkeypatch.setattr(broadcast, "READ_PAUSE", 0)
 
     async def run() -> None:
-        feeds, survey = Broadcast(), Survey()
+        feeds, survey = SurveyEventBroadcaster(), Survey()
         survey.happen(25)
         streams = [follow(feeds, survey, seen, 100, lag) for seen in (0, 3, 24, 25) for lag in (0, KEPT + 5)]
         running = [asyncio.create_task(stream) for stream in streams]
@@ -86,7 +86,7 @@ def test_every_stream_gets_every_event_once(monkeypatch: pytest.MonkeyPatch) -> 
 
 def test_many_who_watch_cost_one_read() -> None:
     async def run() -> None:
-        feeds, survey = Broadcast(), Survey()
+        feeds, survey = SurveyEventBroadcaster(), Survey()
         running = [asyncio.create_task(follow(feeds, survey, 0, 5)) for _ in range(200)]
         await watched(feeds, 200)
         survey.happen(5)
@@ -99,7 +99,7 @@ def test_many_who_watch_cost_one_read() -> None:
 
 def test_a_deleted_survey_ends_its_streams() -> None:
     async def run() -> None:
-        feeds, survey = Broadcast(), Survey()
+        feeds, survey = SurveyEventBroadcaster(), Survey()
         running = asyncio.create_task(follow(feeds, survey, 0, 5))
         await watched(feeds, 1)
         survey.deleted = True
@@ -113,7 +113,7 @@ def test_a_crowd_that_watches_does_not_hold_up_others() -> None:
     """Two hundred answers at once would: between them, the loop is seen to turn."""
 
     async def run() -> None:
-        feeds, survey, turns = Broadcast(), Survey(), [0]
+        feeds, survey, turns = SurveyEventBroadcaster(), Survey(), [0]
         woken: list[int] = []
 
         async def watch() -> None:

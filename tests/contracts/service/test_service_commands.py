@@ -18,7 +18,7 @@ from gear_rattle.service.client import Client
 from gear_rattle.service.commands import letters
 from gear_rattle.service.commands import run as run_command
 from gear_rattle.service.commands.drawing import require_writable
-from gear_rattle.service.commands.survey_options import DEFAULTS, OPTIONS, SURVEYED_MACHINE, survey_request
+from gear_rattle.service.commands.survey_options import DEFAULTS, OPTIONS, SURVEYED_MACHINE, request_from_options
 from gear_rattle.service.errors import ServiceError
 from gear_rattle.service.settings import Settings
 from gear_rattle.workers.bound import ROUNDS
@@ -185,4 +185,4 @@ def test_the_options_of_a_survey_are_the_fields_of_its_request() -> None:
     assert set(OPTIONS) == fields | set(SURVEYED_MACHINE)
     axes = {"delta": "0.5:0.7:6", "epsilon": "0.05:0.15:4"}
     assert {"count": InitialConditions().count, "seed": SurveyRequest.model_fields["seed"].default} == DEFAULTS
-    assert survey_request(axes | DEFAULTS) == survey_request(axes)
+    assert request_from_options(axes | DEFAULTS) == request_from_options(axes)

@@ -12,7 +12,7 @@ from waiting import wait_until
 from gear_rattle.service.app import create_app
 from gear_rattle.service.errors import DataDirectoryError
 from gear_rattle.service.jobs import manager
-from gear_rattle.service.jobs.opening import open_data
+from gear_rattle.service.jobs.opening import open_service_data
 from gear_rattle.service.settings import Settings
 
 SMALLER = BODY | {"seed": 3}
@@ -49,7 +49,7 @@ def health(client: TestClient) -> dict[str, object]:
 def test_while_it_is_away_nothing_is_accepted_and_nothing_written(data: Path) -> None:
     with local_client(create_app(Settings(data=data), idle_cluster)) as client:
         wait_until(lambda: health(client)["status"] == "ok")
-        front_of(client).manager._run_next = lambda _: False  # type: ignore[method-assign]  # it stays accepted
+        front_of(client).manager._run_next_survey = lambda _: False  # type: ignore[method-assign]  # it stays accepted
         path = client.post("/v1/surveys", json=BODY).headers["location"]
         away = take_away(data)
         for body in (BODY, SMALLER):
@@ -144,21 +144,21 @@ def test_a_directory_without_identity_gets_one_and_keeps_it(tmp_path: Path, olde
 def test_a_database_elsewhere_knows_the_directory(tmp_path: Path, database_url: str) -> None:
     """A service that starts before its disk is mounted would compute everything again, in the hole."""
     data, hole, other = (tmp_path / name for name in ("data", "hole", "other"))
-    with open_data(Settings(data=data, database_url=database_url)):
+    with open_service_data(Settings(data=data, database_url=database_url)):
         known = identity_of(data)
-    with open_data(Settings(data=other)):  # another service's
+    with open_service_data(Settings(data=other)):  # another service's
         pass
     for wrong in (hole, other):
         with (
             pytest.raises(DataDirectoryError, match="not the data directory that the job database has recorded"),
-            open_data(Settings(data=wrong, database_url=database_url)),
+            open_service_data(Settings(data=wrong, database_url=database_url)),
         ):
             pass
     assert not (hole / "identity").exists()
     (data / "identity").unlink()  # copied without it
     (data / "surveys" / f"{'0' * 16}.zarr").mkdir()
-    with open_data(Settings(data=data, database_url=database_url)):
+    with open_service_data(Settings(data=data, database_url=database_url)):
         assert identity_of(data) == known
     (hole / "identity").write_text(known)  # as the message says
-    with open_data(Settings(data=hole, database_url=database_url)):
+    with open_service_data(Settings(data=hole, database_url=database_url)):
         assert identity_of(hole) == known

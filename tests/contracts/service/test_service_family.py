@@ -15,9 +15,9 @@ from gear_rattle.workers import (
     SurveyRequest,
     create_store,
     finish_store,
-    join_survey,
+    join_attractors_of_survey,
     place_of,
-    run_tiles_here,
+    run_tiles_in_this_process,
     tiles_of,
 )
 from gear_rattle.workers import open_family as open_stored
@@ -52,9 +52,9 @@ def store(tmp_path: Path) -> Path:
     path = tmp_path / "v1" / "surveys" / SURVEY["id"] / "store"
     path.parent.mkdir(parents=True)
     create_store(REQUEST, path)
-    run_tiles_here(REQUEST, path, tiles_of(REQUEST), lambda _: None, lambda: False)
+    run_tiles_in_this_process(REQUEST, path, tiles_of(REQUEST), lambda _: None, lambda: False)
     with place_of(path).lock_for_writing():
-        join_survey(REQUEST, path)
+        join_attractors_of_survey(REQUEST, path)
     finish_store(path)
     return path
 

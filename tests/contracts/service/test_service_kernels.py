@@ -188,7 +188,7 @@ for delta, epsilon, beta in ((0.5, 0.25, 0.6), (1.5, 0.4, 0.3))[: 1 if added els
     point_parts.sampled_attractors(gear, 16)
     for method in ("cells", "refined", "direct"):
         point_parts.basins(gear, 20, method)
-    point_parts.motion_from(gear, 0.3, 4.0, 1.0, 2)
+    point_parts.motion_from_state(gear, 0.3, 4.0, 1.0, 2)
     point_parts.compute_plane_lines(gear)
     if Capability.MARGIN in model.has:
         point_parts.margin(gear)

@@ -17,7 +17,7 @@ from gear_rattle.service.client import Client
 from gear_rattle.service.commands.serve import require_keys
 from gear_rattle.service.database import Database
 from gear_rattle.service.errors import ServiceError
-from gear_rattle.service.results import key_headers, open_results
+from gear_rattle.service.results import api_key_headers, open_results
 from gear_rattle.service.settings import Settings
 
 
@@ -146,10 +146,10 @@ def test_the_client_sends_its_key_with_every_request(tmp_path: Path, monkeypatch
 
 
 def test_a_key_of_other_characters_is_refused_before_it_is_sent() -> None:
-    assert key_headers("") == {}
+    assert api_key_headers("") == {}
     for wrong in ("kéy", "a\nb", "a\x00"):
         with pytest.raises(ServiceError, match="RATTLE_API_KEY"):
-            key_headers(wrong)
+            api_key_headers(wrong)
 
 
 def test_the_client_needs_no_key_on_loopback(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

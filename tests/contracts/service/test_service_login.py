@@ -136,7 +136,7 @@ def test_the_cookie_is_a_session_of_its_own_and_not_the_key(client: TestClient) 
     assert not any(secret in cookie or key.id in cookie for cookie in held)
     files = [path for path in front_of(client).directory.path.rglob("*") if path.is_file()]
     kept = b"".join(path.read_bytes() for path in files)
-    assert keys.hash_of(held[1]).encode() in kept
+    assert keys.hash_secret(held[1]).encode() in kept
     assert held[1].encode() not in kept
     assert_problem(client.get("/v1/surveys", headers={"Authorization": f"Bearer {held[1]}"}), 401)
     client.cookies.set(COOKIE, held[0])
@@ -152,17 +152,17 @@ def test_a_session_ends_with_its_time_and_with_its_key(tmp_path: Path, database_
         database = front_of(client).database
         key, token = keys.add_key(database, "short", Scope.READ)
         old = keys.begin_session(database, key, -1)
-        assert keys.find_session(database, old) is None
+        assert keys.find_caller_of_session(database, old) is None
         sessions = [keys.begin_session(database, key, 1e6) for _ in range(MOST_SESSIONS + 1)]
-        live = [keys.find_session(database, each) is not None for each in sessions]
+        live = [keys.find_caller_of_session(database, each) is not None for each in sessions]
         assert live == [False] + [True] * MOST_SESSIONS
         other = keys.begin_session(database, keys.add_key(database, "other", Scope.READ)[0], 1e6)
         sign_in(client, token)
         assert client.get("/v1/surveys").status_code == 200
         database.revoke_key(key.id)
         assert_problem(client.get("/v1/surveys"), 401, code="unauthorized")
-        assert not any(keys.find_session(database, each) for each in sessions)
-        assert keys.find_session(database, other) is not None
+        assert not any(keys.find_caller_of_session(database, each) for each in sessions)
+        assert keys.find_caller_of_session(database, other) is not None
 
 
 def test_a_cookie_that_holds_a_key_is_politely_refused(client: TestClient) -> None:

@@ -20,7 +20,7 @@ from sqlalchemy.exc import OperationalError
 from gear_rattle.service.access.middleware import AccessMiddleware
 from gear_rattle.service.database import Database
 from gear_rattle.service.database.tables import State
-from gear_rattle.service.observability.logs import adopt_handlers, log_config, log_survey_id
+from gear_rattle.service.observability.logs import add_survey_id_to_logs, format_logs_of_libraries, log_config
 from gear_rattle.service.observability.logs_json import TRACEBACKS
 from gear_rattle.workers import SurveyRequest, compute_tile, tiles_of
 
@@ -152,7 +152,7 @@ def test_json_lines(client: TestClient, lines: Callable[[], list[str]], monkeypa
     survey_id = "0123456789abcdef"
     response = client.get(f"/v1/surveys/{survey_id}", headers={"X-Request-ID": "mine-1"})
     assert response.headers["x-request-id"] == "mine-1"
-    with log_survey_id(survey_id):
+    with add_survey_id_to_logs(survey_id):
         logging.getLogger("gear_rattle.service.jobs.manager").warning("two\nlines %s", "here")
     records = [json.loads(line) for line in lines()]
     request = next(record for record in records if record["logger"] == "gear_rattle.service.observability.logs")
@@ -198,7 +198,7 @@ def attack(client: TestClient, monkeypatch: pytest.MonkeyPatch) -> None:
 
     monkeypatch.setattr(Database, "accept", fail)
     assert client.post("/v1/surveys", json=BODY).status_code == 503
-    with log_survey_id(HOSTILE):
+    with add_survey_id_to_logs(HOSTILE):
         logging.getLogger("uvicorn.error").info("%s said", HOSTILE, stack_info=True)
     try:
         raise ExceptionGroup(HOSTILE, [ValueError(HOSTILE)])
@@ -246,8 +246,8 @@ def test_libraries_with_handlers_of_their_own_write_like_everybody(lines: Callab
     library.propagate = False
     handler = logging.StreamHandler(written := StringIO())
     library.addHandler(handler)
-    adopt_handlers()
-    with log_survey_id("0123456789abcdef"):
+    format_logs_of_libraries()
+    with add_survey_id_to_logs("0123456789abcdef"):
         library.warning("%s", HOSTILE)
     library.removeHandler(handler)
     assert written.getvalue().count("\n") == 1

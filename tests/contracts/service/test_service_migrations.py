@@ -11,7 +11,7 @@ from sqlalchemy import Engine, inspect
 
 from gear_rattle.service.database import Database
 from gear_rattle.service.database.engine import UNPOOLED, open_engine
-from gear_rattle.service.database.tables import Scope, Table
+from gear_rattle.service.database.tables import Scope, TableBase
 from gear_rattle.service.errors import DataDirectoryError
 
 
@@ -41,7 +41,7 @@ def contents(engine: Engine) -> dict[str, list[str]]:
 def test_models_and_migrations_agree(database_url: str, engine: Engine) -> None:
     Database(database_url).close()
     with engine.connect() as connection:
-        assert compare_metadata(MigrationContext.configure(connection), Table.metadata) == []
+        assert compare_metadata(MigrationContext.configure(connection), TableBase.metadata) == []
         if engine.dialect.name == "sqlite":
             assert connection.exec_driver_sql("PRAGMA journal_mode").scalar_one() == "wal"
             assert connection.exec_driver_sql("PRAGMA synchronous").scalar_one() == 2  # FULL

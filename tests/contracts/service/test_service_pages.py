@@ -125,9 +125,9 @@ def test_a_browser_that_leaves_while_its_message_is_handled_leaves_no_traceback(
     for logger in loggers:
         logger.addHandler(handler)
     gone, failed = threading.Event(), threading.Semaphore(0)
-    serve = mount._Socket.__call__
+    serve = mount._PageWebsocketRoute.__call__
 
-    async def leaving(route: mount._Socket, scope: Scope, receive: Receive, send: Send) -> None:
+    async def leaving(route: mount._PageWebsocketRoute, scope: Scope, receive: Receive, send: Send) -> None:
         async def sent(message: Message) -> None:
             if gone.is_set() and message["type"] == "websocket.send":
                 failed.release()
@@ -136,7 +136,7 @@ def test_a_browser_that_leaves_while_its_message_is_handled_leaves_no_traceback(
 
         await serve(route, scope, receive, sent)
 
-    monkeypatch.setattr(mount._Socket, "__call__", leaving)
+    monkeypatch.setattr(mount._PageWebsocketRoute, "__call__", leaving)
     with front_end(tmp_path) as client:
         (token,) = set(findall(r'"token":\s*"([^"]+)"', client.get("/page").text))
         with client.websocket_connect(SOCKET, headers={**OWN}, subprotocols=["bokeh", token]) as socket:

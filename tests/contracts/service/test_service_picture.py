@@ -23,7 +23,7 @@ from service_support import assert_problem, compute, front_end, front_of
 
 import rattle
 from gear_rattle.service.errors import UnavailableError
-from gear_rattle.service.explorer.common.address import DrawnSettings, View
+from gear_rattle.service.explorer.common.address import DrawnMapSettings, View
 from gear_rattle.service.explorer.map.picture import picture_query
 from gear_rattle.service.operations.crises import CrisisCurves
 from gear_rattle.service.operations.overlaid import Overlays, PictureOptions
@@ -186,11 +186,13 @@ def test_the_page_asks_for_the_view_as_it_is_seen(client: TestClient, survey_id:
         **{"variable": "orbit_velocity", "index": "2", "low": "0.5", "high": "4.0", "log": "true"},
         **{"lines": "SN1,crisis,points", "caption": "true"},
     }
-    seen = DrawnSettings((0.25, 8.0), False, (500, 400))
+    seen = DrawnMapSettings((0.25, 8.0), False, (500, 400))
     asked = {name: value for name, (value,) in parse_qs(picture_query(ASKED, replace(view, family=2), seen)).items()}
     assert (asked["low"], asked["high"], asked.get("log")) == ("0.25", "8.0", None)
     assert (asked["pixels_delta"], asked["pixels_epsilon"], asked["family"]) == ("500", "400", "2")
-    codes = parse_qs(picture_query(ASKED, replace(view, overlays=("design_limit",)), DrawnSettings(None, False, None)))
+    codes = parse_qs(
+        picture_query(ASKED, replace(view, overlays=("design_limit",)), DrawnMapSettings(None, False, None))
+    )
     assert codes["share"] == ["0.9"]
     assert not {"low", "high", "span", "pixels_delta"}.intersection(codes)
     query = picture_query(ASKED, replace(view, overlays=("SN1", "points")))
@@ -272,7 +274,7 @@ def test_a_crisis_curve_is_computed_again_after_an_unexpected_error_only(
         found = []
         for beta in (0.6, 0.6, 0.6, 0.7, 0.7):
             try:
-                found.append(str((await crises.crisis_of(rattle.models.Impacting(beta))).tolist()))
+                found.append(str((await crises.crisis_curve_of(rattle.models.Impacting(beta))).tolist()))
             except (MemoryError, rattle.RattleError) as error:
                 found.append(str(error))
         return found
@@ -300,7 +302,7 @@ def test_lines_that_take_long_are_found_once_and_given_up_with_whoever_asked(
         yield np.array([0.5, 0.8]), np.array([[0.04, np.nan], [0.03, np.nan], [0.05, np.nan]])
 
     monkeypatch.setattr(overlaid.crises, "crisis_of", crisis)
-    monkeypatch.setattr(overlaid.limits, "limits_over", along)
+    monkeypatch.setattr(overlaid.limits, "limits_over_damping", along)
     here = f"/v1/surveys/{survey_id}/map.svg"
     answers = [
         client.get(here, params={"lines": lines, "share": 0.75})
@@ -345,7 +347,7 @@ def test_a_window_is_of_the_survey_s_cells_if_it_is_too_narrow_but_not_if_the_wo
     monkeypatch.setattr(overlays.windows, "last_frame", fail)
     look = PictureLook((0.6, 0.61), (0.1, 0.11), lines=())
     options = PictureOptions("region", 0, None, look, 0.5, (300, 300), False)
-    found = overlays.overlays_of(SurveyRequest(**ASKED), options)
+    found = overlays.compute_overlays(SurveyRequest(**ASKED), options)
     if isinstance(error, ClusterLostError):
         with pytest.raises(UnavailableError, match="workers were lost"):
             asyncio.run(found)

@@ -24,7 +24,7 @@ from gear_rattle.workers import (
     open_survey,
     tiles_of,
 )
-from gear_rattle.workers.answers import population_in, population_of
+from gear_rattle.workers.answers import read_finished_population, read_population_in_dataset
 from gear_rattle.workers.kinds import compute_tile
 
 pytestmark = pytest.mark.usefixtures("templates_once")
@@ -106,7 +106,7 @@ def test_the_answers_are_those_of_the_store(client: TestClient) -> None:
     answer = client.get(f"/v1/populations/{survey_id}/answers")
     assert answer.status_code == 200
     found = answer.json()
-    exact = population_of(front_of(client).directory.store(survey_id))
+    exact = read_finished_population(front_of(client).directory.store(survey_id))
     assert found["quiet"] == dict(exact.quiet._asdict())
     assert exact.passing is not None
     assert found["passing"] == dict(exact.passing._asdict())
@@ -223,7 +223,7 @@ def test_commands_submit_list_and_follow_a_population(client: TestClient, monkey
         return " ".join(result.output.split())
 
     words = said("tolerance", "--submit", "--watch", *asked)
-    exact = population_of(store)
+    exact = read_finished_population(store)
     assert words.startswith(survey_id)
     assert f"runs quietly with a probability of {exact.quiet.value:.4g} [{exact.quiet.low:.4g}" in words
     followed = said("watch", survey_id)
@@ -236,11 +236,13 @@ def test_commands_submit_list_and_follow_a_population(client: TestClient, monkey
 
 def test_a_population_is_answered_from_an_opened_store(client: TestClient) -> None:
     store = front_of(client).directory.store(finished(client, seed=11))
-    found, exact = population_in(open_survey(store), "it"), population_of(store)
+    found, exact = read_population_in_dataset(open_survey(store), "it"), read_finished_population(store)
     assert (found.quiet, found.passing, found.worst(3)) == (exact.quiet, exact.passing, exact.worst(3))
     with pytest.raises(SurveyError, match="it holds no population"):
-        population_in(open_survey(store).assign_attrs(request=SurveyRequest(**BODY).model_dump_json()), "it")
+        read_population_in_dataset(
+            open_survey(store).assign_attrs(request=SurveyRequest(**BODY).model_dump_json()), "it"
+        )
     lacking = open_survey(store).load()
     lacking["status"][3] = 0
     with pytest.raises(SurveyError, match="it lacks 1 gears"):
-        population_in(lacking, "it")
+        read_population_in_dataset(lacking, "it")

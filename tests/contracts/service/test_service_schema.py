@@ -45,7 +45,7 @@ from gear_rattle.workers import (
     create_store,
     finish_store,
     open_survey,
-    request_of,
+    parse_request_document,
     tiles_of,
 )
 from gear_rattle.workers.certificates import certify_survey
@@ -102,7 +102,10 @@ LEFT_OUT = "use_after_free"
 def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The stores of a survey, with its certificates, and of a population, whole."""
     path = tmp_path_factory.mktemp("finished")
-    for kind, request in ((JobKind.SURVEY, SurveyRequest(**BODY)), (JobKind.POPULATION, request_of(POPULATION))):
+    for kind, request in (
+        (JobKind.SURVEY, SurveyRequest(**BODY)),
+        (JobKind.POPULATION, parse_request_document(POPULATION)),
+    ):
         store = path / kind
         create_store(request, store)
         for tile in tiles_of(request):
@@ -147,7 +150,7 @@ def serving(finished: Path, data: Path, **changes: Any) -> Iterator[tuple[str, F
         patch.setattr(manager.JobManager, "_compute_until_pause", compute)
         for kind, name in (
             (CrisisCurves, "crisis_of"),
-            (DesignLimits, "limits_over"),
+            (DesignLimits, "limits_over_damping"),
             (windows, "refine_window"),
         ):
             patch.setattr(kind, name, too_long)

@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 
 from gear_rattle.service.cli import app
 from gear_rattle.service.client import Client
-from gear_rattle.service.commands.survey_options import survey_request
+from gear_rattle.service.commands.survey_options import request_from_options
 from gear_rattle.service.database.tables import State
 from gear_rattle.service.operations.chunks import is_expected_file
 from gear_rattle.service.operations.estimate import _request_for_few_cells, most_similar_survey
@@ -95,14 +95,14 @@ def test_the_cost_is_that_of_cells_of_the_middle_slice() -> None:
     assert few.delta.start == pytest.approx(REQUEST.delta.start + width / 6)  # each stands for a ninth of the plane
     assert few.delta.stop == pytest.approx(REQUEST.delta.stop - width / 6)
     stiff = SurveyRequest(**BODY | {"quantities": ["orbits"], "model": "stiff", "kappa": (1e3, 1e4, 2)})
-    assert stiff.added_numbers == {"kappa": 1e4}
+    assert stiff.added_parameter_values == {"kappa": 1e4}
     assert most_similar_survey(stiff, []) is None
 
 
 def test_axes_are_read_by_commands(tmp_path: Path) -> None:
     given = {"count": 4, "delta": "0.5:0.7:6", "epsilon": "0.05:0.15:4"}
-    assert survey_request(given | {"beta": "0.4:0.6:3"}).beta == Axis(start=0.4, stop=0.6, num=3)
-    found = survey_request(given | {"kappa": "1e3:1e4:2", "beta": "0.5"})
+    assert request_from_options(given | {"beta": "0.4:0.6:3"}).beta == Axis(start=0.4, stop=0.6, num=3)
+    found = request_from_options(given | {"kappa": "1e3:1e4:2", "beta": "0.5"})
     assert found.kappa == Axis(start=1e3, stop=1e4, num=2)
     store = tmp_path / "s.zarr"
     asked = ["run", "--delta", "0.5:0.7:3", "--epsilon", "0.05:0.15:3", "--quantity", "region", "--out"]

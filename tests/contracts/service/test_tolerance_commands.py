@@ -8,7 +8,7 @@ from typer.testing import CliRunner
 
 import rattle
 from gear_rattle.service.cli import app
-from gear_rattle.workers.answers import population_of
+from gear_rattle.workers.answers import read_finished_population
 
 PLAIN = ["--delta", "0.6", "--epsilon", "uniform:0.03:0.21", "--beta", "normal:0.6:0.02"]
 FEW = ["--gears", "30", "--count", "4", "--pairs", "20"]
@@ -24,7 +24,7 @@ def said(*arguments: str, code: int = 0) -> str:
 def test_a_population_is_computed_kept_and_told(tmp_path: Path) -> None:
     out = tmp_path / "population.zarr"
     words = said("tolerance", "--out", str(out), *PLAIN, *FEW, "--share", "0.6", "--judged", "4", "--seed", "1")
-    found = population_of(out)
+    found = read_finished_population(out)
     assert f"runs quietly with a probability of {found.quiet.value:.4g} [{found.quiet.low:.4g}" in words
     assert found.passing is not None
     assert f"passes: {found.passing.value:.4g}" in words
@@ -39,7 +39,7 @@ def test_a_population_is_computed_kept_and_told(tmp_path: Path) -> None:
 def test_correlations_are_given_by_name(tmp_path: Path) -> None:
     out = tmp_path / "population.zarr"
     said("tolerance", "--out", str(out), *PLAIN, *FEW, "--correlation", "beta:epsilon:0.4")
-    found = population_of(out).plan.tolerances
+    found = read_finished_population(out).plan.tolerances
     assert found.names == ("epsilon", "beta")
     assert found.correlation.tolist() == [[1.0, 0.4], [0.4, 1.0]]  # type: ignore[union-attr]
 
@@ -49,7 +49,7 @@ def test_measured_gears_are_read_from_a_table(tmp_path: Path) -> None:
     table.write_text("eccentricity,backlash\n14e-6,280e-6\n15e-6,310e-6\n18e-6,300e-6\n16e-6,305e-6\n")
     given = [text for text in DRAWING if text not in ("--backlash", "300e-6")]
     words = said("tolerance", "--out", str(out), *given, "--measured", str(table), *FEW)
-    found = population_of(out).plan.tolerances
+    found = read_finished_population(out).plan.tolerances
     measured, matrix = rattle.read_gears(table)
     assert {name: found.given[name] for name in found.names} == measured
     assert found.correlation.tolist() == matrix.tolist()  # type: ignore[union-attr]

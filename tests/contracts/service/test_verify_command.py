@@ -9,7 +9,14 @@ import xarray as xr
 from typer.testing import CliRunner, Result
 
 from gear_rattle.service.cli import app
-from gear_rattle.workers import SurveyRequest, create_store, finish_store, open_survey, run_tiles_here, tiles_of
+from gear_rattle.workers import (
+    SurveyRequest,
+    create_store,
+    finish_store,
+    open_survey,
+    run_tiles_in_this_process,
+    tiles_of,
+)
 from gear_rattle.workers.certificates import CERTIFICATES, certify_survey
 
 pytestmark = pytest.mark.usefixtures("templates_once")
@@ -31,7 +38,7 @@ def ran(*arguments: object) -> Result:
 def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("verified") / "survey.zarr"
     create_store(REQUEST, path)
-    run_tiles_here(REQUEST, path, tiles_of(REQUEST), lambda _: None, lambda: False)
+    run_tiles_in_this_process(REQUEST, path, tiles_of(REQUEST), lambda _: None, lambda: False)
     finish_store(path)
     with open_survey(path) as survey:
         certify_survey(survey, path.with_name("survey.certificates.zarr"))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import xarray as xr
 from depth import DEEP, deep
-from written import compute_and_write
+from written import compute_and_write_tile
 
 import rattle
 from gear_rattle.workers import Axis, Group, SurveyRequest, create_store, finish_store, tiles_of
@@ -29,7 +29,7 @@ REQUEST = SurveyRequest(
 def survey_of(request: SurveyRequest, path: Path) -> xr.Dataset:
     create_store(request, path)
     for tile in tiles_of(request):
-        compute_and_write(request, str(path), tile)
+        compute_and_write_tile(request, str(path), tile)
     finish_store(path)
     return xr.open_zarr(path, chunks=None).load()
 

@@ -21,16 +21,21 @@ from gear_rattle.workers import (
     run_survey,
     tiles_of,
 )
-from gear_rattle.workers.bound import ROUNDS, lacks_bound
-from gear_rattle.workers.storage.location import Directory
-from gear_rattle.workers.survey.refined.audit import AUDIT_ATTRIBUTES, AUDITED, audit_attributes, share_upper_bound
+from gear_rattle.workers.bound import ROUNDS, lacks_wrong_cell_bound
+from gear_rattle.workers.storage.location import StoreDirectory
+from gear_rattle.workers.survey.refined.audit import (
+    AUDIT_ATTRIBUTES,
+    AUDITED,
+    share_upper_bound,
+    values_of_audit_attributes,
+)
 from gear_rattle.workers.survey.refined.rounds import (
     CHAOTIC,
     KINDS,
     AuditCounts,
     AuditRound,
     first_round,
-    next_round,
+    next_audit_round,
     wrong_share_upper,
 )
 
@@ -90,7 +95,7 @@ def test_the_bound_holds_whatever_is_wrong() -> None:
                 *(np.bincount(kind[of], minlength=KINDS) for of in (filled, audited, audited & wrong, after))
             )
             filled = after
-            if (more := next_round(0.004, rounds, counts)) is None:
+            if (more := next_audit_round(0.004, rounds, counts)) is None:
                 break
             rounds = (*rounds, more)
         assert len(rounds) <= 6
@@ -124,15 +129,15 @@ def test_a_bound_beyond_what_so_few_cells_can_tell_is_met_by_computing_all(tmp_p
 def test_wherever_it_is_killed_it_goes_on_to_the_same_bytes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """At each of its writes after the tiles, as a process that is killed leaves them; at every one, killed again."""
     few_audited(monkeypatch)
-    put, left = Directory.put, [10**9]
+    put, left = StoreDirectory.put, [10**9]
 
-    def killed(place: Directory, key: str, content: bytes) -> None:
+    def killed(place: StoreDirectory, key: str, content: bytes) -> None:
         left[0] -= 1
         if left[0] < 0:
             raise KeyboardInterrupt
         put(place, key, content)
 
-    monkeypatch.setattr(Directory, "put", killed)
+    monkeypatch.setattr(StoreDirectory, "put", killed)
     run_survey(REGIONS, out=tmp_path / "whole").close()
     expected, writes = chunks(tmp_path / "whole"), 10**9 - left[0]
     tiles = SurveyRequest(**REGIONS).n_tiles * 6
@@ -161,11 +166,12 @@ def test_after_each_pause_it_goes_on_to_the_same_bytes(
         patched.setattr("gear_rattle.workers.run.complete", lambda *_: None)
         run_survey(REGIONS, out=store).close()
     monkeypatch.setattr(
-        "gear_rattle.workers.completion.lacks_families", lambda *_: followed.append(lacks_bound(request, store))
+        "gear_rattle.workers.completion.lacks_families",
+        lambda *_: followed.append(lacks_wrong_cell_bound(request, store)),
     )
     followed: list[bool] = []
     turns = 0
-    while lacks_bound(request, store):
+    while lacks_wrong_cell_bound(request, store):
         assert turns <= rounds * request.n_tiles
         with place_of(store).lock_for_writing():
             complete(request, store, at_once=4, should_pause=lambda: True)
@@ -195,10 +201,10 @@ def test_what_is_damaged_is_taken_through_all_rounds_again(
 
 
 def test_slices_that_audit_the_same_places_are_no_larger_a_sample() -> None:
-    told = audit_attributes([[900, 50, 1], [800, 40, 3], [0, 0, 0]])
+    told = values_of_audit_attributes([[900, 50, 1], [800, 40, 3], [0, 0, 0]])
     assert (told["refined_cells_filled"], told["refined_cells_audited"]) == (1700, 90)
     assert told["refined_wrong_share_upper"] == share_upper_bound(3, 40)
-    assert audit_attributes([[0, 0, 0]])["refined_wrong_share_upper"] == 0.0
+    assert values_of_audit_attributes([[0, 0, 0]])["refined_wrong_share_upper"] == 0.0
 
 
 def test_slices_that_are_told_together_audit_other_places() -> None:
@@ -245,7 +251,7 @@ def test_a_store_tells_no_bound_before_it_is_met(tmp_path: Path, monkeypatch: py
     def stop(*_: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("gear_rattle.workers.completion.meet_bound", stop)
+    monkeypatch.setattr("gear_rattle.workers.completion.audit_until_bound_is_met", stop)
     with pytest.raises(KeyboardInterrupt):
         run_survey(REGIONS, out=tmp_path / "survey.zarr")
     assert not set(AUDIT_ATTRIBUTES) & set(zarr.open_group(tmp_path / "survey.zarr", mode="r").attrs)

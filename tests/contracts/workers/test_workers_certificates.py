@@ -20,7 +20,7 @@ from gear_rattle.workers import (
     is_incomplete,
     open_survey,
     run_survey,
-    run_tiles_here,
+    run_tiles_in_this_process,
     tiles_of,
 )
 from gear_rattle.workers import certificates as certified
@@ -30,7 +30,7 @@ from gear_rattle.workers.certificates import (
     REFUSED,
     certify_survey,
     examine_certificates,
-    examine_certificates_beside,
+    examine_certificates_beside_survey,
 )
 from gear_rattle.workers.errors import SurveyError
 from rattle.proof.check import check
@@ -48,7 +48,7 @@ BODY = {
 def computed(path: Path, **changes):
     request = SurveyRequest(**{**BODY, **changes})
     create_store(request, path)
-    run_tiles_here(request, path, tiles_of(request), lambda _: None, lambda: False)
+    run_tiles_in_this_process(request, path, tiles_of(request), lambda _: None, lambda: False)
     finish_store(path)
     return path
 
@@ -247,12 +247,12 @@ def test_certificates_beside_a_survey_are_examined_with_it(store, whole, tmp_pat
     survey, out = beside(store, whole, tmp_path)
     shutil.copytree(whole, tmp_path / "survey.slice2.certificates.zarr")
     shutil.copytree(whole, tmp_path / "surveyor.certificates.zarr")  # of another one
-    found = examine_certificates_beside(survey)
+    found = examine_certificates_beside_survey(survey)
     assert [each.path.name for each in found] == ["survey.certificates.zarr", "survey.slice2.certificates.zarr"]
     assert all(each.complete and not each.damaged and each.files > 5 for each in found)
     (out / CERTIFICATES).write_text("\n".join(lines(out)[1:]))
     (out / "delta" / "c" / "0").unlink()
-    first, _ = examine_certificates_beside(survey)
+    first, _ = examine_certificates_beside_survey(survey)
     assert set(first.damaged) == {CERTIFICATES, "delta/c/0"}
     (out / CHECKSUMS_FILE).write_text("{")
     assert examine_certificates(out).damaged == (CHECKSUMS_FILE,)
@@ -263,13 +263,13 @@ def test_certificates_beside_a_survey_are_examined_with_it(store, whole, tmp_pat
 def test_certificates_that_a_completed_survey_asked_for_are_lost_if_they_are_not_there(tmp_path):
     asked = SurveyRequest(**{**BODY, "certify": True})
     create_store(asked, tmp_path / "survey.zarr")
-    assert examine_certificates_beside(tmp_path / "survey.zarr") == []
-    run_tiles_here(asked, tmp_path / "survey.zarr", tiles_of(asked), lambda _: None, lambda: False)
+    assert examine_certificates_beside_survey(tmp_path / "survey.zarr") == []
+    run_tiles_in_this_process(asked, tmp_path / "survey.zarr", tiles_of(asked), lambda _: None, lambda: False)
     complete(asked, tmp_path / "survey.zarr")
     finish_store(tmp_path / "survey.zarr")
-    (whole,) = examine_certificates_beside(tmp_path / "survey.zarr")
+    (whole,) = examine_certificates_beside_survey(tmp_path / "survey.zarr")
     assert whole.complete
     assert not whole.damaged
     shutil.rmtree(tmp_path / "survey.certificates.zarr")
-    (lost,) = examine_certificates_beside(tmp_path / "survey.zarr")
+    (lost,) = examine_certificates_beside_survey(tmp_path / "survey.zarr")
     assert lost.damaged == (CHECKSUMS_FILE,)

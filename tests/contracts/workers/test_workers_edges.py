@@ -7,7 +7,7 @@ import pytest
 
 import rattle
 from gear_rattle.workers.boundaries.edges import FamilyEdges, count_edges, find_edges_in_part
-from gear_rattle.workers.survey.crossings import Crossings, crossings_of
+from gear_rattle.workers.survey.crossings import CurveCrossings, crossings_of
 from rattle import curves
 from rattle.families.family_table import Families
 from rattle.families.spread import Rectangle
@@ -22,7 +22,7 @@ def families() -> Families:
 
 
 @cache
-def crossings_on(name: str) -> Crossings:
+def crossings_on(name: str) -> CurveCrossings:
     curve = curves.trace(name, 0.6, *WINDOW)
     return crossings_of((curve.delta, curve.epsilon, curve.piece), DELTA, EPSILON)
 

@@ -7,12 +7,20 @@ import pytest
 import xarray as xr
 from depth import deep, either
 from typer.testing import CliRunner
-from written import compute_and_write
+from written import compute_and_write_tile
 
 import rattle
 from gear_rattle.service.cli import app
-from gear_rattle.workers import Axis, SurveyError, SurveyRequest, create_store, join_survey, open_survey, tiles_of
-from gear_rattle.workers.boundaries.explain import MOST_CURVES, Explanation, explain
+from gear_rattle.workers import (
+    Axis,
+    SurveyError,
+    SurveyRequest,
+    create_store,
+    join_attractors_of_survey,
+    open_survey,
+    tiles_of,
+)
+from gear_rattle.workers.boundaries.explain import MOST_CURVES, BoundaryExplanation, explain
 from gear_rattle.workers.boundaries.labels import PERIODIC
 from gear_rattle.workers.boundaries.pairs import CellGrid, are_pairs_crossed
 from rattle import curves
@@ -40,7 +48,7 @@ def store(tmp_path_factory: pytest.TempPathFactory) -> Path:
     )
     create_store(request, path)
     for tile in tiles_of(request):
-        compute_and_write(request, str(path), tile)
+        compute_and_write_tile(request, str(path), tile)
     return path
 
 
@@ -89,12 +97,12 @@ def test_crossings_are_those_of_a_closed_form() -> None:
 
 
 @pytest.fixture(scope="module")
-def explained(store: Path) -> Explanation:
+def explained(store: Path) -> BoundaryExplanation:
     with open_survey(store) as dataset:
         return explain(dataset, either(10, MOST_CURVES))
 
 
-def test_what_changes_between_attractors(explained: Explanation) -> None:
+def test_what_changes_between_attractors(explained: BoundaryExplanation) -> None:
     found = explained
     assert found.region_explained[found.pairs.region].all()
     differ, explained = found.pairs.attractors, found.attractors_explained
@@ -123,18 +131,18 @@ def joined(tmp_path_factory: pytest.TempPathFactory) -> Path:
     )
     create_store(request, path)
     for tile in tiles_of(request):
-        compute_and_write(request, str(path), tile)
-    join_survey(request, path)
+        compute_and_write_tile(request, str(path), tile)
+    join_attractors_of_survey(request, path)
     return path
 
 
 @pytest.fixture(scope="module")
-def sampled(joined: Path) -> Explanation:
+def sampled(joined: Path) -> BoundaryExplanation:
     with open_survey(joined) as dataset, open_survey(joined, "families") as families:
         return explain(dataset, 0, families)
 
 
-def test_what_samples_missed_is_told_by_families(joined: Path, sampled: Explanation) -> None:
+def test_what_samples_missed_is_told_by_families(joined: Path, sampled: BoundaryExplanation) -> None:
     """In each such pair the motion that one cell lacks exists there and is stable, if followed from the other cell."""
     with open_survey(joined) as dataset:
         found, grid = sampled, CellGrid(dataset)
@@ -156,17 +164,17 @@ def test_what_samples_missed_is_told_by_families(joined: Path, sampled: Explanat
             for each in ends[here]:
                 if each.label[0] == PERIODIC and each.label not in [other.label for other in ends[there]]:
                     orbit = rattle.periodic_orbit(*points[here], each.tau, each.v, each.label[2])
-                    beyond = rattle.fate(orbit, *points[there])
+                    beyond = rattle.continue_to(orbit, *points[there])
                     assert isinstance(beyond, rattle.PeriodicOrbit)
                     assert beyond.stable
                     followed += 1
     assert followed > 3
 
 
-def printing(monkeypatch: pytest.MonkeyPatch, found: Explanation, most_curves: int, families: bool) -> None:
+def printing(monkeypatch: pytest.MonkeyPatch, found: BoundaryExplanation, most_curves: int, families: bool) -> None:
     """Let the command ask for this explanation, which is there."""
 
-    def known(_: xr.Dataset, curves: int, group: xr.Dataset | None) -> Explanation:
+    def known(_: xr.Dataset, curves: int, group: xr.Dataset | None) -> BoundaryExplanation:
         assert (curves, group is not None) == (most_curves, families)
         return found
 
@@ -174,7 +182,7 @@ def printing(monkeypatch: pytest.MonkeyPatch, found: Explanation, most_curves: i
 
 
 def test_the_command_tells_what_samples_missed(
-    joined: Path, sampled: Explanation, monkeypatch: pytest.MonkeyPatch
+    joined: Path, sampled: BoundaryExplanation, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     printing(monkeypatch, sampled, 0, families=True)
     result = CliRunner().invoke(app, ["explain", str(joined), "--curves", "0"])
@@ -184,7 +192,7 @@ def test_the_command_tells_what_samples_missed(
 
 
 def test_the_command_prints_shares_and_the_rest(
-    store: Path, explained: Explanation, monkeypatch: pytest.MonkeyPatch
+    store: Path, explained: BoundaryExplanation, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     printing(monkeypatch, explained, 3, families=False)
     result = CliRunner().invoke(app, ["explain", str(store), "--curves", "3", "--rows", "4"])

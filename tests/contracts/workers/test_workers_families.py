@@ -11,23 +11,23 @@ import xarray as xr
 import zarr
 from depth import deep
 from pydantic import ValidationError
-from written import compute_and_write
+from written import compute_and_write_tile
 
 import gear_rattle.workers.families.blocks
 import rattle
 from gear_rattle.workers import (
     Axis,
-    Directory,
+    StoreDirectory,
     SurveyError,
     SurveyRequest,
     create_store,
     examine,
     finish_store,
-    join_survey,
+    join_attractors_of_survey,
     lacks_families,
     open_family,
     open_survey,
-    run_tiles_here,
+    run_tiles_in_this_process,
     tiles_done,
     tiles_of,
 )
@@ -56,14 +56,14 @@ def computed(request: SurveyRequest, path: Path) -> Path:
     create_store(request, path)
     for tile in tiles_of(request):
         if tile.index not in tiles_done(request, path):
-            compute_and_write(request, str(path), tile)
+            compute_and_write_tile(request, str(path), tile)
     return path
 
 
 def finished(request: SurveyRequest, path: Path) -> Path:
     computed(request, path)
     if lacks_families(request, path):
-        join_survey(request, path)
+        join_attractors_of_survey(request, path)
     finish_store(path)
     return path
 
@@ -117,18 +117,18 @@ def test_a_run_that_is_killed_while_it_joins_is_resumed(
 ) -> None:
     request, path = survey(*TILES[0]), tmp_path / "survey.zarr"
     computed(request, path)
-    put, written = Directory.put, []
+    put, written = StoreDirectory.put, []
 
-    def dying(self: Directory, key: str, content: bytes) -> None:
+    def dying(self: StoreDirectory, key: str, content: bytes) -> None:
         if len(written) == 9:
             raise KeyboardInterrupt
         written.append(key)
         put(self, key, content)
 
     with monkeypatch.context() as patch:
-        patch.setattr(Directory, "put", dying)
+        patch.setattr(StoreDirectory, "put", dying)
         with pytest.raises(KeyboardInterrupt):
-            join_survey(request, path)
+            join_attractors_of_survey(request, path)
     assert len(written) == 9
     assert lacks_families(request, path)
     assert examine(path).is_whole
@@ -242,11 +242,11 @@ def test_blocks_do_not_show(
 
     monkeypatch.setattr(gear_rattle.workers.families.blocks, "SLOTS_OF_BLOCK", 8 * side**2)
     shutil.copytree(apart, path)
-    join_survey(request, path, each)
+    join_attractors_of_survey(request, path, each)
     assert_same(path, followed)
     assert slots_in(path).equals(slots_in(followed))
     assert examine(path).is_whole
-    assert done.count("continue_into_block") >= rounds
+    assert done.count("continue_orbits_into_block") >= rounds
     assert [*(path / "families").glob("joining*")] == []
     assert (path / f"attractor_family/c/0/{9 // side}/{11 // side}").exists()
 
@@ -276,9 +276,9 @@ def test_a_tile_that_was_being_moved_when_its_worker_died_is_moved_all_the_same(
     """dask does the task again, in another process: what is there then is of neither order."""
     request, path = by_family(TILES[1]), tmp_path / "survey.zarr"
     shutil.copytree(apart, path)
-    put, died = Directory.put, []
+    put, died = StoreDirectory.put, []
 
-    def dying(self: Directory, key: str, content: bytes) -> None:
+    def dying(self: StoreDirectory, key: str, content: bytes) -> None:
         if key.startswith("attractor_phase") and not died:
             died.append(key)
             raise KeyboardInterrupt
@@ -290,8 +290,8 @@ def test_a_tile_that_was_being_moved_when_its_worker_died_is_moved_all_the_same(
         except KeyboardInterrupt:
             return run_in_process(task, of, where, items)
 
-    monkeypatch.setattr(Directory, "put", dying)
-    join_survey(request, path, each)
+    monkeypatch.setattr(StoreDirectory, "put", dying)
+    join_attractors_of_survey(request, path, each)
     assert died
     finish_store(path)
     assert examine(path).is_whole
@@ -304,18 +304,18 @@ def test_slots_that_are_being_moved_when_a_run_is_killed(
 ) -> None:
     request, path = by_family(TILES[1]), tmp_path / "survey.zarr"
     shutil.copytree(apart, path)
-    put, written = Directory.put, []
+    put, written = StoreDirectory.put, []
 
-    def dying(self: Directory, key: str, content: bytes) -> None:
+    def dying(self: StoreDirectory, key: str, content: bytes) -> None:
         if len(written) == puts:
             raise KeyboardInterrupt
         written.append(key)
         put(self, key, content)
 
     with monkeypatch.context() as patch:
-        patch.setattr(Directory, "put", dying)
+        patch.setattr(StoreDirectory, "put", dying)
         with pytest.raises(KeyboardInterrupt):
-            join_survey(request, path)
+            join_attractors_of_survey(request, path)
     assert lacks_families(request, path)
     finished(request, path)
     assert examine(path).is_whole
@@ -332,7 +332,7 @@ def test_a_tile_that_is_computed_again_is_joined_again(followed: Path, apart: Pa
     chunk.write_bytes(b"\0" + chunk.read_bytes()[1:])
     missing = [tile for tile in tiles_of(request) if tile.index not in tiles_done(request, path)]
     assert len(missing) == 1
-    run_tiles_here(request, path, missing, lambda _: None, lambda: False)
+    run_tiles_in_this_process(request, path, missing, lambda _: None, lambda: False)
     assert lacks_families(request, path)
     assert examine(path).is_whole
     with open_survey(path) as root:

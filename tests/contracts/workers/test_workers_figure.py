@@ -13,7 +13,7 @@ from depth import deep
 from matplotlib.axes import Axes
 from matplotlib.colors import to_hex
 from matplotlib.text import Annotation, Text
-from written import compute_and_write
+from written import compute_and_write_tile
 
 import rattle
 from gear_rattle.workers import (
@@ -27,7 +27,7 @@ from gear_rattle.workers import (
     tiles_of,
 )
 from gear_rattle.workers.pictures.figure import survey_figure
-from gear_rattle.workers.pictures.maps import WITHOUT_VALUE, map_picture, scale_of
+from gear_rattle.workers.pictures.maps import WITHOUT_VALUE, colour_scale_of, map_picture
 from rattle.plot.colours import REGION_COLOURS
 
 REQUEST = SurveyRequest(
@@ -38,7 +38,7 @@ REQUEST = SurveyRequest(
 )
 EVERYTHING = REQUEST.model_copy(update={"quantities": tuple(Group)})
 Pair = tuple[float, float]
-MAPS = [quantity.name for quantity in QUANTITIES if quantity.per_cell]
+MAPS = [quantity.name for quantity in QUANTITIES if quantity.is_per_cell]
 #: Codes, phases, shares, exponents, numbers, and one that is whole.
 USUAL = {"region", "attractor_kind", "attractor_phase", "quiet_fraction", "lyapunov_max", "sample_energy", "status"}
 USUAL |= {"attractor_n_minus"}
@@ -49,7 +49,7 @@ pytestmark = pytest.mark.usefixtures("templates_once")
 def survey(path: Path, request: SurveyRequest = REQUEST, tiles: slice = slice(None)) -> xr.Dataset:
     create_store(request, path)
     for tile in tiles_of(request)[tiles]:
-        compute_and_write(request, str(path), tile)
+        compute_and_write_tile(request, str(path), tile)
     return open_survey(path)
 
 
@@ -128,7 +128,7 @@ def test_a_map_s_key_names_the_other_sets_of_orbits_that_are_there() -> None:
     codes = np.array([[1, 5, 14], [13, 13, 0]], np.int8)
     flags = {"flag_meanings": " ".join(("not_computed", *rattle.REGIONS[1:]))}
     plane = xr.DataArray(codes, dims=("epsilon", "delta"), name="region", attrs=flags)
-    cmap, norm, ticks, labels = scale_of(plane, codes[codes > 0])
+    cmap, norm, ticks, labels = colour_scale_of(plane, codes[codes > 0])
     assert labels == ["I", "II", "III", "IV", "V", "BD", "ABD"]
     assert ticks is not None
     assert [to_hex(cmap(norm(code))) for code in ticks] == [REGION_COLOURS[int(code)] for code in ticks]

@@ -22,7 +22,7 @@ from gear_rattle.workers import (
     SurveyRequest,
     create_store,
     finish_store,
-    run_tiles_here,
+    run_tiles_in_this_process,
     takes_few_seconds,
     tiles_done,
     tiles_of,
@@ -92,12 +92,12 @@ def test_a_stop_keeps_the_finished_tiles_and_leaves_the_one_at_work(
 
     monkeypatch.setattr(gear_rattle.workers.in_process, "compute_tile", held)
     create_store(REQUEST, out)
-    run_tiles_here(REQUEST, out, tiles_of(REQUEST), written.append, stop.is_set)
+    run_tiles_in_this_process(REQUEST, out, tiles_of(REQUEST), written.append, stop.is_set)
     assert [record.index for record in written] == [0]
     release.set()
     wait_until(lambda: not any(thread.name == "tiles" for thread in threading.enumerate()))
     assert tiles_done(REQUEST, out) == {0}
-    run_tiles_here(REQUEST, out, tiles_of(REQUEST)[1:], written.append, never)
+    run_tiles_in_this_process(REQUEST, out, tiles_of(REQUEST)[1:], written.append, never)
     finish_store(out)
     with xr.open_zarr(out) as survey:
         assert_bit_identical(survey, serial_run(REQUEST))
@@ -110,7 +110,7 @@ def test_a_tile_that_fails_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     monkeypatch.setattr(gear_rattle.workers.in_process, "compute_tile", fails)
     create_store(REQUEST, tmp_path / "survey.zarr")
     with pytest.raises(SurveyError, match=r"tile 0 \(delta 0\.45 to .*RuntimeError: a fault"):
-        run_tiles_here(REQUEST, tmp_path / "survey.zarr", tiles_of(REQUEST), lambda _: None, never)
+        run_tiles_in_this_process(REQUEST, tmp_path / "survey.zarr", tiles_of(REQUEST), lambda _: None, never)
 
 
 def test_a_signal_ends_a_short_survey_which_the_same_command_resumes(

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import xarray as xr
 from pydantic import ValidationError
-from written import compute_and_write
+from written import compute_and_write_tile
 
 from gear_rattle.workers import Axis, SurveyRequest, create_store, finish_store, open_survey, tiles_of
 from rattle import inelastic
@@ -27,7 +27,7 @@ def test_what_a_survey_stores_of_its_plane(tmp_path: Path) -> None:
     path = tmp_path / "survey.zarr"
     create_store(request, path)
     for tile in tiles_of(request):
-        assert not compute_and_write(request, str(path), tile).failed_cells
+        assert not compute_and_write_tile(request, str(path), tile).failed_cells
     finish_store(path)
     survey = open_survey(path).load()
     delta, epsilon = survey.delta.values, survey.epsilon.values[:, None]

@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 import xarray as xr
 from depth import deep, either
-from written import compute_and_write
+from written import compute_and_write_tile
 
 import gear_rattle.workers.storage.store
 from gear_rattle.workers import (
@@ -24,8 +24,8 @@ from gear_rattle.workers import (
     tiles_done,
     tiles_of,
 )
-from gear_rattle.workers.storage.location import Directory
-from gear_rattle.workers.storage.manifest import attributes_of, manifest_of, set_attributes
+from gear_rattle.workers.storage.location import StoreDirectory
+from gear_rattle.workers.storage.manifest import manifest_of, read_root_attributes, set_attributes
 from gear_rattle.workers.survey.version import code_version
 
 REQUEST = SurveyRequest(
@@ -45,7 +45,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("whole") / "survey.zarr"
     create_store(REQUEST, path)
     for tile in tiles_of(REQUEST):
-        compute_and_write(REQUEST, str(path), tile)
+        compute_and_write_tile(REQUEST, str(path), tile)
     finish_store(path)
     return path
 
@@ -94,7 +94,7 @@ def test_single_bits_of_the_root_are_named_and_mended(store: Path) -> None:
         if same_json(content, before[ROOT]):
             continue
         with pytest.raises(SurveyError, match=r"zarr.json of .* is lost or damaged"):
-            attributes_of(Directory(store))
+            read_root_attributes(StoreDirectory(store))
         if number % 50 == 0:
             assert_named_and_mended(store, before, ROOT)
 
@@ -197,7 +197,7 @@ def test_a_chunk_that_is_not_there_is_lost_once_the_survey_was_completed(store: 
 
 
 def test_a_tile_that_the_manifest_lacks_is_lost_once_the_survey_was_completed(store: Path) -> None:
-    place = Directory(store)
+    place = StoreDirectory(store)
     manifest = manifest_of(place)
     assert manifest is not None
     others = {index: digests for index, digests in manifest.tiles.items() if index != 2}
@@ -209,7 +209,7 @@ def test_a_tile_that_the_manifest_lacks_is_lost_once_the_survey_was_completed(st
 
 def test_a_tile_of_a_survey_that_was_not_completed_is_not_lost(tmp_path: Path) -> None:
     create_store(REQUEST, tmp_path / "survey.zarr")
-    compute_and_write(REQUEST, str(tmp_path / "survey.zarr"), tiles_of(REQUEST)[0])
+    compute_and_write_tile(REQUEST, str(tmp_path / "survey.zarr"), tiles_of(REQUEST)[0])
     found = examine(tmp_path / "survey.zarr")
     assert found.is_whole
     assert (found.done, found.tiles, found.completed) == ({0}, 4, "")
@@ -237,7 +237,7 @@ def test_a_store_of_another_version_is_decoded(store: Path) -> None:
 
 
 def test_a_store_of_another_version_with_our_manifest_is_verified_by_it(store: Path) -> None:
-    set_attributes(Directory(store), {"code_version": "1.0.0a1+0123456789abcdef"})
+    set_attributes(StoreDirectory(store), {"code_version": "1.0.0a1+0123456789abcdef"})
     found = examine(store)
     assert found.is_whole
     assert not found.is_decoded
@@ -255,7 +255,7 @@ def test_a_lost_manifest_hides_no_lost_and_no_damaged_chunk(store: Path) -> None
     create_store(REQUEST, store)
     assert tiles_done(REQUEST, store) == {0, 3}
     for index in (1, 2):
-        compute_and_write(REQUEST, str(store), tiles_of(REQUEST)[index])
+        compute_and_write_tile(REQUEST, str(store), tiles_of(REQUEST)[index])
     finish_store(store)
     assert contents(store) == before
 
@@ -292,7 +292,7 @@ def test_tiles_are_written_as_the_request_says_whatever_the_store_says(store: Pa
     path = store / "region" / "zarr.json"
     path.write_text(json.dumps(json.loads(path.read_bytes()) | {"data_type": "int64"}))
     for tile in tiles_of(REQUEST):
-        compute_and_write(REQUEST, str(store), tile)
+        compute_and_write_tile(REQUEST, str(store), tile)
     for tile in range(REQUEST.n_tiles):
         chunk = f"region/c/{tile // 2}/{tile % 2}"
         assert (store / chunk).read_bytes() == (whole / chunk).read_bytes()
@@ -345,7 +345,7 @@ def test_a_file_of_a_tile_that_is_lost_is_damage(store: Path, lost: str) -> None
 
 
 def test_other_readers_do_not_see_the_manifest(store: Path) -> None:
-    manifest = manifest_of(Directory(store))
+    manifest = manifest_of(StoreDirectory(store))
     assert manifest is not None
     assert set(manifest.chunks) >= {"status", "region"}
     assert "checksums" not in xr.open_datatree(store, engine="zarr")
@@ -354,7 +354,7 @@ def test_other_readers_do_not_see_the_manifest(store: Path) -> None:
 def test_damage_is_mended_by_one_run_at_a_time(store: Path) -> None:
     edited_root(EDITS["another type"])(store)
     before = contents(store)
-    with Directory(store).lock_for_writing(), pytest.raises(SurveyError, match="another run"):
+    with StoreDirectory(store).lock_for_writing(), pytest.raises(SurveyError, match="another run"):
         create_store(REQUEST, store)
     assert contents(store) == before
 

@@ -15,11 +15,11 @@ from gear_rattle.workers import (
     create_store,
     open_family,
     open_survey,
-    run_tiles_here,
+    run_tiles_in_this_process,
 )
 from gear_rattle.workers.kinds import tiles_of
 from gear_rattle.workers.pictures import largest
-from gear_rattle.workers.pictures.largest import OTHERS, family_colours, family_names, open_maps
+from gear_rattle.workers.pictures.largest import OTHERS, family_colours, family_names, open_survey_for_map
 from gear_rattle.workers.pictures.look import LARGEST, SHARE, PictureLook
 from gear_rattle.workers.pictures.maps import map_picture
 from rattle.plot.colours import KIND_COLOURS, colour
@@ -57,7 +57,7 @@ CONTACT = SurveyRequest.model_validate(
 
 def tiles_only(request: SurveyRequest, path: Path) -> Path:
     create_store(request, path)
-    run_tiles_here(request, path, tiles_of(request), lambda _: None, lambda: False)
+    run_tiles_in_this_process(request, path, tiles_of(request), lambda _: None, lambda: False)
     return path
 
 
@@ -65,13 +65,13 @@ def tiles_only(request: SurveyRequest, path: Path) -> Path:
 def stored(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tiles_only(REQUEST, tmp_path_factory.mktemp("largest") / "survey.zarr")
     with pytest.raises(SurveyError, match="not joined yet"):
-        open_maps(partial(open_survey, path), LARGEST)
+        open_survey_for_map(partial(open_survey, path), LARGEST)
     complete(REQUEST, path)
     return path
 
 
 def test_each_cell_has_the_family_with_the_largest_share(stored: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    survey = open_maps(partial(open_survey, stored), LARGEST)
+    survey = open_survey_for_map(partial(open_survey, stored), LARGEST)
     assert survey[LARGEST].attrs["flag_values"][-1] == OTHERS  # there are more families than codes
     family, share = survey.attractor_family.values, survey.attractor_fraction.values
     expected = np.zeros((2, *REQUEST.shape), np.int8)
@@ -96,7 +96,7 @@ def test_each_cell_has_the_family_with_the_largest_share(stored: Path, monkeypat
 
 
 def test_the_share_of_one_is_that_of_its_map(stored: Path) -> None:
-    survey = open_maps(partial(open_survey, stored), SHARE)
+    survey = open_survey_for_map(partial(open_survey, stored), SHARE)
     for number in (0, 1, 4):
         one = open_family(stored, number)
         np.testing.assert_allclose(survey[SHARE][number], one.fraction.fillna(0.0), atol=1e-7)
@@ -129,7 +129,7 @@ def test_slices_have_families_of_their_own(tmp_path: Path) -> None:
     path = tiles_only(THIRD, tmp_path / "survey.zarr")
     complete(THIRD, path)
     for number in (0, 1):
-        survey = open_maps(partial(open_survey, path), LARGEST, number)
+        survey = open_survey_for_map(partial(open_survey, path), LARGEST, number)
         names = survey[LARGEST].attrs["flag_meanings"].split()[1:-1]
         table = open_survey(path, f"slices/{number}/families")
         assert [each.replace("_", " ") for each in names] == family_names(survey, table, len(names))
@@ -139,16 +139,16 @@ def test_slices_have_families_of_their_own(tmp_path: Path) -> None:
 
 def test_what_cannot_be_drawn_says_why(stored: Path, tmp_path: Path) -> None:
     with pytest.raises(SurveyError, match="120 cells, and families can be drawn for at most 100: save a window"):
-        open_maps(partial(open_survey, stored), LARGEST, limit=100)
+        open_survey_for_map(partial(open_survey, stored), LARGEST, limit=100)
     without = SurveyRequest.model_validate(REQUEST.model_dump() | {"quantities": ["region", "attractors"]})
     path = tiles_only(without, tmp_path / "survey.zarr")
     with pytest.raises(SurveyError, match="no families: compute a survey with --quantity families"):
-        open_maps(partial(open_survey, path), LARGEST)
-    assert LARGEST not in open_maps(partial(open_survey, path), "region")
+        open_survey_for_map(partial(open_survey, path), LARGEST)
+    assert LARGEST not in open_survey_for_map(partial(open_survey, path), "region")
 
 
 def test_a_picture_has_the_map(stored: Path) -> None:
-    survey = open_maps(partial(open_survey, stored), LARGEST)
+    survey = open_survey_for_map(partial(open_survey, stored), LARGEST)
     whole, window = (
         map_picture(survey, LARGEST, 1, look=look, form="svg")
         for look in (PictureLook(), PictureLook(delta=(0.42, 0.45)))

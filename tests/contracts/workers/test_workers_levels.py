@@ -29,14 +29,14 @@ from gear_rattle.workers import (
     place_of,
     tiles_of,
 )
-from gear_rattle.workers.overviews import make_levels
+from gear_rattle.workers.overviews import build_pyramid_levels
 from gear_rattle.workers.pictures.levels import level_opener, reduce_map
 from gear_rattle.workers.storage.added import run_in_process
-from gear_rattle.workers.storage.store import prepare_for_tiles
+from gear_rattle.workers.storage.store import remove_outdated_results
 from gear_rattle.workers.survey.levels import reduce
 from gear_rattle.workers.survey.levels.grid import GROUP, Pair, level_blocks, levels_of, reduction_steps
 from gear_rattle.workers.survey.levels.template import OCCURS, SHARE, code_meanings
-from gear_rattle.workers.survey.slices import slice_of
+from gear_rattle.workers.survey.slices import select_slice
 from gear_rattle.workers.survey.values.quantities import variables_of_groups
 from gear_rattle.workers.survey.values.schema import is_phase
 from rattle import REGIONS
@@ -216,7 +216,7 @@ def test_levels_are_of_what_the_cells_hold_in_the_end(joined: Path) -> None:
     names = [
         each.name
         for each in variables_of_groups(JOINED.quantities, JOINED.model)
-        if each.per_cell and not is_phase(each.name)
+        if each.is_per_cell and not is_phase(each.name)
     ]
     assert int(whole.attractor_kind.isel(attractor=1).max()) > 0
     for name in names:
@@ -236,7 +236,7 @@ def test_levels_are_of_what_the_cells_hold_in_the_end(joined: Path) -> None:
 
 def test_what_levels_do_not_have_is_drawn_from_the_cells(joined: Path) -> None:
     levels = level_opener(partial(open_survey, joined), 1, True)
-    one = slice_of(open_survey(joined), 1)
+    one = select_slice(open_survey(joined), 1)
     drawn = reduce_map(one, "attractor_family", 0, (3, 4), levels)
     assert drawn.attractor_family.shape == (3, 4)
     assert np.isin(drawn.attractor_family, one.attractor_family[0]).all()
@@ -276,7 +276,7 @@ def test_no_order_and_no_tile_shows_in_their_bytes(store: Path, tmp_path: Path) 
     def backwards(task: Any, request: Any, path: str, items: Any) -> list[Any]:
         return run_in_process(task, request, path, items[::-1])[::-1]
 
-    make_levels(survey(), tmp_path / "back", backwards)
+    build_pyramid_levels(survey(), tmp_path / "back", backwards)
     assert files_of(tmp_path / "back") == files_of(store)
     assert examine(tmp_path / "back").is_whole
 
@@ -314,7 +314,7 @@ def test_what_is_damaged_is_made_again(store: Path, tmp_path: Path) -> None:
 
 def test_tiles_that_are_computed_anew_take_levels_with_them_where_slots_are_moved(joined: Path, tmp_path: Path) -> None:
     path = Path(shutil.copytree(joined, tmp_path / "survey.zarr"))
-    prepare_for_tiles(JOINED, place_of(path))
+    remove_outdated_results(JOINED, place_of(path))
     assert examine(path).is_whole
     assert is_incomplete(JOINED, path)
     with xr.open_datatree(path, engine="zarr") as tree:

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 import xarray as xr
 from pydantic import ValidationError
-from written import compute_and_write
+from written import compute_and_write_tile
 
 import rattle
-from gear_rattle.workers import Axis, SurveyRequest, Window, create_store, finish_store, tiles_of, window_survey
+from gear_rattle.workers import Axis, SurveyRequest, Window, create_store, finish_store, request_for_window, tiles_of
 from gear_rattle.workers.pictures.figure import survey_figure
 from gear_rattle.workers.pictures.look import PictureLook
 from gear_rattle.workers.pictures.machine_axes import tick_values
@@ -38,7 +38,7 @@ def stored(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFact
     path = tmp_path_factory.mktemp("machine") / "survey.zarr"
     create_store(wanted, path)
     for tile in tiles_of(wanted):
-        assert not compute_and_write(wanted, str(path), tile).failed_cells
+        assert not compute_and_write_tile(wanted, str(path), tile).failed_cells
     finish_store(path)
     return wanted, path
 
@@ -134,7 +134,7 @@ def test_ticks_are_round_numbers() -> None:
 def test_a_finer_window_is_of_the_same_machine(stored: tuple[SurveyRequest, Path]) -> None:
     request, _path = stored
     delta, epsilon = request.delta, request.epsilon
-    window = window_survey(request, Window((delta.start, delta.stop), (epsilon.start, epsilon.stop)), (3, 4))
+    window = request_for_window(request, Window((delta.start, delta.stop), (epsilon.start, epsilon.stop)), (3, 4))
     assert window.machine == request.machine
 
 

@@ -14,8 +14,8 @@ import pytest
 import rattle
 from gear_rattle.workers import Axis, PopulationRequest, SurveyRequest, TileRecord, compute_tile, tiles_of
 from gear_rattle.workers.cluster import costs, partial, runner
-from gear_rattle.workers.cluster.costs import RunState, spread_evenly
-from gear_rattle.workers.cluster.partial import PART_SECONDS, PartialTile, compute_partly, is_divisible
+from gear_rattle.workers.cluster.costs import RunState, sort_tiles_evenly
+from gear_rattle.workers.cluster.partial import PART_SECONDS, PartialTile, compute_tile_partly, is_tile_divisible
 from gear_rattle.workers.kinds import AnyRequest
 from rattle.models import model as models
 from rattle.parameters import Parameters
@@ -41,7 +41,7 @@ GEARS = PopulationRequest.model_validate(
 def in_parts(request: AnyRequest, tile: Any, seconds: float) -> Iterator[PartialTile]:
     part = None
     while part is None or not part.is_whole:
-        yield (part := compute_partly(request, tile, part, seconds))
+        yield (part := compute_tile_partly(request, tile, part, seconds))
 
 
 @pytest.mark.parametrize("seconds", [0.0, 0.01, math.inf])
@@ -105,7 +105,7 @@ def test_a_part_takes_as_long_as_it_may_or_one_cell(monkeypatch: pytest.MonkeyPa
     assert sum(groups) == 225  # none twice
     assert now == pytest.approx(7 * 15 * 0.01 + 8 * 15 * 6.0)
     groups.clear()
-    compute_partly(request, tile, None, PART_SECONDS, expected=1e-3)
+    compute_tile_partly(request, tile, None, PART_SECONDS, expected=1e-3)
     assert groups == [225]  # where all was quick so far, parts would only cost
 
 
@@ -113,9 +113,9 @@ def test_a_part_takes_as_long_as_it_may_or_one_cell(monkeypatch: pytest.MonkeyPa
     ("quantities", "expected"), [(("region",), False), (("attractors",), True), (("basins",), True)]
 )
 def test_closed_forms_have_no_parts(quantities: tuple[str, ...], expected: bool) -> None:
-    assert is_divisible(SurveyRequest(**GRID | {"quantities": quantities}), 16) is expected
-    assert is_divisible(GEARS, 16)
-    assert not is_divisible(GEARS, 15)
+    assert is_tile_divisible(SurveyRequest(**GRID | {"quantities": quantities}), 16) is expected
+    assert is_tile_divisible(GEARS, 16)
+    assert not is_tile_divisible(GEARS, 15)
 
 
 def test_after_a_pause_a_tile_goes_on_where_it_was(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -125,7 +125,7 @@ def test_after_a_pause_a_tile_goes_on_where_it_was(tmp_path: Path, monkeypatch: 
     measured: list[Any] = []
 
     def advance(request: Any, _path: str, tile: Any, _apart: bool, before: Any, _: float, seconds: float) -> Any:
-        part = compute_partly(request, tile, before, seconds and 1e-9)
+        part = compute_tile_partly(request, tile, before, seconds and 1e-9)
         cells.extend((tile.index, int(cell)) for cell in np.flatnonzero(part.done))
         return part.record if part.is_whole else part
 
@@ -134,9 +134,9 @@ def test_after_a_pause_a_tile_goes_on_where_it_was(tmp_path: Path, monkeypatch: 
         return {}, TileRecord(tile.index, tile.n_cells, (), 0, float(tile.n_cells))
 
     monkeypatch.setattr(runner, "advance_tile", advance)
-    monkeypatch.setattr(runner, "prepare_for_tiles", lambda *_: None)
+    monkeypatch.setattr(runner, "remove_outdated_results", lambda *_: None)
     monkeypatch.setattr(runner, "tile_recorder", lambda _: nullcontext(lambda _: None))
-    monkeypatch.setattr(runner, "is_divisible", lambda *_: True)
+    monkeypatch.setattr(runner, "is_tile_divisible", lambda *_: True)
     monkeypatch.setattr(costs, "MANY", 1)
     monkeypatch.setattr(costs, "LEAST_MEASURED", 1)
     monkeypatch.setattr(partial, "compute_tile", cost)
@@ -209,6 +209,6 @@ def test_the_first_tiles_are_from_all_over_the_plane() -> None:
     request = SurveyRequest(**GRID | {"quantities": ("region",)}, tile={"delta": 1, "epsilon": 1})
     tiles = tiles_of(request)
     for number in (4, 12):
-        first = spread_evenly(tiles, 7)[:number]
+        first = sort_tiles_evenly(tiles, 7)[:number]
         assert {(each.epsilon.start // 3, each.delta.start // 4) for each in first} == {(0, 0), (0, 1), (1, 0), (1, 1)}
-    assert sorted(each.index for each in spread_evenly(tiles, 7)) == [each.index for each in tiles]
+    assert sorted(each.index for each in sort_tiles_evenly(tiles, 7)) == [each.index for each in tiles]

@@ -19,17 +19,17 @@ from gear_rattle.workers import (
     create_store,
     examine,
     finish_store,
-    request_of,
-    run_tiles_here,
+    parse_request_document,
+    run_tiles_in_this_process,
     tiles_done,
     tiles_of,
 )
-from gear_rattle.workers.answers import population_of
-from gear_rattle.workers.kinds import cell_outcomes, compute_tile
-from gear_rattle.workers.populations.numbers import request_field_of, to_library_form
+from gear_rattle.workers.answers import read_finished_population
+from gear_rattle.workers.kinds import compute_tile, evaluate_cells_one_by_one
+from gear_rattle.workers.populations.numbers import convert_to_request_field, to_library_form
 from gear_rattle.workers.storage.integrity import manifest_of
 from gear_rattle.workers.storage.location import place_of
-from rattle.populations.gears import Gears, compute_gears
+from rattle.populations.gears import ComputedGears, compute_gears
 
 FIELDS: dict[str, Any] = {
     "gear": {
@@ -80,15 +80,15 @@ def files(path: Path) -> dict[str, bytes]:
 def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("whole") / "population.zarr"
     create_store(REQUEST, path)
-    run_tiles_here(REQUEST, path, TILES, lambda _: None, never)
+    run_tiles_in_this_process(REQUEST, path, TILES, lambda _: None, never)
     finish_store(path)
     return path
 
 
 def test_a_store_answers_what_the_library_does(whole: Path) -> None:
-    given = {name: to_library_form(value) for name, value in REQUEST.gear.library_form.items()}
+    given = {name: to_library_form(value) for name, value in REQUEST.gear.library_distribution.items()}
     exact = rattle.population(given, FIELDS["correlation"], gears=24, count=8, share=0.7, judged=6, pairs=6)
-    found = population_of(whole)
+    found = read_finished_population(whole)
     for a, b in zip(found.rows, exact.rows, strict=True):
         assert np.array_equal(a, b, equal_nan=True)
     assert found.quiet == exact.quiet
@@ -115,13 +115,13 @@ def test_the_store_is_over_gears_and_says_what_it_holds(whole: Path) -> None:
 def test_a_population_that_is_resumed_has_the_same_bytes(whole: Path, kept: tuple[int, ...], tmp_path: Path) -> None:
     path = tmp_path / "population.zarr"
     create_store(REQUEST, path)
-    run_tiles_here(REQUEST, path, [TILES[i] for i in reversed(kept)], lambda _: None, never)
+    run_tiles_in_this_process(REQUEST, path, [TILES[i] for i in reversed(kept)], lambda _: None, never)
     with pytest.raises(SurveyError, match=r"lacks .* gears: wait until all gears are computed"):
-        population_of(path)
+        read_finished_population(path)
     create_store(REQUEST, path)
     done = tiles_done(REQUEST, path)
     assert done == set(kept)
-    run_tiles_here(REQUEST, path, [each for each in TILES if each.index not in done], lambda _: None, never)
+    run_tiles_in_this_process(REQUEST, path, [each for each in TILES if each.index not in done], lambda _: None, never)
     finish_store(path)
     assert files(path) == files(whole)
 
@@ -129,11 +129,11 @@ def test_a_population_that_is_resumed_has_the_same_bytes(whole: Path, kept: tupl
 def test_what_is_damaged_is_found_and_made_again(whole: Path, tmp_path: Path) -> None:
     path = tmp_path / "population.zarr"
     create_store(REQUEST, path)
-    run_tiles_here(REQUEST, path, TILES, lambda _: None, never)
+    run_tiles_in_this_process(REQUEST, path, TILES, lambda _: None, never)
     chunk = path / "energy" / "c" / "2" / "0"
     chunk.write_bytes(chunk.read_bytes()[::-1])
     assert examine(path).damaged == {2: ("energy",)}
-    run_tiles_here(REQUEST, path, [TILES[2]], lambda _: None, never)
+    run_tiles_in_this_process(REQUEST, path, [TILES[2]], lambda _: None, never)
     assert examine(path).is_whole
     assert files(path) == files(whole)
 
@@ -149,7 +149,7 @@ def test_every_chunk_is_known_to_be_of_its_tile(whole: Path) -> None:
     assert manifest is not None
     for key in files(whole):
         if "/c/" in key:
-            assert manifest.tile_of(key) == int(key.split("/c/")[1].split("/")[0])
+            assert manifest.tile_index_of(key) == int(key.split("/c/")[1].split("/")[0])
     for key in (
         "energy/c/9/0",
         "energy/c/0",
@@ -159,11 +159,11 @@ def test_every_chunk_is_known_to_be_of_its_tile(whole: Path) -> None:
         "zarr.json",
         "status/c/x",
     ):
-        assert manifest.tile_of(key) is None
+        assert manifest.tile_index_of(key) is None
 
 
 def test_a_gear_that_fails_is_the_only_one_lost(monkeypatch: pytest.MonkeyPatch) -> None:
-    def failing(plan: Any, start: int, stop: int) -> Gears:
+    def failing(plan: Any, start: int, stop: int) -> ComputedGears:
         if start <= 3 < stop:
             raise ArithmeticError("no luck")
         return compute_gears(plan, start, stop)
@@ -177,7 +177,7 @@ def test_a_gear_that_fails_is_the_only_one_lost(monkeypatch: pytest.MonkeyPatch)
     for name, values in exact.items():
         assert np.array_equal(arrays[name][others], values[others], equal_nan=True)
     assert np.isnan(arrays["energy"][3]).all()
-    assert len(list(cell_outcomes(REQUEST, TILES[0], 7))) == 3
+    assert len(list(evaluate_cells_one_by_one(REQUEST, TILES[0], 7))) == 3
 
 
 def test_a_gear_that_failed_is_undecided_in_the_answers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -186,8 +186,8 @@ def test_a_gear_that_failed_is_undecided_in_the_answers(tmp_path: Path, monkeypa
     monkeypatch.setattr(
         gear_rattle.workers.populations.tiles, "_evaluate", _no_third(gear_rattle.workers.populations.tiles._evaluate)
     )
-    run_tiles_here(REQUEST, test, TILES, lambda _: None, never)
-    found = population_of(test)
+    run_tiles_in_this_process(REQUEST, test, TILES, lambda _: None, never)
+    found = read_finished_population(test)
     assert np.isnan(found.rows.energy[3]).all()
     assert np.array_equal(found.rows.values, REQUEST.plan.values(np.arange(REQUEST.n_cells)))
     assert found.quiet.high - found.quiet.low > 1 / 24
@@ -206,11 +206,13 @@ def test_a_machine_has_powers_and_its_own_units(tmp_path: Path) -> None:
     request, path = PopulationRequest.model_validate(MACHINE), tmp_path / "population.zarr"
     assert request.plan.rows_per_sobol_part == 0  # one number varies
     create_store(request, path)
-    run_tiles_here(request, path, tiles_of(request), lambda _: None, never)
+    run_tiles_in_this_process(request, path, tiles_of(request), lambda _: None, never)
     with xr.open_zarr(path) as found:
         assert found["eccentricity"].attrs["units"] == "m"
         assert found["power"].attrs["units"] == "W"
-        machine = rattle.Machine(**{**request.gear.library_form, "eccentricity": float(found["eccentricity"][2])})
+        machine = rattle.Machine(
+            **{**request.gear.library_distribution, "eccentricity": float(found["eccentricity"][2])}
+        )
         assert float(found["epsilon"][2]) == machine.epsilon
         assert float(found["power"][2]) == pytest.approx(float(found["energy"][2].mean()) * machine.units.power)
 
@@ -221,9 +223,9 @@ def test_what_decides_no_number_changes_no_hash() -> None:
 
     assert hashed(name="another") == REQUEST.content_hash()
     assert len({hashed(**{name: 7}) for name in ("gears", "count", "seed", "judged", "tile", "pairs")}) == 6
-    assert request_of(REQUEST.model_dump(mode="json")) == REQUEST
+    assert parse_request_document(REQUEST.model_dump(mode="json")) == REQUEST
     axis = {"start": 0.5, "stop": 0.7, "num": 6}
-    assert isinstance(request_of({"delta": axis, "epsilon": axis}), SurveyRequest)
+    assert isinstance(parse_request_document({"delta": axis, "epsilon": axis}), SurveyRequest)
 
 
 @pytest.mark.parametrize(
@@ -239,9 +241,9 @@ def test_what_decides_no_number_changes_no_hash() -> None:
 )
 def test_distributions_survive_a_request(kind: Any) -> None:
     request = PopulationRequest.model_validate(
-        FIELDS | {"gear": {"delta": request_field_of(kind), "epsilon": 0.1}, "correlation": None}
+        FIELDS | {"gear": {"delta": convert_to_request_field(kind), "epsilon": 0.1}, "correlation": None}
     )
-    assert request.gear.library_form == {"delta": kind, "epsilon": 0.1}
+    assert request.gear.library_distribution == {"delta": kind, "epsilon": 0.1}
 
 
 @pytest.mark.parametrize(
@@ -268,4 +270,4 @@ def test_a_survey_has_no_population_to_answer_of(tmp_path: Path) -> None:
     request = SurveyRequest(delta=axis, epsilon=axis, quantities=["region"])
     create_store(request, tmp_path / "survey.zarr")
     with pytest.raises(SurveyError, match="holds no population that can be read"):
-        population_of(tmp_path / "survey.zarr")
+        read_finished_population(tmp_path / "survey.zarr")

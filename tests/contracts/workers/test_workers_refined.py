@@ -16,7 +16,7 @@ from gear_rattle.workers import (
     compute_tile,
     create_store,
     finish_store,
-    join_survey,
+    join_attractors_of_survey,
     open_survey,
     run_survey,
     tiles_of,
@@ -26,7 +26,7 @@ from gear_rattle.workers.survey import tiles as computing
 from gear_rattle.workers.survey.refined.asked import BLOCK
 from gear_rattle.workers.survey.refined.audit import AUDITED, DISAGREED, random_draws, share_upper_bound
 from gear_rattle.workers.survey.refined.blocks import Blocks
-from gear_rattle.workers.survey.refined.evidence import cells_differ
+from gear_rattle.workers.survey.refined.evidence import flag_leaves_with_differing_cells
 from gear_rattle.workers.survey.refined.shares import _divide_fractions
 from rattle.attractors.samples import Outcome
 
@@ -170,11 +170,11 @@ def test_chance_does_not_look_like_a_border() -> None:
     known = np.ones((400, 12, 12), bool)
     for share in (0.01, 0.03, 0.05, 0.1, 0.5):
         seen = rng.binomial(64, share, known.shape)
-        assert cells_differ(seen, known, 64).mean() < 0.2, share
+        assert flag_leaves_with_differing_cells(seen, known, 64).mean() < 0.2, share
         seen[:, :, :6] = 0
-        assert share < 0.05 or cells_differ(seen, known, 64).mean() > 0.9, share
-    assert not cells_differ(np.zeros(known.shape, int), known, 64).any()
-    assert not cells_differ(np.full(known.shape, 64), known, 64).any()
+        assert share < 0.05 or flag_leaves_with_differing_cells(seen, known, 64).mean() > 0.9, share
+    assert not flag_leaves_with_differing_cells(np.zeros(known.shape, int), known, 64).any()
+    assert not flag_leaves_with_differing_cells(np.full(known.shape, 64), known, 64).any()
 
 
 def test_a_share_is_divided_among_orbits_of_one_label() -> None:
@@ -232,7 +232,7 @@ def test_families_are_joined_over_filled_cells(tmp_path: Path) -> None:
         write_tile(request, str(tmp_path / "survey.zarr"), tile, compute_tile(request, tile)[0])
     place = place_of(tmp_path / "survey.zarr")
     with place.lock_for_writing():
-        join_survey(request, place)
+        join_attractors_of_survey(request, place)
     with open_survey(place) as survey, open_survey(place, "families") as table:
         kind, family = survey.attractor_kind.values, survey.attractor_family.values
         assert ((family >= 0) == np.isin(kind, (Outcome.QUIET, Outcome.PERIODIC, Outcome.CHAOTIC))).all()

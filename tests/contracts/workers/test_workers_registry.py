@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import xarray as xr
-from written import compute_and_write
+from written import compute_and_write_tile
 
 import rattle
 from gear_rattle.workers import QUANTITIES, Axis, Group, Quantity, SurveyRequest, create_store, open_survey
@@ -100,7 +100,7 @@ def survey(request_: SurveyRequest, tmp_path_factory: pytest.TempPathFactory) ->
     path = tmp_path_factory.mktemp("survey") / "survey.zarr"
     create_store(request_, path)
     for tile in tiles_of(request_):
-        compute_and_write(request_, str(path), tile)
+        compute_and_write_tile(request_, str(path), tile)
     return open_survey(path).load()
 
 
@@ -120,7 +120,7 @@ def test_variable_of_an_empty_store(empty: xr.Dataset, quantity: Quantity) -> No
     assert variable.shape == tuple(SIZES[dim] for dim in dims)
     assert {"long_name", "units", "references"} <= set(variable.attrs)
     assert variable.attrs["units"] == "1"
-    if quantity.per_cell:
+    if quantity.is_per_cell:
         chunks = variable.encoding["preferred_chunks"]
         assert tuple(chunks[dim] for dim in dims) == (*variable.shape[:-2], 3, 2)
         filled = variable.isnull() if variable.dtype.kind in "fc" else variable == 0
@@ -196,7 +196,7 @@ def test_complex_numbers_are_read_when_asked_for(survey: xr.Dataset, tmp_path: P
     path = tmp_path / "survey.zarr"
     create_store(request_, path)
     with open_survey(path) as lazy:
-        compute_and_write(request_, str(path), tiles_of(request_)[0])  # after it was opened
+        compute_and_write_tile(request_, str(path), tiles_of(request_)[0])  # after it was opened
         some = tiles_of(request_)[0]
         here = {"epsilon": some.epsilon, "delta": some.delta}
         np.testing.assert_array_equal(lazy.orbit_multiplier.isel(here), survey.orbit_multiplier.isel(here))

@@ -110,7 +110,7 @@ def test_a_large_survey_has_a_hundred_tiles_until_they_take_too_long(num: int, s
     large = {"delta": AXIS | {"num": num}, "epsilon": AXIS | {"num": num}}
     request = survey(**large)
     assert request.tile_shape == (side, side)
-    variables = sum(quantity.per_cell for quantity in stored_variables(request.quantities, request.model)) + 1
+    variables = sum(quantity.is_per_cell for quantity in stored_variables(request.quantities, request.model)) + 1
     assert num > 1000 or request.n_tiles * variables < 5000  # files
 
 

@@ -9,7 +9,7 @@ import pytest
 import xarray as xr
 
 from gear_rattle import split_complex
-from gear_rattle.workers import SurveyRequest, create_store, open_survey, run_tiles_here, tiles_of
+from gear_rattle.workers import SurveyRequest, create_store, open_survey, run_tiles_in_this_process, tiles_of
 from gear_rattle.workers.storage.export import table_bands, write_netcdf, write_parquet
 from gear_rattle.workers.survey.values.schema import RowForm
 
@@ -31,7 +31,7 @@ PARTS: dict[str, Callable[[xr.Dataset], xr.Dataset]] = {
 def store(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("rewritten") / "survey.zarr"
     create_store(REQUEST, path)
-    run_tiles_here(REQUEST, path, tiles_of(REQUEST), lambda _: None, lambda: False)
+    run_tiles_in_this_process(REQUEST, path, tiles_of(REQUEST), lambda _: None, lambda: False)
     return path
 
 

@@ -6,19 +6,19 @@ import numpy as np
 import pytest
 import xarray as xr
 from pydantic import ValidationError
-from written import compute_and_write
+from written import compute_and_write_tile
 
 import rattle
 from gear_rattle.workers import (
     Axis,
     SurveyRequest,
     Window,
-    compute_part,
+    compute_window_part,
     create_store,
     finish_store,
     open_survey,
+    request_for_window,
     tiles_of,
-    window_survey,
 )
 from gear_rattle.workers.boundaries.explain import explain
 from gear_rattle.workers.errors import SurveyError
@@ -44,7 +44,7 @@ REQUEST = SurveyRequest.model_validate(FIELDS)
 def survey_of(request: SurveyRequest, path: Path) -> xr.Dataset:
     create_store(request, path)
     for tile in tiles_of(request):
-        assert not compute_and_write(request, str(path), tile).failed_cells
+        assert not compute_and_write_tile(request, str(path), tile).failed_cells
     finish_store(path)
     return open_survey(path).load()
 
@@ -114,9 +114,9 @@ def test_a_picture_names_the_model(survey: xr.Dataset) -> None:
 
 
 def test_a_window_has_the_same_cells(survey: xr.Dataset) -> None:
-    window = window_survey(REQUEST, Window((0.55, 0.65), (0.05, 0.21)), (2, 5))
+    window = request_for_window(REQUEST, Window((0.55, 0.65), (0.05, 0.21)), (2, 5))
     assert window.gear_model == Stiff(0.6, KAPPA)
-    part = compute_part(window, "quiet_fraction", 0, survey.delta.values, survey.epsilon.values)
+    part = compute_window_part(window, "quiet_fraction", 0, survey.delta.values, survey.epsilon.values)
     np.testing.assert_array_equal(part.values, survey.quiet_fraction)
 
 

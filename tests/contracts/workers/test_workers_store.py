@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import xarray as xr
-from written import compute_and_write, write_tile
+from written import compute_and_write_tile, write_tile
 
 import gear_rattle.workers.storage.store
 from gear_rattle.workers import (
@@ -56,7 +56,7 @@ def snapshot(path: Path) -> dict[str, bytes]:
 
 def fill(store: Path, tiles: list[Tile]) -> None:
     for tile in tiles:
-        compute_and_write(REQUEST, str(store), tile)
+        compute_and_write_tile(REQUEST, str(store), tile)
 
 
 def test_created_whole_and_alone(template: Path) -> None:

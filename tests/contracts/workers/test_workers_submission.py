@@ -182,7 +182,7 @@ def test_a_pause_begins_no_tile_and_gives_up_none(tmp_path: Path, monkeypatch: p
         return TileRecord(tile.index, tile.n_cells, (), 0, 0.0)
 
     monkeypatch.setattr(runner, "advance_tile", compute)
-    monkeypatch.setattr(runner, "prepare_for_tiles", lambda *_: None)
+    monkeypatch.setattr(runner, "remove_outdated_results", lambda *_: None)
     monkeypatch.setattr(runner, "tile_recorder", lambda _: nullcontext(lambda _: None))
     client, tiles = ended_tasks.Client(2), tiles_of(REQUEST)
 

@@ -19,7 +19,7 @@ from gear_rattle.workers import (
     create_store,
     examine,
     finish_store,
-    join_survey,
+    join_attractors_of_survey,
     open_family,
     open_survey,
     run_survey,
@@ -28,16 +28,16 @@ from gear_rattle.workers import (
 )
 from gear_rattle.workers.boundaries.explain import explain
 from gear_rattle.workers.certificates import IDENTITY_ATTRIBUTE, certify_survey
-from gear_rattle.workers.kinds import position_of_cell
+from gear_rattle.workers.kinds import position_of_failed_cell
 from gear_rattle.workers.pictures.figure import survey_figure
 from gear_rattle.workers.pictures.maps import map_picture
-from gear_rattle.workers.storage.export import csv_lines, require_readable, table_bands, write_netcdf
+from gear_rattle.workers.storage.export import csv_lines, require_readable_variables, table_bands, write_netcdf
 from gear_rattle.workers.storage.integrity import manifest_of
 from gear_rattle.workers.storage.location import place_of
 from gear_rattle.workers.storage.store import open_groups
 from gear_rattle.workers.survey import tiles as computing
 from gear_rattle.workers.survey.request import MAX_SLICES
-from gear_rattle.workers.survey.slices import slice_of, slices_of, surveyed_model
+from gear_rattle.workers.survey.slices import select_slice, slices_of, surveyed_model
 from gear_rattle.workers.survey.values.schema import RowForm
 from rattle.models import Stiff
 
@@ -124,7 +124,7 @@ def test_tiles_of_any_shape_and_order_make_the_same_store(store: Path, tmp_path:
         finish_store(tmp_path / "s.zarr")
     write_tile(request, str(tmp_path / "s.zarr"), tiles[0], compute_tile(request, tiles[0])[0])
     with place_of(tmp_path / "s.zarr").lock_for_writing():
-        join_survey(request, tmp_path / "s.zarr")
+        join_attractors_of_survey(request, tmp_path / "s.zarr")
     finish_store(tmp_path / "s.zarr")
     with open_survey(store) as expected, open_survey(tmp_path / "s.zarr") as found:
         assert_same_bits(found, expected)
@@ -155,9 +155,9 @@ def test_every_file_of_a_tile_is_known_by_its_key(store: Path) -> None:
     for index in range(8):
         keys = manifest.chunk_keys(index)
         assert all((store / key).exists() for key in keys.values())
-        assert {manifest.tile_of(key) for key in keys.values()} == {index}
+        assert {manifest.tile_index_of(key) for key in keys.values()} == {index}
     for key in ("region/c/2/0/0", "region/c/0/2/0", "region/c/0/0", "region/c/-1/0/0"):
-        assert manifest.tile_of(key) is None, key
+        assert manifest.tile_index_of(key) is None, key
 
 
 def test_a_cell_that_fails_is_named_with_its_slice(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -172,13 +172,13 @@ def test_a_cell_that_fails_is_named_with_its_slice(monkeypatch: pytest.MonkeyPat
     request = SurveyRequest(**AXES, beta=BETAS, quantities=("region",))
     *_, last = tiles_of(request)
     _, record = compute_tile(request, last)
-    places = [position_of_cell(request, i, j) for i, j, _ in record.failed_cells]
+    places = [position_of_failed_cell(request, i, j) for i, j, _ in record.failed_cells]
     assert places == [{"beta": 1, "epsilon": 2, "delta": j} for j in range(4)]
 
 
 def test_tables_and_files_have_all_slices(store: Path, planes: list[Path], tmp_path: Path) -> None:
     with open_survey(store, as_stored=True) as whole:
-        require_readable(whole)
+        require_readable_variables(whole)
         for form in RowForm:
             parts = []
             for path in planes:
@@ -205,11 +205,11 @@ def test_what_is_of_a_plane_asks_for_a_slice(store: Path, tmp_path: Path) -> Non
             lambda: explain(whole),
             lambda: certify_survey(whole, tmp_path / "c.zarr"),
             lambda: open_family(store, 0),
-            lambda: slice_of(whole, 2),
+            lambda: select_slice(whole, 2),
         ):
             with pytest.raises(SurveyError, match="2 values of beta: choose a slice from 0 to 1"):
                 ask()
-        assert map_picture(slice_of(whole, 0), "region") != map_picture(slice_of(whole, 1), "region")
+        assert map_picture(select_slice(whole, 0), "region") != map_picture(select_slice(whole, 1), "region")
         assert [each.beta.item() for each in slices_of(whole)] == [0.6, 0.7]
     with pytest.raises(SurveyError, match="choose one of its slices"):
         _ = REQUEST.gear_model
@@ -217,7 +217,7 @@ def test_what_is_of_a_plane_asks_for_a_slice(store: Path, tmp_path: Path) -> Non
 
 def test_a_plane_has_no_slices(planes: list[Path]) -> None:
     with open_survey(planes[0]) as plane, pytest.raises(SurveyError, match="no third axis: leave slice out"):
-        slice_of(plane, 0)
+        select_slice(plane, 0)
 
 
 def test_families_are_of_a_slice(store: Path, planes: list[Path]) -> None:
@@ -227,7 +227,7 @@ def test_families_are_of_a_slice(store: Path, planes: list[Path]) -> None:
 
 def test_certificates_of_slices_are_told_apart(store: Path, tmp_path: Path) -> None:
     with open_survey(store) as whole:
-        one, other = (slice_of(whole, number).isel(epsilon=slice(2, 3)) for number in (0, 1))
+        one, other = (select_slice(whole, number).isel(epsilon=slice(2, 3)) for number in (0, 1))
         proved = certify_survey(one, tmp_path / "c.zarr")
         assert (proved["attractor_certificate"].values == (one.attractor_kind == 2).values).all()
         assert proved.attrs[IDENTITY_ATTRIBUTE].endswith(" beta=0.6")

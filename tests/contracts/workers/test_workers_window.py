@@ -12,13 +12,13 @@ from gear_rattle.workers import (
     SurveyError,
     SurveyRequest,
     Window,
-    compute_part,
     compute_tile,
-    map_quantity,
+    compute_window_part,
+    quantity_of_map,
+    request_for_window,
     tiles_of,
-    window_survey,
 )
-from gear_rattle.workers.cluster.window import Frame, PartValues, WindowGrid
+from gear_rattle.workers.cluster.window import WindowFrame, WindowGrid, WindowPartValues
 from rattle import RattleError
 
 REQUEST = SurveyRequest(
@@ -33,7 +33,7 @@ WINDOW = Window((0.55, 0.65), (0.08, 0.12))
 
 
 def test_a_window_is_a_survey() -> None:
-    survey = window_survey(REQUEST, WINDOW, (70, 40))
+    survey = request_for_window(REQUEST, WINDOW, (70, 40))
     assert survey.shape == (33, 65)
     assert (survey.delta.start, survey.delta.stop) == WINDOW.delta
     assert (survey.epsilon.start, survey.epsilon.stop) == WINDOW.epsilon
@@ -45,18 +45,18 @@ def test_a_window_is_a_survey() -> None:
     ("pixels", "cells"), [(2, 2), (3, 3), (4, 3), (9, 9), (20, 17), (33, 33), (64, 33), (800, 769)]
 )
 def test_an_axis_is_on_every_level(pixels: int, cells: int) -> None:
-    assert window_survey(REQUEST, WINDOW, (pixels, 2)).delta.num == cells
+    assert request_for_window(REQUEST, WINDOW, (pixels, 2)).delta.num == cells
 
 
 def test_what_is_beyond_the_plane_is_cut_off() -> None:
-    survey = window_survey(REQUEST, Window((-0.5, 0.5), (-0.1, 0.1)), (100, 100))
+    survey = request_for_window(REQUEST, Window((-0.5, 0.5), (-0.1, 0.1)), (100, 100))
     assert survey.epsilon.start == 0
     assert 0 < survey.delta.start <= 0.01
     assert (survey.delta.stop, survey.epsilon.stop) == (0.5, 0.1)
 
 
 def test_an_axis_is_no_finer_than_double_precision() -> None:
-    survey = window_survey(REQUEST, Window((0.6, 0.6 + 1e-14), (0.1, 0.2)), (800, 800))
+    survey = request_for_window(REQUEST, Window((0.6, 0.6 + 1e-14), (0.1, 0.2)), (800, 800))
     assert 2 <= survey.delta.num < 45
     assert survey.epsilon.num == 769
 
@@ -78,7 +78,7 @@ def test_an_axis_is_no_finer_than_double_precision() -> None:
 )
 def test_windows_that_cannot_be(window: Any, pixels: tuple[int, int], words: str) -> None:
     with pytest.raises(RattleError, match=words):
-        window_survey(REQUEST, window, pixels)
+        request_for_window(REQUEST, window, pixels)
 
 
 @pytest.mark.parametrize(
@@ -86,10 +86,10 @@ def test_windows_that_cannot_be(window: Any, pixels: tuple[int, int], words: str
 )
 def test_maps_that_are_none(variable: str, index: int) -> None:
     with pytest.raises(SurveyError, match="map"):
-        map_quantity(variable, index, REQUEST)
+        quantity_of_map(variable, index, REQUEST)
 
 
-def filled(grid: WindowGrid, cells: int) -> list[tuple[int, Frame]]:
+def filled(grid: WindowGrid, cells: int) -> list[tuple[int, WindowFrame]]:
     """Every level, each cell once, values that tell the cell."""
     number = np.arange(grid.values.size).reshape(grid.values.shape)
     frames = []
@@ -98,7 +98,7 @@ def filled(grid: WindowGrid, cells: int) -> list[tuple[int, Frame]]:
             for part in grid.parts(block, cells):
                 assert not grid.known[part].any()
                 assert 0 < number[part].size <= cells
-                grid.put(part, PartValues(number[part], 0, 0.0))
+                grid.put(part, WindowPartValues(number[part], 0, 0.0))
         frames.append((level, grid.frame_at_level(level)))
     return frames
 
@@ -106,8 +106,8 @@ def filled(grid: WindowGrid, cells: int) -> list[tuple[int, Frame]]:
 @pytest.mark.parametrize("pixels", [(2, 2), (33, 33), (65, 33), (97, 129), (17, 65)])
 @pytest.mark.parametrize("cells", [1, 10, 100, 10**6])
 def test_levels_cover_the_grid_and_each_cell_once(pixels: tuple[int, int], cells: int) -> None:
-    survey = window_survey(REQUEST, WINDOW, pixels)
-    grid = WindowGrid(survey, map_quantity("lyapunov_max", 0, REQUEST))
+    survey = request_for_window(REQUEST, WINDOW, pixels)
+    grid = WindowGrid(survey, quantity_of_map("lyapunov_max", 0, REQUEST))
     number = np.arange(grid.values.size).reshape(grid.values.shape)
     for level, frame in filled(grid, cells):
         step = 2**level
@@ -120,14 +120,16 @@ def test_levels_cover_the_grid_and_each_cell_once(pixels: tuple[int, int], cells
 
 
 def test_meanwhile_a_cell_shows_its_neighbour_of_the_level_before() -> None:
-    grid = WindowGrid(window_survey(REQUEST, WINDOW, (33, 33)), map_quantity("quiet_fraction", 0, REQUEST))
+    grid = WindowGrid(request_for_window(REQUEST, WINDOW, (33, 33)), quantity_of_map("quiet_fraction", 0, REQUEST))
     for part in grid.parts(*grid.blocks(grid.levels[0]), 10**6):
-        grid.put(part, PartValues(np.array([[0.0, 0.2], [0.4, 0.6]]), 0, 0.0))
+        grid.put(part, WindowPartValues(np.array([[0.0, 0.2], [0.4, 0.6]]), 0, 0.0))
     frame = grid.frame_at_level(grid.levels[1])
     np.testing.assert_allclose(frame.values, [[0, 0, 0.2], [0, 0, 0.2], [0.4, 0.4, 0.6]], rtol=1e-6)
     assert frame.done == 4 / 33**2
     assert grid.levels == (5, 4, 3, 2, 1, 0)
-    assert WindowGrid(window_survey(REQUEST, WINDOW, (33, 33)), map_quantity("region", 0, REQUEST)).levels == (0,)
+    assert WindowGrid(request_for_window(REQUEST, WINDOW, (33, 33)), quantity_of_map("region", 0, REQUEST)).levels == (
+        0,
+    )
 
 
 @pytest.mark.parametrize(
@@ -146,17 +148,17 @@ def test_the_values_of_its_survey(variable: str, index: int) -> None:
     request = (
         REQUEST if variable == "crisis_side" else REQUEST.model_copy(update={"quantities": REQUEST.quantities[:-1]})
     )
-    survey = window_survey(request, WINDOW, (6, 4))
+    survey = request_for_window(request, WINDOW, (6, 4))
     (tile,) = tiles_of(survey.model_copy(update={"tile": REQUEST.tile.model_copy(update={"delta": 5, "epsilon": 3})}))
     values = compute_tile(survey, tile)[0]
     stored = values[variable] if variable in values else values[f"{variable}_real"] + 1j * values[f"{variable}_imag"]
     plane = stored if stored.ndim == 2 else stored[(index, *(0,) * (stored.ndim - 3))]
-    grid = WindowGrid(survey, map_quantity(variable, index, REQUEST))
+    grid = WindowGrid(survey, quantity_of_map(variable, index, REQUEST))
     for level in grid.levels:
         for block in grid.blocks(level):
             for part in grid.parts(block, 4):
                 delta, epsilon = grid.delta[part.delta], grid.epsilon[part.epsilon]
-                grid.put(part, compute_part(survey, variable, index, delta, epsilon))
+                grid.put(part, compute_window_part(survey, variable, index, delta, epsilon))
     assert grid.values.dtype == plane.dtype
     np.testing.assert_array_equal(grid.values, plane)
     assert grid.failed == 0
@@ -166,24 +168,24 @@ def test_the_values_of_its_survey(variable: str, index: int) -> None:
 def test_a_cell_that_fails_is_the_only_one_lost(monkeypatch: pytest.MonkeyPatch, variable: str, lost: float) -> None:
     request = REQUEST.model_copy(update={"quantities": REQUEST.quantities[:-1]})
     delta, epsilon = np.array([0.6, 0.7, 0.8]), np.array([0.09, 0.1])
-    whole = compute_part(REQUEST, "lyapunov_max", 0, delta, epsilon).values
+    whole = compute_window_part(REQUEST, "lyapunov_max", 0, delta, epsilon).values
 
     def failing(cells: Any) -> np.ndarray:
         if 0.7 in cells.delta and 0.1 in cells.epsilon:
             raise ArithmeticError("a cell of this test")
         return healthy.evaluate(cells)
 
-    healthy = map_quantity("lyapunov_max", 0, REQUEST)
+    healthy = quantity_of_map("lyapunov_max", 0, REQUEST)
     quantities = [
         replace(each, evaluate=failing) if each is healthy else each
         for each in gear_rattle.workers.cluster.window.QUANTITIES
     ]
     monkeypatch.setattr(gear_rattle.workers.cluster.window, "QUANTITIES", quantities)
-    fails = map_quantity("lyapunov_max", 0, REQUEST)
+    fails = quantity_of_map("lyapunov_max", 0, REQUEST)
     monkeypatch.setattr(
         gear_rattle.workers.cluster.window, "stored_variables", lambda *_: (quantities[-1], fails, quantities[-1])
     )
-    values, failed, _ = compute_part(request, variable, 0, delta, epsilon)
+    values, failed, _ = compute_window_part(request, variable, 0, delta, epsilon)
     assert failed == 1
     np.testing.assert_equal(values[1, 1], lost)
     if variable == "lyapunov_max":

@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 import rattle
-from rattle.attractors.ball import Centres, centres_of, find_radii_one_by_one
-from rattle.attractors.chaos import SAME_FOOTPRINT, write_group_numbers
+from rattle.attractors.ball import CaptureCentres, centres_of_new_regions, find_radii_one_by_one
+from rattle.attractors.chaos import SAME_FOOTPRINT, write_attractor_numbers
 from rattle.attractors.rows import attractor_rows
 from rattle.attractors.samples import GRID, Outcome, SampleSets
-from rattle.attractors.speeds import sampled_speeds
-from rattle.impacting.attractors.balls import find_radii_in_lanes
+from rattle.attractors.speeds import highest_sampled_speeds
+from rattle.impacting.attractors.balls import find_capture_radii_in_lanes
 from rattle.impacting.attractors.classifier import ImpactingClassifier
-from rattle.impacting.map.iterate import working_block
+from rattle.impacting.map.iterate import lane_block_of_thread
 from rattle.numerics.sampling import initial_conditions
 from rattle.parameters import Parameters
 
@@ -29,10 +29,10 @@ PLANES = {
 def around_orbits(delta, share, beta):
     """Return the attractors of cells, ε in units of the quiet limit, and the centres of their first capture regions."""
     epsilon = share * rattle.quiet_limit(delta)
-    speeds = sampled_speeds(None, delta, epsilon, beta)
+    speeds = highest_sampled_speeds(None, delta, epsilon, beta)
     states = initial_conditions(delta, epsilon, beta, 16, speeds, 1)
     found = ImpactingClassifier.classify(Parameters.from_values("impacting", delta, epsilon, beta), *states, 20_000)
-    return found, centres_of(np.zeros(delta.size, np.int64), found.orbits, found.cells)
+    return found, centres_of_new_regions(np.zeros(delta.size, np.int64), found.orbits, found.cells)
 
 
 @pytest.mark.parametrize("plane", PLANES)
@@ -41,7 +41,7 @@ def test_balls_grown_in_lanes_are_those_grown_one_flight_at_a_time(plane):
     assert centres.radius.size > 4
     alone = centres._replace(radius=centres.radius.copy())
     find_radii_one_by_one(alone, found.cells)
-    find_radii_in_lanes(working_block(), centres, found.cells)
+    find_capture_radii_in_lanes(lane_block_of_thread(), centres, found.cells)
     assert len(np.unique(alone.radius)) > 2
     np.testing.assert_array_equal(centres.radius, alone.radius)
 
@@ -49,9 +49,9 @@ def test_balls_grown_in_lanes_are_those_grown_one_flight_at_a_time(plane):
 def test_a_radius_does_not_depend_on_the_other_balls():
     found, centres = around_orbits(*PLANES["Figure 7"])
     order = np.random.default_rng(1).permutation(centres.radius.size)
-    mixed = Centres._make(x[order] for x in centres)
-    find_radii_in_lanes(working_block(), centres, found.cells)
-    find_radii_in_lanes(working_block(), mixed, found.cells)
+    mixed = CaptureCentres._make(x[order] for x in centres)
+    find_capture_radii_in_lanes(lane_block_of_thread(), centres, found.cells)
+    find_capture_radii_in_lanes(lane_block_of_thread(), mixed, found.cells)
     np.testing.assert_array_equal(mixed.radius, centres.radius[order])
 
 
@@ -77,7 +77,7 @@ def test_footprints_are_grouped_within_their_cell():
     size = np.array([3, 1, 12, 2])
     boxes = (np.uint64(0b11) << rng.integers(0, 6, (18, GRID)).astype(np.uint64)) * (rng.random((18, GRID)) < 0.1)
     number = np.zeros(18, np.int64)
-    write_group_numbers(boxes.copy(), size, number)
+    write_attractor_numbers(boxes.copy(), size, number)
     for i, n in zip(np.cumsum(size) - size, size, strict=True):
         visited = [{(r, c) for r in range(GRID) for c in range(64) if int(row[r]) >> c & 1} for row in boxes[i : i + n]]
         groups = {k: {k} for k in range(n)}

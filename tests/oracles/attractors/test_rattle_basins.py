@@ -9,8 +9,8 @@ from depth import deep, either
 from figure4 import KNOWN, label
 
 import rattle
-from rattle.attractors.basins import Basins, GrowingClassification, boundary_cells, classify_plane_states
-from rattle.attractors.cell_map import groups_of_map
+from rattle.attractors.basins import Basins, GrowingClassification, classify_plane_states, flag_boundary_cells
+from rattle.attractors.cell_map import periodic_groups_of_cell_map
 from rattle.attractors.measures import fit_power_law
 
 
@@ -60,9 +60,9 @@ def test_both_methods_find_the_attractors_of_the_sample(epsilon, beta):
 def test_the_methods_differ_in_few_cells_and_at_boundaries(epsilon, impacts):
     point, side = (0.6, epsilon), either(160, 400)
     mapped, direct = basins(point, side, impacts=impacts), basins(point, side, method="direct")
-    differing = rattle.differing(mapped, direct)
+    differing = rattle.differing_cells(mapped, direct)
     assert rattle.disagreement(mapped, direct) == differing.mean() < (0.03 if impacts == 1 else 0.001)
-    near = boundary_cells(direct.labels) | boundary_cells(mapped.labels)
+    near = flag_boundary_cells(direct.labels) | flag_boundary_cells(mapped.labels)
     assert (differing & ~near).sum() <= 0.1 * differing.sum()
     assert rattle.disagreement(basins(point, side, method="refined", impacts=impacts), direct) <= 0.5 * differing.mean()
 
@@ -91,8 +91,8 @@ def test_refinement_goes_on_until_nothing_changes(point, share):
     refined, direct = (basins(point, 400, method=method) for method in ("refined", "direct"))
     assert rattle.disagreement(refined, direct) < share
     assert {label(a) for a in refined.attractors} == {label(a) for a in direct.attractors}
-    wrong = rattle.differing(refined, direct)  # alone among cells of one label: all others were followed
-    assert not (wrong & boundary_cells(refined.labels)).any()
+    wrong = rattle.differing_cells(refined, direct)  # alone among cells of one label: all others were followed
+    assert not (wrong & flag_boundary_cells(refined.labels)).any()
 
 
 def test_a_lattice_finds_a_basin_that_cell_mapping_misses():
@@ -157,7 +157,7 @@ def test_states_above_the_grid_are_followed_on():
 
 
 def test_groups_of_a_small_map():
-    group, steps, first = groups_of_map(np.array([1, 2, 1, 0, 4, 4, 9, 8, 7, 9]))
+    group, steps, first = periodic_groups_of_cell_map(np.array([1, 2, 1, 0, 4, 4, 9, 8, 7, 9]))
     assert group.tolist() == [0, 0, 0, 0, 1, 1, 3, 2, 2, 3]
     assert steps.tolist() == [1, 0, 0, 2, 0, 1, 1, 0, 0, 0]
     assert first.tolist() == [1, 4, 7, 9]
@@ -168,7 +168,7 @@ def test_groups_of_random_maps(seed):
     random = np.random.default_rng(seed)
     n = 300
     image = random.integers(0, n, n)
-    group, steps, first = groups_of_map(image)
+    group, steps, first = periodic_groups_of_cell_map(image)
     for cell in range(n):
         orbit = [cell]
         while image[orbit[-1]] not in orbit:
@@ -179,7 +179,7 @@ def test_groups_of_random_maps(seed):
     order = random.permutation(n)  # cell i is now called order[i]
     renamed = np.empty(n, np.int64)
     renamed[order] = order[image]
-    again, steps_again, _first = groups_of_map(renamed)
+    again, steps_again, _first = periodic_groups_of_cell_map(renamed)
     assert (steps_again[order] == steps).all()
     assert len(np.unique(np.stack([group, again[order]]), axis=1).T) == group.max() + 1 == again.max() + 1
 

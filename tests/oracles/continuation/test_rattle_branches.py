@@ -12,7 +12,7 @@ from mpmath import mpf
 
 import rattle
 from rattle.curves import bifurcation_curve, codimension_two
-from rattle.impacting.bifurcations.branches import beyond, branch, doubled, fate
+from rattle.impacting.bifurcations.branches import beyond, branch, continue_to, doubled
 from rattle.impacting.bifurcations.cascade import cascade
 from rattle.impacting.bifurcations.events import Event
 from rattle.impacting.orbits.equations import Itinerary
@@ -270,17 +270,17 @@ def test_grazing_curves_of_several_motions_end_at_cod23():
 
 def test_fate():
     d = period_one("D", 0.07)
-    same = fate(d, DELTA, 0.075)
+    same = continue_to(d, DELTA, 0.075)
     assert isinstance(same, PeriodicOrbit)
     assert same.stable
     assert same.epsilon == 0.075
     assert tangent(same)[1:] == (pytest.approx(same.tau, abs=1e-9), pytest.approx(same.v, abs=1e-9))
     for target, kind, place in ((0.08, "PD", FLIPS[0]), (0.065, "SN", 0.06874679)):
-        event = fate(d, DELTA, target)
+        event = continue_to(d, DELTA, target)
         assert isinstance(event, Event)
         assert event.kind == kind
         assert event.epsilon == pytest.approx(place, abs=1e-8)
-    event = fate(period_one("C", 0.14), DELTA, 0.15)
+    event = continue_to(period_one("C", 0.14), DELTA, 0.15)
     assert isinstance(event, Event)
     assert event.kind == "GR"
     assert event.epsilon == pytest.approx(float(rattle.grazing("G1", DELTA).epsilon), abs=1e-12)
@@ -296,8 +296,10 @@ def test_fate_agrees_with_the_branch(label):
     above, below = ([e for e in changes if (e > orbit.epsilon) == up] for up in (True, False))
     for nearest, step in ((min(above, default=None), 1e-4), (max(below, default=None), -1e-4)):
         if nearest is not None:
-            event = fate(orbit, DELTA, nearest + step)
+            event = continue_to(orbit, DELTA, nearest + step)
             assert isinstance(event, Event)
             assert event.epsilon == pytest.approx(nearest, abs=1e-11)
-            before = fate(orbit, DELTA, nearest - 0.5 * step if abs(nearest - orbit.epsilon) > 1e-4 else orbit.epsilon)
+            before = continue_to(
+                orbit, DELTA, nearest - 0.5 * step if abs(nearest - orbit.epsilon) > 1e-4 else orbit.epsilon
+            )
             assert isinstance(before, PeriodicOrbit)

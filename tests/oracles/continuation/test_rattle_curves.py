@@ -15,7 +15,7 @@ from mpmath import mp, mpf
 
 import rattle
 from rattle import curves
-from rattle.continuation.arclength import solution_with_value, solutions_with_values
+from rattle.continuation.arclength import solve_all_with_fixed_unknown, solve_with_fixed_unknown
 from rattle.continuation.conditions import condition
 from rattle.impacting.bifurcations.registry import CURVES
 
@@ -318,8 +318,8 @@ def test_solutions_near_several_guesses_are_those_near_each(name, rng):
     problem = condition(definition.itinerary(0.6), definition.kind, definition.impact)
     guesses = np.array([x for d in np.linspace(0.42, 0.7, 8) for x in definition.starts(d, 0.6)])
     guesses = np.concatenate([guesses + size * rng.standard_normal(guesses.shape) for size in (0.0, 1e-3, 0.1, 0.3)])
-    found = solutions_with_values(problem, guesses, -2)
-    alone = [solution_with_value(problem, guess, -2, guess[-2]) for guess in guesses]
+    found = solve_all_with_fixed_unknown(problem, guesses, -2)
+    alone = [solve_with_fixed_unknown(problem, guess, -2, guess[-2]) for guess in guesses]
     assert [x is None for x in alone] == np.isnan(found).any(axis=-1).tolist()
     assert 0 < sum(x is None for x in alone) < len(guesses) / 2
     for one, x in zip(alone, found, strict=True):

@@ -8,7 +8,7 @@ from depth import deep, either
 
 import rattle
 from rattle.attractors.table import KINDS
-from rattle.curves import name_of
+from rattle.curves import curve_name_of_event
 from rattle.impacting.bifurcations.branches import beyond, branch
 from rattle.impacting.bifurcations.diagram import diagram
 from rattle.impacting.orbits.periodic import orbit_of
@@ -144,13 +144,15 @@ def test_nothing_is_listed_twice(name):
 
 def test_the_papers_events_have_their_names_and_values():
     found = along("Figure 5")
-    named = {name_of(event): event.epsilon for event in found.events if name_of(event)}
+    named = {curve_name_of_event(event): event.epsilon for event in found.events if curve_name_of_event(event)}
     assert named == {
         "SN1": pytest.approx(0.0596430582, abs=1e-10),
         "SN2": pytest.approx(0.06874679, abs=1e-8),
         "PD1": pytest.approx(0.07615571, abs=1e-8),
     }
-    named = {name_of(event): event.epsilon for event in along("Figure 9").events if name_of(event)}
+    named = {
+        curve_name_of_event(event): event.epsilon for event in along("Figure 9").events if curve_name_of_event(event)
+    }
     assert named == {
         "SN1": pytest.approx(0.0958502413, abs=1e-10),
         "G1": pytest.approx(0.0960576020, abs=1e-10),
@@ -158,7 +160,7 @@ def test_the_papers_events_have_their_names_and_values():
 
 
 def test_through_cod22_c_grazes_and_then_a():
-    named = {name_of(event): event for event in along("COD22").events}
+    named = {curve_name_of_event(event): event for event in along("COD22").events}
     assert set(named) == {"G1", "G2"}
     for name, event in named.items():
         assert event.epsilon == pytest.approx(float(rattle.grazing(name, event.delta).epsilon), abs=1e-9)

@@ -9,7 +9,7 @@ from mpmath import mp, mpf
 
 import rattle
 from rattle import curves
-from rattle.impacting.bifurcations.branches import fate
+from rattle.impacting.bifurcations.branches import continue_to
 
 BETAS = (1e-2, 1e-3, 1e-4)
 ENDS = (1e-2, pytest.param(1e-3, marks=deep), 1e-4)
@@ -78,7 +78,7 @@ def test_a_motion_is_not_taken_for_its_neighbour_beyond_a_fold():
     """B and D are a hundredth apart in phase above the fold in which this B is born, and D alone goes on below it."""
     delta, beta = 0.0009166666666666668, 1e-3
     b = next(orbit for orbit in rattle.Gear(delta, 6.97e-4, beta).orbits() if orbit.name == "B")
-    event = fate(rattle.periodic_orbit(delta, 6.97e-4, b.tau, b.v, 1, beta), delta, 6.59e-4)
+    event = continue_to(rattle.periodic_orbit(delta, 6.97e-4, b.tau, b.v, 1, beta), delta, 6.59e-4)
     assert event.kind == "SN"
     assert event.epsilon == pytest.approx(6.837226515e-4, rel=1e-9)
 

@@ -6,7 +6,7 @@ import pytest
 from mpmath import mp, mpf
 
 import rattle
-from gear_rattle.workers import SurveyRequest, Window, compute_part, window_survey
+from gear_rattle.workers import SurveyRequest, Window, compute_window_part, request_for_window
 
 REQUEST = SurveyRequest(delta={"start": 0.4, "stop": 1.0, "num": 2}, epsilon={"start": 0.01, "stop": 0.3, "num": 2})
 ROUNDING = 2e-15  # in ε: labels are right wherever double precision tells which side of a curve a cell is on
@@ -28,11 +28,11 @@ def test_a_window_1e_9_wide(cod22: exact.Known, right: float, up: float) -> None
     width = 1e-9
     delta, epsilon = float(cod22.delta) + right * width, float(cod22.epsilon) + up * width
     window = Window((delta - width / 2, delta + width / 2), (epsilon - width / 2, epsilon + width / 2))
-    survey = window_survey(REQUEST, window, (65, 65))
+    survey = request_for_window(REQUEST, window, (65, 65))
     delta, epsilon = survey.delta.values(), survey.epsilon.values()
     assert survey.shape == (65, 65)
     assert np.ptp(delta) == pytest.approx(width, rel=1e-6)
-    labels = compute_part(survey, "region", 0, delta, epsilon).values
+    labels = compute_window_part(survey, "region", 0, delta, epsilon).values
     above = np.array([[float(mpf(e) - sn1(d)) for d in delta] for e in epsilon])
     clear = np.abs(above) > ROUNDING
     assert clear.sum() >= clear.size - 2

@@ -86,24 +86,24 @@ def test_changes_of_the_forcing_over_a_flight(rng):
             drop = derivative(0, t0, epsilon) + s * derivative(1, t0, epsilon) - derivative(0, t0 + mp.mpf(s), epsilon)
             loss = derivative(1, t0, epsilon) - derivative(1, t0 + mp.mpf(s), epsilon)
         step, (sine0, cosine0) = forcing.versines(s), forcing.sine_cosine_at(t0)
-        dsin, cosine1 = forcing.phase_changes(step, sine0, cosine0)
+        dsin, cosine1 = forcing.sine_change_and_new_cosine(step, sine0, cosine0)
         tolerance = 1e-8 if s < 1e-6 else 1e-12
-        found = forcing.tangent_drop(step, sine0, cosine0, epsilon)
+        found = forcing.drop_below_tangent_line(step, sine0, cosine0, epsilon)
         assert found == pytest.approx(float(drop), rel=tolerance, abs=1e-15 * s)
-        assert forcing.slope_loss_of_change(dsin, epsilon) == pytest.approx(float(loss), rel=tolerance)
+        assert forcing.slope_loss_from_sine_change(dsin, epsilon) == pytest.approx(float(loss), rel=tolerance)
         later = sine0 + dsin, cosine1
         assert later == pytest.approx(forcing.sine_cosine_at((t0 + s) % 1.0), abs=1e-14)
         assert forcing.slope_loss(sine0, cosine0, *later, epsilon) == pytest.approx(float(loss), abs=1e-14)
-        after = forcing.IN_DOUBLE.add_acceleration_after(0.25, sine0, dsin, cosine1, epsilon)
+        after = forcing.IN_DOUBLE.add_acceleration_at_changed_phase(0.25, sine0, dsin, cosine1, epsilon)
         assert after == pytest.approx(forcing.add_acceleration(0.25, *later, epsilon), abs=1e-14)
-        change = forcing.analytic_change(complex(t0), complex(t0 + s), complex(s), epsilon)
+        change = forcing.analytic_forcing_change(complex(t0), complex(t0 + s), complex(s), epsilon)
         assert change == pytest.approx(float(s * derivative(1, t0, epsilon) - drop), abs=1e-14)
 
 
 def test_a_short_step_of_the_phase(rng):
     for u in (1e-4, -1e-4, 1e-6):
         sine, cosine = forcing.sine_cosine_at(t0 := rng.random())
-        later = forcing.later_phase(forcing.short_versines(u), sine, cosine)
+        later = forcing.advance_sine_and_cosine(forcing.short_versines(u), sine, cosine)
         assert later == pytest.approx(forcing.sine_cosine_at(t0 + u), abs=3e-15)
 
 
@@ -114,7 +114,7 @@ def test_bounds_hold_at_every_phase(rng):
         slopes, accelerations = (np.array([float(derivative(order, x, epsilon)) for x in t[::20]]) for order in (1, 2))
         assert abs(slopes).max() <= forcing.largest_slope(epsilon) * (1 + 1e-12)
         assert abs(accelerations).max() <= float(forcing.largest_acceleration32(np.float32(epsilon))) * (1 + 1e-6)
-        assert np.ptp(slopes) <= float(forcing.slope_range32(np.float32(epsilon))) * (1 + 1e-6)
+        assert np.ptp(slopes) <= float(forcing.forcing_slope_range32(np.float32(epsilon))) * (1 + 1e-6)
         sine, cosine = forcing.sine_cosine_at(t0)
         loss = float(derivative(1, t0, epsilon)) - slopes.min()
         largest = forcing.largest_slope_loss32(np.float32(sine), np.float32(cosine), np.float32(epsilon))
@@ -129,15 +129,15 @@ def test_the_contact_force_and_what_is_known_of_it(rng):
         found = [forcing.contact_force(*forcing.sine_cosine_at(x), delta, epsilon, forcing.DRIFT) for x in t]
         assert found == pytest.approx(exact, abs=1e-12)
         assert exact[:-1].mean() == pytest.approx(forcing.mean_force(delta), rel=1e-12)
-        kernel_swing, swing = forcing.contact_force_swing(delta, epsilon), np.ptp(exact) / 2
+        kernel_swing, swing = forcing.contact_force_amplitude(delta, epsilon), np.ptp(exact) / 2
         assert swing == pytest.approx(kernel_swing, rel=1e-5)
         share = kernel_swing / exact[:-1].mean()
         assert forcing.relative_force_amplitude(delta, epsilon) == pytest.approx(share, rel=1e-12)
         assert Forcing(epsilon).relative_force_amplitude(delta) == pytest.approx(share, rel=1e-12)
         assert Forcing(epsilon).least_force(np.float64(delta)) == pytest.approx(exact.min(), abs=1e-4)
         assert abs((t[np.argmin(exact)] - forcing.phase_of_least_force(delta) + 0.5) % 1.0 - 0.5) < 1e-3
-        assert forcing.has_swing_beyond(0.99 * share, delta, epsilon)
-        assert not forcing.has_swing_beyond(1.01 * share, delta, epsilon)
+        assert forcing.has_force_amplitude_above(0.99 * share, delta, epsilon)
+        assert not forcing.has_force_amplitude_above(1.01 * share, delta, epsilon)
         lines = sum(
             size * cmath.exp(1j * frequency * 0.3) for frequency, size in Forcing(epsilon).spectral_lines(delta)
         )
@@ -150,7 +150,7 @@ def test_the_contact_force_and_what_is_known_of_it(rng):
         arc = forcing.negative_arc(delta, epsilon)
         assert arc.exists == (exact.min() < 0.0)
         if arc.exists:
-            entry = forcing.phase_of_entry(delta, 1.0 / share)
+            entry = forcing.phase_of_arc_entry(delta, 1.0 / share)
             assert abs((arc.leave - arc.length - entry + 0.5) % 1.0 - 0.5) < 1e-12
             assert abs(float(force(entry, delta, epsilon))) < 1e-12
 
@@ -161,7 +161,7 @@ def test_the_quiet_limit_is_where_the_force_just_reaches_zero():
         phase = forcing.phase_of_least_force(delta)
         assert abs(float(force(phase, delta, epsilon))) < 1e-14
         assert forcing.least_damping(epsilon) == pytest.approx(delta, rel=1e-12)
-        assert np.abs(Forcing(epsilon).force_and_rate(np.float64(phase), np.float64(delta))).max() < 1e-14
+        assert np.abs(Forcing(epsilon).quiet_limit_residuals(np.float64(phase), np.float64(delta))).max() < 1e-14
 
 
 def test_the_force_ahead_of_a_contact_and_its_integral(rng):
@@ -173,7 +173,9 @@ def test_the_force_ahead_of_a_contact_and_its_integral(rng):
         assert ahead == pytest.approx(wall * float(force(t + s, delta, epsilon)), abs=1e-12)
         exact = wall * float(integral(t, s, delta, epsilon))
         assert forcing.force_integral(s, mean, a, b) == pytest.approx(exact, abs=1e-12)
-        analytic = forcing.analytic_force_ahead(wall, *forcing.analytic_phase(complex(t)), delta, epsilon)
+        analytic = forcing.analytic_force_coefficients(
+            wall, *forcing.sine_cosine_of_complex_time(complex(t)), delta, epsilon
+        )
         assert analytic == pytest.approx((mean, a, b), abs=1e-12)
 
 

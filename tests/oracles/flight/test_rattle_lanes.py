@@ -11,15 +11,23 @@ from depth import either
 
 import rattle
 from rattle.flight.forcing import DRIFT
-from rattle.flight.lanes.block import FIELDS, LANES, TABLES, clear_block, load_trajectory, move_trajectory, new_block
+from rattle.flight.lanes.block import (
+    FIELDS,
+    LANES,
+    TABLES,
+    allocate_lane_block,
+    clear_block,
+    move_trajectory,
+    put_trajectory_on_lane,
+)
 from rattle.impacting.map import impact_map
-from rattle.impacting.map.iterate import flight_counts
+from rattle.impacting.map.iterate import count_flights
 
 # ---- blocks ---------------------------------------------------------------------------------------------------------
 
 
 def test_a_block_is_whole_cache_lines_and_tables_lie_over_the_fields_that_they_name():
-    memory = new_block()
+    memory = allocate_lane_block()
     for k, name in enumerate(FIELDS):
         assert memory[name].ctypes.data % 64 == 0, name
         memory[name] = k
@@ -34,7 +42,7 @@ def _loaded(memory):
     b = memory[0]
     clear_block(b)
     for i in range(LANES):
-        load_trajectory(b, i, 0.01 * i, 1.0 + i, 0.3 + 0.01 * i, 0.05 * i, 0.6, 7.0)
+        put_trajectory_on_lane(b, i, 0.01 * i, 1.0 + i, 0.3 + 0.01 * i, 0.05 * i, 0.6, 7.0)
         b.who[i], b.unit[i], b.time[i] = i, 2.0 + i, 3.0 + i
 
 
@@ -44,7 +52,7 @@ def _moved(memory, i, j):
 
 
 def test_what_is_moved_to_another_lane_is_all_that_it_carries():
-    memory = new_block()
+    memory = allocate_lane_block()
     _loaded(memory)
     np.testing.assert_array_equal(memory["parameters_"], memory["parameters"].astype(np.float32))
     before = memory.copy()
@@ -66,7 +74,7 @@ def _mapped(states):
     out = np.zeros((4, n))
     for k in range(n):
         tau, v, delta, epsilon, beta = states[0, k], states[1, k], states[2, k], states[3, k], states[4, k]
-        found = impact_map.impact_tangent(tau, v, delta, epsilon, beta, DRIFT, False)
+        found = impact_map.apply_impact_map_with_tangent(tau, v, delta, epsilon, beta, DRIFT, False)
         out[0, k], out[1, k], out[2, k] = found[1], found[2], found[4]
         steep = max(max(abs(found[5]), abs(found[6])), max(abs(found[7]), abs(found[8])))
         out[3, k] = (1.0 + v + epsilon) * (1.0 + found[3]) * (1.0 + steep) * (1.0 + 1.0 / found[2])
@@ -189,7 +197,7 @@ def test_shapes_and_nothing_to_do():
      {"v": "fast"}, {"v": True}, {"v": 1j}, {"v": [[1.0], [1.0, 2.0]]}],
     ids=repr,
 )  # fmt: skip
-@pytest.mark.parametrize("function", [rattle.iterate, rattle.iterate_tangent, flight_counts])
+@pytest.mark.parametrize("function", [rattle.iterate, rattle.iterate_tangent, count_flights])
 def test_bad_input_is_refused(function, bad):
     good = {"delta": 0.6, "epsilon": 0.1, "tau": 0.5, "v": 1.0, "n": 3, "beta": 0.6}
     with pytest.raises(rattle.ParameterError):
@@ -202,7 +210,7 @@ def test_shares_of_the_paths():
     tau, v = rng.random(4096), rng.uniform(0.5, 7.0, 4096)
     delta, epsilon = (x.ravel() for x in np.meshgrid(np.linspace(0.4, 1, 64), np.linspace(0.02, 0.3, 64)))
     for name, d, e, most_scanned, most_searched in (("A", 0.6, 0.1, 0.01, 0.002), ("C", delta, epsilon, 0.25, 0.08)):
-        flown, scanned, searched = flight_counts(d, e, tau, v, 100)
+        flown, scanned, searched = count_flights(d, e, tau, v, 100)
         print(f"{name}: {flown} flights, scanned {scanned / flown:.4%}, searched {searched / flown:.4%}")
         assert flown >= 409_600
         assert scanned < most_scanned * flown

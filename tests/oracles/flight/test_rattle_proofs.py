@@ -14,21 +14,21 @@ from depth import either
 import rattle
 from rattle.flight import coefficients, generate_coefficients
 from rattle.flight.contact_phase import stays_in_contact
-from rattle.flight.first_impact import safe_impact
+from rattle.flight.first_impact import first_impact_by_safe_search
 from rattle.flight.forcing import DRIFT, TWO_PI, negative_arc
 from rattle.flight.guess import (
     ERROR,
-    convert_flight_to_single,
-    estimated_minimum,
-    first_guess,
-    height_scale,
+    convert_flight_to_single_precision,
+    estimate_minimum,
+    guess_time_of_turn_or_arrival,
     refine_time,
-    speed_scale,
     step_to_level,
+    sum_of_height_terms,
+    sum_of_slope_terms,
     taylor_coefficients,
 )
 from rattle.flight.law import evaluate, evaluate32, evaluate_short, flight_from_phase
-from rattle.flight.proof import convert_arc_to_single, has_single_turn, height_lower_bound
+from rattle.flight.proof import convert_arc_to_single_precision, has_at_most_one_turn, height_lower_bound
 
 F32 = np.float32
 RNG_SEED = 2009
@@ -87,7 +87,7 @@ def test_a_flight_that_turns_after_the_end_is_not_proved_clear():
 def test_the_search_finds_a_minimum_at_huge_damping(flight):
     """Newton's steps to it are 1/δ there: the search once ran out of them and passed Σ⁻."""
     tau, w, delta, epsilon, beta = flight
-    status, s, wall, *_ = safe_impact(1, tau, flight_from_phase(tau, w, delta, epsilon, DRIFT), beta)
+    status, s, wall, *_ = first_impact_by_safe_search(1, tau, flight_from_phase(tau, w, delta, epsilon, DRIFT), beta)
     march_status, march_wall, march_s = panel_march.march(1, tau, w, delta, epsilon, beta, DRIFT)
     assert (status, wall) == (march_status, march_wall) == (0, -1)
     assert s == pytest.approx(march_s, rel=1e-11)
@@ -108,14 +108,14 @@ def _retraced(n, seed, regime):
     lost, worst = 0, 0.0
     for _ in range(n):
         wall, tau, w, delta, epsilon, beta = flights.random_flight(regime, False)
-        found = safe_impact(wall, tau, flight_from_phase(tau, w, delta, epsilon, DRIFT), beta)
+        found = first_impact_by_safe_search(wall, tau, flight_from_phase(tau, w, delta, epsilon, DRIFT), beta)
         s, target, w1, lost_decay = found[1], found[2], found[3], found[4]
         # backwards, an error of s grows as e^(δs), and speeds below 1e-3 make a graze at either end
         if min(abs(w), abs(w1)) < 1e-3 or lost_decay > 1.0 - 1e-3:
             continue
         later = -(tau + s)
         later -= math.floor(later)
-        back = safe_impact(target, later, flight_from_phase(later, -w1, -delta, epsilon, -DRIFT), beta)
+        back = first_impact_by_safe_search(target, later, flight_from_phase(later, -w1, -delta, epsilon, -DRIFT), beta)
         if back[0] != 0 or back[2] != wall:
             lost += 1
             continue
@@ -164,11 +164,11 @@ def _single_precision(n, seed):
         longest = min(2.0 / delta, 8.0)
         s = F32(np.random.uniform(0.0, longest) if k % 3 else flights.log_uniform(1e-7, longest))
         flight = flight_from_phase(tau, w, delta, epsilon, DRIFT)
-        short = convert_flight_to_single(flight)
+        short = convert_flight_to_single_precision(flight)
         found = evaluate32(s, short)
         true = evaluate(float(s), flight)
-        worst0 = max(worst0, abs(found[0] - true[0]) / height_scale(s, short))
-        worst1 = max(worst1, abs(found[1] - true[1]) / speed_scale(short))
+        worst0 = max(worst0, abs(found[0] - true[0]) / sum_of_height_terms(s, short))
+        worst1 = max(worst1, abs(found[1] - true[1]) / sum_of_slope_terms(short))
     return worst0 / ERROR, worst1 / ERROR
 
 
@@ -211,14 +211,14 @@ def _depths(n, seed, regime):
         if wall < 0:
             continue
         flight = flight_from_phase(tau, w, delta, epsilon, DRIFT)
-        short, gap, up = convert_flight_to_single(flight), F32(2.0 * beta), F32(1.0)
-        s = first_guess(up, gap, F32(1.0 / delta), short)
+        short, gap, up = convert_flight_to_single_precision(flight), F32(2.0 * beta), F32(1.0)
+        s = guess_time_of_turn_or_arrival(up, gap, F32(1.0 / delta), short)
         series = taylor_coefficients(s, short)
-        _height, minimum = estimated_minimum(s, series, short)
+        _height, minimum = estimate_minimum(s, series, short)
         s += step_to_level(True, F32(0.0), series)
         s, _u, _speed = refine_time(s, F32(0.0), short)
-        arc = convert_arc_to_single(negative_arc(delta, epsilon))
-        certain = has_single_turn(up, True, F32(tau), s, minimum.time, short, arc)
+        arc = convert_arc_to_single_precision(negative_arc(delta, epsilon))
+        certain = has_at_most_one_turn(up, True, F32(tau), s, minimum.time, short, arc)
         bound = height_lower_bound(s, minimum, short.delta)
         if bound > -1e29 and certain and s > 0.0 and minimum.time < s and delta * s < 2.0:
             if not evaluate_short(float(s), flight)[1] > 0.0:
@@ -239,7 +239,7 @@ def test_the_bound_of_the_depth_is_a_bound():
 
 
 def test_coefficients_are_those_of_their_generator():
-    assert generate_coefficients.module_text() == Path(coefficients.__file__).read_text()
+    assert generate_coefficients.coefficients_module_text() == Path(coefficients.__file__).read_text()
 
 
 @pytest.mark.parametrize("name", [p.name for p in generate_coefficients.polynomials()])
@@ -280,7 +280,9 @@ def test_a_graze_goes_on_and_a_pressed_ball_rests():
     assert not stays_in_contact(-1, 0.0, 0.5, delta, epsilon, DRIFT)
     assert not stays_in_contact(1, -1e-3, 0.5, delta, epsilon, DRIFT)
     for wall, tau in ((1, 0.0), (-1, 0.5)):  # speed 0, and yet a flight
-        status, s, target, w1, *_ = safe_impact(wall, tau, flight_from_phase(tau, 0.0, delta, epsilon, DRIFT), beta)
+        status, s, target, w1, *_ = first_impact_by_safe_search(
+            wall, tau, flight_from_phase(tau, 0.0, delta, epsilon, DRIFT), beta
+        )
         assert (status, s > 0, target * w1 > 0) == (0, True, True)
 
 

@@ -10,7 +10,7 @@ from transients import crisis_of, escapes
 from rattle.crisis import boundary_crisis, crisis_curve
 from rattle.errors import ParameterError, RattleError
 from rattle.impacting.bifurcations.codimension_two import codimension_two
-from rattle.impacting.crisis.curve import contact_at_delta, contact_at_gap
+from rattle.impacting.crisis.curve import contact_above_sn1, crisis_at_damping
 from rattle.impacting.map.iterate import iterate
 from rattle.impacting.orbits.period_one import orbits_at
 from rattle.impacting.orbits.periodic import period_one_orbit
@@ -110,7 +110,7 @@ def test_the_curve_is_followed_through_the_change_of_contact():
         "tangency" if point.delta < change.delta else "corner" for point in curve.points
     ]
     for shift, contact in ((-3e-4, "tangency"), (3e-4, "corner")):
-        assert contact_at_delta([change], change.delta + shift).contact == contact
+        assert crisis_at_damping([change], change.delta + shift).contact == contact
     fresh = boundary_crisis(low)
     assert fresh.epsilon == pytest.approx(curve.epsilon[0], abs=1e-10)
 
@@ -120,14 +120,14 @@ def test_without_an_end_it_is_followed_to_so_far_from_cod22(monkeypatch):
     monkeypatch.setattr("rattle.impacting.crisis.curve.CLOSEST", 1e-2)
     found = crisis_curve(low=0.762, resolution=0.006)
     assert found.points[0].epsilon == pytest.approx(CRISIS, abs=1e-13)
-    assert found.points[-1].gap == pytest.approx(0.999e-2 * CRISIS, rel=1e-9)
+    assert found.points[-1].epsilon_above_sn1 == pytest.approx(0.999e-2 * CRISIS, rel=1e-9)
     assert "into COD22" in found.high_end
 
 
 def test_chaos_ends_at_another_backlash():
     """Half-backlash 0.45, for which nothing was tuned: no orbit leaves below the crisis, and all do above."""
     found = boundary_crisis(0.518, beta=0.45)
-    gap = found.gap
+    gap = found.epsilon_above_sn1
     at = found.epsilon + np.array([-0.01, 0.05]) * gap
     left = []
     for epsilon in at:
@@ -147,9 +147,9 @@ def test_it_passes_beside_cod22():
     """At COD22's damping the crisis is 4e-5 above SN1; it does not close on SN1 there, but goes on to larger δ."""
     end = next(point for point in codimension_two() if point.name == "COD22").delta
     points = [corner()]
-    while points[-1].gap > 3.5e-5:
-        points.append(contact_at_gap(points, 0.75 * points[-1].gap, end))
-    delta, gap = (np.array(x) for x in zip(*((point.delta, point.gap) for point in points), strict=True))
+    while points[-1].epsilon_above_sn1 > 3.5e-5:
+        points.append(contact_above_sn1(points, 0.75 * points[-1].epsilon_above_sn1, end))
+    delta, gap = (np.array(x) for x in zip(*((point.delta, point.epsilon_above_sn1) for point in points), strict=True))
     assert (np.diff(delta) > 0).all()
     assert delta[-1] > end + 2e-5
     assert np.interp(end, delta, gap) == pytest.approx(4.2e-5, abs=5e-6)

@@ -10,7 +10,7 @@ import pytest
 from depth import either
 
 import rattle
-from rattle.models import Limits, model_of
+from rattle.models import AnalyticLimits, model_of
 from rattle.stiff import StiffGear
 
 PAIRS = either(120, 2000)
@@ -52,7 +52,7 @@ def names(delta: float, epsilon: float, beta: float) -> set[str]:
     return {orbit.name for orbit in rattle.Gear(delta, epsilon, beta).orbits()}
 
 
-def assert_flip(delta: float, beta: float, limits: Limits) -> str:
+def assert_flip(delta: float, beta: float, limits: AnalyticLimits) -> str:
     """C loses stability at the flip, or does not at its formula and ends as is said; returns what happens."""
     formula = float(rattle.flip(delta, virtual=True))
     if limits.flip is not None:
@@ -78,7 +78,7 @@ def assert_flip(delta: float, beta: float, limits: Limits) -> str:
     return "G1"
 
 
-def assert_born(delta: float, beta: float, limits: Limits) -> str:
+def assert_born(delta: float, beta: float, limits: AnalyticLimits) -> str:
     """A and C are born at SN1, or not, and A begins as is said; returns what happens."""
     formula = float(rattle.sn1(delta, virtual=True))
     above = formula * (1.0 + 1e-9)

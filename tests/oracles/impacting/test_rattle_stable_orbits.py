@@ -13,7 +13,7 @@ import rattle
 from rattle.flight.first_impact import OK, first_impact
 from rattle.flight.forcing import DRIFT
 from rattle.flight.law import fold_phase, wrap_phase_difference
-from rattle.impacting.map.impact_map import impact_tangent
+from rattle.impacting.map.impact_map import apply_impact_map_with_tangent
 from rattle.impacting.orbits.limits import quiet_limit
 from rattle.impacting.orbits.stable import find_stable_orbits
 
@@ -54,7 +54,7 @@ def trace_and_determinant(n_plus, tau, v, delta, epsilon, beta):
     """Return trace and determinant of the product of the map's tangents."""
     product = np.eye(2)
     for _ in range(n_plus):
-        _status, tau, v, _time, _below, j00, j01, j10, j11, _ln = impact_tangent(
+        _status, tau, v, _time, _below, j00, j01, j10, j11, _ln = apply_impact_map_with_tangent(
             tau, v, delta, epsilon, beta, DRIFT, False
         )
         product = np.array([[j00, j01], [j10, j11]]) @ product

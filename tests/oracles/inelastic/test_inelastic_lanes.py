@@ -5,7 +5,7 @@ import pytest
 from depth import either
 from numpy.typing import NDArray
 
-from rattle.attractors.classify import empty_record, new_trajectories
+from rattle.attractors.classify import create_trajectories, empty_probe_record
 from rattle.attractors.samples import Outcome, Trajectories
 from rattle.inelastic import iterate, iterate_tangent
 from rattle.inelastic.attractors.classifier import InelasticClassifier
@@ -43,7 +43,7 @@ def test_a_lane_makes_the_impacts_of_the_map() -> None:
     cells = random_cells(rng, n, rng.uniform(0.5, 1.0, n))
     tau, v = states(rng, (n, 1))
     classifier = InelasticClassifier(cells, tau, v)
-    samples: Trajectories = new_trajectories(np.arange(n), tau.ravel().copy(), v.ravel().copy(), impacts)
+    samples: Trajectories = create_trajectories(np.arange(n), tau.ravel().copy(), v.ravel().copy(), impacts)
     classifier.advance(np.arange(n), samples, early=True)
     same = (samples.status == Outcome.UNRESOLVED) & (samples.impacts == impacts)
     assert same.sum() > n // 4  # the others came to contact, or to rest
@@ -76,7 +76,7 @@ def test_exponents_in_lanes_are_those_of_the_map() -> None:
     delta, epsilon, r, n = 0.45, 0.3, 0.8, 12
     given = (np.array([x]) for x in (delta, epsilon, BETA, r, 0.0))
     found = InelasticClassifier(inelastic_cells(*given), *states(np.random.default_rng(4), (1, n)))
-    seen = empty_record(n)
+    seen = empty_probe_record(n)
     found.samples.limit[:] = 100_000
     found.follow_with_tangent(np.arange(n), np.full(n, 3000.0), np.full(n, 300.0), seen)
     time, stretch, contraction = seen.sums.sum(axis=(0, 1))
@@ -96,7 +96,7 @@ def test_what_is_called_chaotic_hardly_settles_in_ten_times_the_observation(r: f
     undecided = (found.status == Outcome.UNRESOLVED).sum() - chaotic.size
     assert undecided <= 0.02 * found.status.size
     samples = found.samples
-    longer = new_trajectories(
+    longer = create_trajectories(
         samples.cell[chaotic], samples.tau[chaotic], samples.v[chaotic], 10 * samples.impacts[chaotic]
     )
     found.settle(np.arange(chaotic.size), longer)

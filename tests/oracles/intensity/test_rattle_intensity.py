@@ -10,7 +10,7 @@ import rattle
 from rattle.attractors import SampleSpec
 from rattle.impacting.orbits.limits import flip_formula, sn1_formula
 from rattle.models import model_of
-from rattle.stiff import StiffGear, from_limit
+from rattle.stiff import StiffGear, continue_from_limit
 
 CHAOTIC = {"impacting": rattle.Gear(0.6, 0.1), "stiff": StiffGear(0.4, 0.2)}
 
@@ -90,7 +90,7 @@ def test_the_stiff_gear_tends_to_the_impacting_one() -> None:
         whole = gear.intensity(orbit).energy
         limit = rattle.periodic_orbit(0.6, 0.075, orbit.tau, orbit.v)
         first, second = (
-            StiffGear(0.6, 0.075, kappa=kappa).intensity(from_limit(limit, kappa)).energy - whole
+            StiffGear(0.6, 0.075, kappa=kappa).intensity(continue_from_limit(limit, kappa)).energy - whole
             for kappa in (1e6, 1e8)
         )
         assert first / second == pytest.approx(10.0, rel=0.15)  # κ^(−1/2)

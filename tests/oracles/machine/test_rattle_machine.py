@@ -215,7 +215,7 @@ def test_what_cannot_be_meant_is_refused(wrong: dict[str, object], said: str) ->
 
 def test_a_machine_that_hardly_turns_hands_over_hardly_anything() -> None:
     given = rattle.Machine(**(DRAWING | {"drag": 1e-150}), rpm=1e-150)
-    assert given.in_si(rattle.Intensity(1.0, 0.0, 1.0, 1.0, 0.5, 0.0, 1.0)).level == -math.inf
+    assert given.intensity_in_si(rattle.Intensity(1.0, 0.0, 1.0, 1.0, 0.5, 0.0, 1.0)).level == -math.inf
 
 
 def test_a_gear_without_eccentricity_is_one() -> None:

@@ -7,7 +7,7 @@ from manifold_fates import fates_beside
 from scipy.ndimage import distance_transform_edt
 
 import rattle
-from rattle.attractors.basins import boundary_cells
+from rattle.attractors.basins import flag_boundary_cells
 from rattle.errors import ParameterError, RattleError
 from rattle.impacting.orbits.periodic import period_one_orbit
 from rattle.orbits.images import images
@@ -104,7 +104,7 @@ def cells_of(found, n, v_max):
 def test_the_stable_manifolds_of_a_and_b_bound_the_basins():
     """Fewer than 0.1 % of the cells at a boundary, among a million, are further than two cells from the manifolds."""
     n = 1000
-    edge = boundary_cells(GEAR.basins(n, method="refined").labels)
+    edge = flag_boundary_cells(GEAR.basins(n, method="refined").labels)
     on = np.zeros((n, n), bool)
     for name in "AB":
         for side in (1, -1):

@@ -8,7 +8,7 @@ import pytest
 import rattle
 from rattle.attractors.speeds import NATURAL
 from rattle.populations.gears import compute_gears
-from rattle.populations.plan import Plan
+from rattle.populations.plan import PopulationPlan
 from rattle.populations.tolerances import Tolerances
 
 #: The drawing of docs/engineers.md.
@@ -31,7 +31,7 @@ def near(value: float) -> rattle.Uniform:
 
 def test_each_gear_is_the_machine_that_it_is_alone() -> None:
     varied = {"restitution": rattle.Uniform(0.85, 0.95), "mesh_error": rattle.Uniform(0.03e-6, 0.09e-6)}
-    plan = Plan(Tolerances(PAIR | varied), gears=5, count=COUNT, seed=3, pairs=0)
+    plan = PopulationPlan(Tolerances(PAIR | varied), gears=5, count=COUNT, seed=3, pairs=0)
     found = compute_gears(plan, 0, 5)
     shares = []
     for k, values in enumerate(plan.values(np.arange(5))):

@@ -5,8 +5,8 @@ import pytest
 
 import rattle
 from rattle.populations.answers import Population, mean_of_shares, quantile_estimate
-from rattle.populations.gears import FAILS, NOT_ASKED, PASSES, UNKNOWN, Gears
-from rattle.populations.plan import Plan
+from rattle.populations.gears import FAILS, NOT_ASKED, PASSES, UNKNOWN, ComputedGears
+from rattle.populations.plan import PopulationPlan
 from rattle.populations.tolerances import Tolerances
 
 GIVEN = {"delta": rattle.Normal(3.0, 0.2), "epsilon": rattle.Normal(3.0, 0.2), "beta": rattle.Normal(3.0, 0.2)}
@@ -16,14 +16,14 @@ MATRIX = np.array([[1.0, 0.5, 0.0], [0.5, 1.0, 0.3], [0.0, 0.3, 1.0]])
 
 def imitated(matrix: np.ndarray | None, count: int = 4, pairs: int = 20_000) -> Population:
     """A population whose gears run quietly with a probability that is linear in their numbers."""
-    plan = Plan(Tolerances(GIVEN, matrix), gears=pairs, count=count, pairs=pairs)
+    plan = PopulationPlan(Tolerances(GIVEN, matrix), gears=pairs, count=count, pairs=pairs)
     rows = np.arange(plan.rows)
     values = plan.values(rows)
     chance = 0.5 + (values - 3.0) / 0.2 @ WEIGHTS
     quiet = np.random.default_rng(5).random((rows.size, count)) < np.clip(chance, 0.0, 1.0)[:, None]
     energy = np.sort(np.where(quiet, 0.0, 1.0), axis=1)
     none = np.zeros(rows.size)
-    return Population(plan, Gears(plan.parts(rows), values, none, none, none, energy, none.astype(np.int64)))
+    return Population(plan, ComputedGears(plan.parts(rows), values, none, none, none, energy, none.astype(np.int64)))
 
 
 @pytest.mark.parametrize("matrix", [np.eye(3), MATRIX])
@@ -130,6 +130,6 @@ def test_nothing_is_said_of_gears_that_do_not_differ() -> None:
         same.indices()
     with pytest.raises(rattle.ParameterError, match="of must be one of quiet, energy"):
         same.indices("noise")
-    lone = Population(Plan(Tolerances(GIVEN), gears=10, pairs=0), population.rows)
+    lone = Population(PopulationPlan(Tolerances(GIVEN), gears=10, pairs=0), population.rows)
     with pytest.raises(rattle.RattleError, match="give `pairs` above 0"):
         lone.indices()

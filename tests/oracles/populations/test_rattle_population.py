@@ -9,7 +9,7 @@ from depth import deep
 import rattle
 from rattle.attractors.speeds import NATURAL
 from rattle.populations.gears import FAILS, NOT_ASKED, PASSES, compute_gears, initial_states, verdicts_of
-from rattle.populations.plan import Plan, Shock
+from rattle.populations.plan import PopulationPlan, Shock
 from rattle.populations.tolerances import Tolerances
 
 DRAWING = {"inertia": 0.003, "drag": 1.5e-3, "backlash": 300e-6, "radius": 0.05, "rpm": 3000.0}  # δ = 0.01
@@ -17,8 +17,8 @@ GIVEN = DRAWING | {"eccentricity": rattle.Normal(45e-6, 15e-6, low=0.0)}
 PAPER = {"delta": 0.6, "epsilon": rattle.Uniform(0.03, 0.21), "beta": rattle.Uniform(0.55, 0.65)}
 
 
-def of(given: dict[str, Any], correlation: Any = None, **asked: Any) -> Plan:
-    return Plan(Tolerances(given, correlation), **asked)
+def of(given: dict[str, Any], correlation: Any = None, **asked: Any) -> PopulationPlan:
+    return PopulationPlan(Tolerances(given, correlation), **asked)
 
 
 def test_a_gear_is_what_it_is_alone_to_the_bit() -> None:
@@ -49,11 +49,11 @@ def test_parts_share_what_they_say() -> None:
     plan = of(PAPER, [[1.0, 0.4], [0.4, 1.0]], gears=12, pairs=5)
     values = plan.values(np.arange(plan.rows))
     assert plan.rows == 12 + 5 * (1 + 2 * 2)
-    assert np.array_equal(values[plan.rows_of(1)], values[:5])
+    assert np.array_equal(values[plan.rows_of_part(1)], values[:5])
     for i in range(2):
-        assert np.array_equal(values[plan.rows_of(plan.number_of_keeping_part(i)), i], values[:5, i])
-        assert np.array_equal(values[plan.rows_of(plan.number_of_redrawing_part(i)), 1 - i], values[:5, 1 - i])
-        assert not (values[plan.rows_of(plan.number_of_keeping_part(i)), 1 - i] == values[:5, 1 - i]).any()
+        assert np.array_equal(values[plan.rows_of_part(plan.part_that_keeps_number(i)), i], values[:5, i])
+        assert np.array_equal(values[plan.rows_of_part(plan.part_that_redraws_number(i)), 1 - i], values[:5, 1 - i])
+        assert not (values[plan.rows_of_part(plan.part_that_keeps_number(i)), 1 - i] == values[:5, 1 - i]).any()
     assert np.array_equal(np.unique(plan.parts(np.arange(plan.rows))), np.arange(6))
     more = of(PAPER, [[1.0, 0.4], [0.4, 1.0]], gears=40, pairs=5)
     assert np.array_equal(more.values(np.arange(12)), values[:12])
@@ -88,10 +88,10 @@ def test_the_powers_are_those_of_the_machines() -> None:
     machine = rattle.Machine(**{**GIVEN, **worst.numbers})
     of_gear = found.gears.energy[worst.row]
     assert worst.energy == pytest.approx(np.nanmean(of_gear) * machine.units.power)
-    assert worst.energy == pytest.approx(max(np.nanmean(found.gears.energy, axis=1) * found.watts_per_unit))
+    assert worst.energy == pytest.approx(max(np.nanmean(found.gears.energy, axis=1) * found.watts_per_power_unit))
     watts = found.intensity((0.9,))[0.9]
     assert watts.low <= watts.value <= watts.high
-    assert watts.value in found.gears.energy * np.asarray(found.watts_per_unit)[:, None]
+    assert watts.value in found.gears.energy * np.asarray(found.watts_per_power_unit)[:, None]
 
 
 @deep

@@ -9,7 +9,7 @@ from scipy import stats
 
 import rattle
 from rattle.populations.copula import Copula, checked_correlation
-from rattle.populations.distributions import LEAST, Distribution, distribution_of
+from rattle.populations.distributions import LEAST, Distribution, parse_distribution
 from rattle.populations.measured import read_gears
 from rattle.populations.tolerances import Tolerances
 
@@ -56,7 +56,7 @@ def test_what_was_measured_is_as_frequent_as_it_was() -> None:
     ],
 )
 def test_distributions_are_read_from_text(text: str, meant: Distribution) -> None:
-    assert distribution_of(text) == meant
+    assert parse_distribution(text) == meant
 
 
 def test_draws_have_the_correlations_that_were_asked_for() -> None:
@@ -72,7 +72,7 @@ def test_draws_have_the_correlations_that_were_asked_for() -> None:
 def test_draws_that_share_numbers_are_as_frequent_as_all_others(i: int) -> None:
     copula = Copula(MATRIX)
     z, fresh = copula.draw_rows(7, 0, ROWS), copula.draw_rows(7, 1, ROWS)
-    kept, changed = copula.redraw_others(i, z, fresh), copula.redraw_column(i, z, fresh)
+    kept, changed = copula.redraw_other_columns(i, z, fresh), copula.redraw_column(i, z, fresh)
     others = [j for j in range(3) if j != i]
     assert np.array_equal(kept[:, i], z[:, i])
     assert np.array_equal(changed[:, others], z[:, others])

@@ -23,7 +23,7 @@ from rattle.proof.areas.capture import _growth_coefficient, require_captures
 from rattle.proof.areas.checker.check import check
 from rattle.proof.areas.checker.intervals import BlockRefusal
 from rattle.proof.areas.columns import cut_into_columns, prove_column
-from rattle.proof.areas.finder import Prover
+from rattle.proof.areas.finder import BlockProver
 from rattle.proof.areas.piece import PlanePiece, hull
 from rattle.proof.areas.shares import shares_of_claims
 from rattle.proof.balls import arb, arb_series, ball, precision
@@ -52,7 +52,7 @@ def finder_says(block):
             if block.claim == CAPTURED:
                 require_captures(piece_of(block), block.speed)
             else:
-                Prover(block.beta).require_claim(block.claim, block.delta, block.epsilon)
+                BlockProver(block.beta).require_claim(block.claim, block.delta, block.epsilon)
     except NotProvedError as why:
         return str(why)
     return ""
@@ -254,7 +254,7 @@ def test_a_solution_of_two_impacts_is_a_motion(name):
         trace = sum(orbit.multipliers).real
         assert 2 * above / (u * v) == pytest.approx(1 + np.exp(-0.6) - trace, rel=1e-6)
         assert 2 * below / (u * v) == pytest.approx(1 + np.exp(-0.6) + trace, rel=1e-6)
-        assert (cell.epsilon_squared_by_s > 0) == (name == "D")
+        assert (cell.epsilon_squared_s_derivative > 0) == (name == "D")
 
 
 def test_documents_that_are_none_are_refused():

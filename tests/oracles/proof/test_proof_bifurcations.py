@@ -11,11 +11,11 @@ from depth import either
 from mpmath import mpf
 
 import rattle
-from rattle.paper.numbers import PROVED, epsilon_at
+from rattle.paper.numbers import PROVED, epsilon_on_curve
 from rattle.proof.balls import arb, ball, precision
 from rattle.proof.bifurcations import prove, systems
 from rattle.proof.bifurcations.check_points import check
-from rattle.proof.check import Refused
+from rattle.proof.check import Refusal
 from rattle.proof.flights import ModelPoint, flight
 
 DOCUMENT = Path(__file__).parents[3] / "docs" / "paper.md"
@@ -143,17 +143,17 @@ def test_false_claims_of_a_point_are_refused_by_the_checker(points, name):
     if len(times) == 2:  # what meets Σ⁻ depends on the backlash
         wrong.append({"known": {**point.document()["known"], "beta": "0.600001"}})
     for changes in wrong:
-        with pytest.raises(Refused):
+        with pytest.raises(Refusal):
             check(altered(point, **changes))
 
 
 def test_a_point_of_codimension_two_is_not_taken_for_another(certificates):
     for name, point in certificates.items():
         for other in {*certificates, "G1", "SN1"} - {name}:
-            with pytest.raises(Refused):
+            with pytest.raises(Refusal):
                 check(altered(point, name=other))
         moved = {key: shifted(ends, 1e-6) for key, ends in point.document()["solved"].items()}
-        with pytest.raises(Refused):
+        with pytest.raises(Refusal):
             check(altered(point, solved=moved))
 
 
@@ -205,6 +205,6 @@ def test_what_the_paper_table_calls_proved_is(certificates):
         if name in certificates:
             ends = certificates[name].solved[where]
         else:
-            ends = prove.certify_curve_point(name, where, epsilon_at(name, float(where))).solved["epsilon"]
+            ends = prove.certify_curve_point(name, where, epsilon_on_curve(name, float(where))).solved["epsilon"]
         assert ends[1] - ends[0] < Fraction(1, 10**14)
         assert abs(sum(ends) / 2 - Fraction(said)) < Fraction(1, 10**10)

@@ -13,7 +13,7 @@ import rattle
 from rattle.proof import check as shared
 from rattle.proof.balls import ball, precision
 from rattle.proof.chaos import check, coverings, images, prove, search
-from rattle.proof.check import Refused
+from rattle.proof.check import Refusal
 from rattle.proof.flights import ModelPoint
 
 STORED = (
@@ -88,7 +88,7 @@ def test_coverings_are_proved_again_in_balls(stored, delta):
     with precision():
         point, sets = point_of(document), sets_of(document)
         for source, target, word, periods in list(steps_of(document))[:3]:
-            coverings.MappedSet(point, sets[source], (-1,) * word).require_covers(sets[target], periods)
+            coverings.MappedSet(point, sets[source], (-1,) * word).require_covering(sets[target], periods)
         heads = [sets[(*loop["sets"], 0)[0]] for loop in document["loops"]]
         for i, head in enumerate(heads):
             prove.require_disjoint_sets([head], heads[:i])
@@ -98,11 +98,11 @@ def test_coverings_are_proved_again_in_balls(stored, delta):
 def test_the_checker_proves_a_covering_and_refuses_what_is_none(stored, delta):
     claim = check.HorseshoeClaim(stored[delta])
     source, target, word, periods = next(step for step in steps_of(stored[delta]) if step[0] > 0)
-    claim.require_covers(source, target, word, periods)
-    with pytest.raises(Refused):
-        claim.require_covers(source, target, word, periods + 1)
-    with pytest.raises(Refused):
-        claim.require_covers(source, source, word, periods)
+    claim.require_covering(source, target, word, periods)
+    with pytest.raises(Refusal):
+        claim.require_covering(source, target, word, periods + 1)
+    with pytest.raises(Refusal):
+        claim.require_covering(source, source, word, periods)
 
 
 @deep
@@ -124,7 +124,7 @@ def test_sets_that_are_not_covered_are_refused(stored):
         (source, target, word, periods), *_ = list(steps_of(document))[2:]  # those before reach further than their ends
         mapped = coverings.MappedSet(point, sets[source], (-1,) * word)
         end = sets[target]
-        mapped.require_covers(end, periods)
+        mapped.require_covering(end, periods)
         (a, b), (c, d) = end.unstable, end.stable
         false = [
             moved(end, Fraction(1), Fraction(0)),
@@ -136,11 +136,11 @@ def test_sets_that_are_not_covered_are_refused(stored):
         ]
         for wrong in false:
             with pytest.raises(rattle.NotProvedError):
-                mapped.require_covers(wrong, periods)
+                mapped.require_covering(wrong, periods)
         with pytest.raises(rattle.NotProvedError):
-            mapped.require_covers(end, periods + 1)
+            mapped.require_covering(end, periods + 1)
         with pytest.raises(rattle.NotProvedError):
-            coverings.MappedSet(point, sets[source], (-1,) * (1 - word)).require_covers(end, periods)
+            coverings.MappedSet(point, sets[source], (-1,) * (1 - word)).require_covering(end, periods)
 
 
 def test_a_motion_that_passes_a_wall_has_no_image(stored):
@@ -179,7 +179,7 @@ def test_a_set_that_reaches_across_a_graze_has_no_image():
                 try:
                     program()
                     assert ok
-                except (rattle.NotProvedError, Refused):
+                except (rattle.NotProvedError, Refusal):
                     assert not ok
 
 
@@ -200,14 +200,14 @@ CHANGES = [
 
 @pytest.mark.parametrize("changes", CHANGES, ids=str)
 def test_documents_that_claim_something_else_are_refused(stored, changes):
-    with pytest.raises(Refused):
+    with pytest.raises(Refusal):
         check.check(json.dumps({**stored["0.6"], **changes}))
 
 
 def test_loops_are_told_apart_by_their_first_sets(stored):
     """A loop listed twice, or one whose first set overlaps another's, would count the same motions again."""
     document = stored["0.6"]
-    with pytest.raises(Refused, match="may meet"):
+    with pytest.raises(Refusal, match="may meet"):
         check.check(json.dumps({**document, "loops": [*document["loops"], document["loops"][0]]}))
     with precision():
         one = sets_of(document)[0]

@@ -7,7 +7,7 @@ import pytest
 from depth import either
 
 import rattle
-from rattle.proof.check import Refused, check
+from rattle.proof.check import Refusal, check
 
 
 @pytest.mark.parametrize("kind", false_claims.KINDS)
@@ -58,13 +58,13 @@ CHANGES = [
 
 @pytest.mark.parametrize("changes", CHANGES, ids=str)
 def test_documents_that_claim_something_else_are_refused(certificate, changes):
-    with pytest.raises(Refused):
+    with pytest.raises(Refusal):
         check(altered(certificate, **changes))
 
 
 @pytest.mark.parametrize("text", ["", "{", "[]", "null", "3", '"text"', "[" * 5000])
 def test_what_is_no_certificate_is_refused(text):
-    with pytest.raises(Refused):
+    with pytest.raises(Refusal):
         check(text)
 
 
@@ -73,10 +73,10 @@ def test_each_number_of_a_certificate_is_looked_at(certificate):
     for name in ("trace", "determinant"):
         low, high = certificate[name]
         for wrong in ([high, high], [low, low]):
-            with pytest.raises(Refused, match="not proved to be between"):
+            with pytest.raises(Refusal, match="not proved to be between"):
                 check(altered(certificate, **{name: wrong}))
     for i, (low, high) in enumerate(certificate["multipliers"]):
         for wrong in ([high, "9"], ["-9", low]):
             changed = [wrong if j == i else ends for j, ends in enumerate(certificate["multipliers"])]
-            with pytest.raises(Refused, match="not proved to be between"):
+            with pytest.raises(Refusal, match="not proved to be between"):
                 check(altered(certificate, multipliers=changed))

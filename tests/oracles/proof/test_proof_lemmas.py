@@ -17,7 +17,7 @@ import rattle
 from rattle.proof import check, finder, flights, impacting, krawczyk, stiff
 from rattle.proof.balls import ball, ends, interval_ball, precision
 from rattle.proof.bifurcations.prove import certify_codimension_two
-from rattle.stiff.map.contact import ENDS, contact_end
+from rattle.stiff.map.contact import ENDS, find_contact_end
 
 GRAZING = 1e-6
 
@@ -103,7 +103,7 @@ def test_a_contact_is_proved_if_and_only_if_it_lasts():
     for _ in range(either(40, 2000)):
         delta, epsilon, beta, kappa = rng.uniform(0.2, 1.5), rng.uniform(0, 0.4), 0.6, 10 ** rng.uniform(1.5, 5)
         wall, t0, u = int(rng.choice([1, -1])), rng.uniform(0, 1), rng.uniform(0.5, 6)
-        status, lasts, *_ = contact_end(wall, t0, 0.0, u, delta, epsilon, kappa, math.inf)
+        status, lasts, *_ = find_contact_end(wall, t0, 0.0, u, delta, epsilon, kappa, math.inf)
         if status != ENDS:
             continue
         with precision():
@@ -164,7 +164,7 @@ def test_a_place_where_the_force_vanishes_within_rounding_of_an_end_is_no_hole()
     """A flight that begins, or ends, where g changes sign: the piece beyond has its extremum all the same."""
     with precision():
         here = model_point(0.5, 0.3, 0.6)
-        for edge in here.force_zero_phases:
+        for edge in here.phases_of_zero_force:
             for nudge in (0.0, 1e-40, -1e-40, 1e-12, -1e-12):
                 t0 = edge + arb(nudge)
                 for length in (0.05, 0.4, 0.9):
@@ -194,9 +194,9 @@ def test_verdicts_are_those_of_the_multipliers():
     with precision():
         determinant = arb(0.5)
         for trace, verdict in ((1.4, "attracting"), (-1.4, "attracting"), (1.6, "saddle"), (-1.6, "saddle")):
-            assert finder.verdict_of(arb(trace), determinant) == verdict
+            assert finder.prove_stability_verdict(arb(trace), determinant) == verdict
         for trace in (1.5, -1.5):
-            assert finder.verdict_of(arb(trace, 1e-20), determinant) == "undecided"
+            assert finder.prove_stability_verdict(arb(trace, 1e-20), determinant) == "undecided"
         half, none, same, again = finder.multiplier_enclosures(arb(2).sqrt(), determinant)  # a double one
         assert (half, none) == (same, again)
         assert none[0] < 0 < none[1]
@@ -271,7 +271,7 @@ def test_a_bound_taken_far_behind_the_extremum_holds_where_the_speed_has_decayed
         still = flights.flight(here, arb(t0), arb(t1), *turns, arb(0))
         slope = here.delta / (1 - still.decay)  # of w0, by the distance
         flight = flights.flight(here, arb(t0), arb(t1), *turns, (arb(-0.1) - still.w0) / slope)
-        assert here.force_zero_phases == () or not flights.force_zero_times(flight)
+        assert here.phases_of_zero_force == () or not flights.force_zero_times(flight)
         ((_, truth),) = flights.extrema(flight, "")
         monkeypatch.setattr(flights, "_guess_extremum_time", lambda *_: t1 - 1e-3)
         ((_, bound),) = flights.extrema(flight, "")

@@ -88,7 +88,7 @@ def test_motions_of_the_stiff_gear_tend_to_those_of_its_limit():
     """The difference is a series in κ^(−1/2), whose first term is extrapolated away; the limit has no contact."""
     gear = rattle.Gear(0.6, 0.0615)
     limit = gear.orbit(gear.orbits()[0].tau, gear.orbits()[0].v)
-    orbits = [rattle.stiff.from_limit(limit, kappa) for kappa in (1e6, 1e8)]
+    orbits = [rattle.stiff.continue_from_limit(limit, kappa) for kappa in (1e6, 1e8)]
     exactly, soft, hard = (float(rattle.certify(orbit).trace[0]) for orbit in (limit, *orbits))
     assert abs(soft - exactly) > 1e-3
     assert abs((10 * hard - soft) / 9 - exactly) < 0.01 * abs(soft - exactly)

@@ -55,7 +55,7 @@ def test_families_are_those_of_a_grid_of_one_column() -> None:
     assert np.array_equal(path.family, grid.family)
     for n in path.families:
         assert np.array_equal(path.fractions(n), grid.fractions(n)[:, 0], equal_nan=True)
-        low, high = path.intervals(n)
+        low, high = path.fraction_intervals(n)
         there = np.isfinite(path.fractions(n))
         assert (low[there] <= path.fractions(n)[there]).all()
         assert (high[there] > path.fractions(n)[there]).all() or path.fractions(n).max() == 1.0
@@ -117,7 +117,7 @@ def test_a_family_that_no_sample_told_is_no_end() -> None:
     """Two samples miss C at most steps, but its neighbours know it, and it ends at its birth only."""
     found = rattle.global_continuation([(0.6, 0.0785), (0.6, 0.058)], count=2, steps=12)
     c = number_of(found, C)
-    fractions, (_low, high) = found.fractions(c), found.intervals(c)
+    fractions, (_low, high) = found.fractions(c), found.fraction_intervals(c)
     assert (fractions == 0.0).any()
     assert (high[fractions == 0.0] > 0.6).all()
     assert [(cause, begins) for begins, cause, _ in changes_of(found, C)] == [("saddle-node", False)]

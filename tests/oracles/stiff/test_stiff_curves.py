@@ -10,7 +10,7 @@ from stiff_high_precision import integrated
 import rattle
 from rattle.errors import ParameterError
 from rattle.stiff import NAMES, StiffGear, period_one, quiet_limit, trace
-from rattle.stiff.map.return_map import StiffPoint, step_tangent
+from rattle.stiff.map.return_map import StiffPoint, step_with_tangent
 
 BETA, KAPPA = 0.6, 1e4
 FOLDS = ("SN1", "SN2", "G1", "G2")
@@ -34,11 +34,11 @@ def test_on_a_curve_the_return_map_bifurcates(name: str) -> None:
     rng = np.random.default_rng(0)
     for i in rng.choice(np.arange(1, len(found) - 1), 12, replace=False):
         point = StiffPoint(found.delta[i], found.epsilon[i], BETA, KAPPA)
-        status, tau, v, time, _below, j00, _b, _c, j11, _ln = step_tangent(found.tau[i], found.v[i], point)
+        status, tau, v, time, _below, j00, _b, _c, j11, _ln = step_with_tangent(found.tau[i], found.v[i], point)
         assert status == 0
         np.testing.assert_allclose([tau, v, time], [found.tau[i], found.v[i], 1.0], atol=1e-11)
         sign = -1 if name in FLIPS else 1
-        _s, _t, _v, _time, _below, k00, _b, _c, k11, _ln = step_tangent(found.tau[i], found.v[i] + 1e-13, point)
+        _s, _t, _v, _time, _below, k00, _b, _c, k11, _ln = step_with_tangent(found.tau[i], found.v[i] + 1e-13, point)
         rounding = abs(k00 + k11 - j00 - j11)  # at a slight contact the tangent varies fast
         assert rounding < 1e-3
         assert j00 + j11 == pytest.approx(sign * (1 + np.exp(-found.delta[i])), abs=1e-8 + rounding)

@@ -11,7 +11,7 @@ import rattle
 from rattle.attractors.table import KINDS
 from rattle.continuation.conditions import EventKind
 from rattle.errors import ParameterError
-from rattle.stiff import StiffGear, diagram, from_limit, saddle_node_1, trace
+from rattle.stiff import StiffGear, continue_from_limit, diagram, saddle_node_1, trace
 
 PERIODIC = KINDS.index("periodic")
 BETA = 0.6
@@ -160,7 +160,7 @@ def test_saddle_nodes_flips_and_letters() -> None:
     np.testing.assert_allclose(ratio, ratio[0], rtol=0.05)
     for name in "ABCD":
         limit = next(orbit for orbit in rattle.Gear(0.6, 0.075).orbits() if orbit.name == name)
-        there = from_limit(rattle.periodic_orbit(0.6, 0.075, limit.tau, limit.v), 1e4)
+        there = continue_from_limit(rattle.periodic_orbit(0.6, 0.075, limit.tau, limit.v), 1e4)
         states = [
             (x[0], x[2 if len(b.walls) > 1 else 1])
             for b in found.branches
@@ -210,7 +210,7 @@ def test_along_kappa() -> None:
     branch = next(each for each in found.branches if each.label == (1, 1, 1))
     for name in "BD":
         limit = next(orbit for orbit in rattle.Gear(0.6, 0.075).orbits() if orbit.name == name)
-        there = from_limit(rattle.periodic_orbit(0.6, 0.075, limit.tau, limit.v), 1e4)
+        there = continue_from_limit(rattle.periodic_orbit(0.6, 0.075, limit.tau, limit.v), 1e4)
         crossed = [x for _, x in branch.crossings(-1, 5e3**-0.5 / 2)]
         assert min(abs(x[0] - np.rint(x[0] - there.times[0]) - there.times[0]) for x in crossed) < 1e-9
 

@@ -13,7 +13,7 @@ from rattle.flight.forcing import force_fourier_coefficients
 from rattle.stiff import StiffGear
 from rattle.stiff.map import contact, flow
 from rattle.stiff.map.quiet import quiet_depth, quiet_limit
-from rattle.stiff.map.return_map import StiffPoint, step, step_tangent
+from rattle.stiff.map.return_map import StiffPoint, step, step_with_tangent
 
 BETA = 0.6
 EPS = np.finfo(float).eps
@@ -94,7 +94,7 @@ def test_no_end_of_contact_is_skipped() -> None:
         if i % 4 == 0:  # about where contact is just lost
             epsilon, wall = float(quiet_limit(delta, kappa)) * rng.uniform(0.5, 1.05), 1
         w0 = 10 ** rng.uniform(-4, 1)
-        status, s, _x, v, _sine, _lost = contact.contact_end(wall, tau, 0.0, w0, delta, epsilon, kappa, math.inf)
+        status, s, _x, v, _sine, _lost = contact.find_contact_end(wall, tau, 0.0, w0, delta, epsilon, kappa, math.inf)
         kinds[status] += 1
         exact = Contact(wall, tau, 0.0, w0, delta, epsilon, kappa)
         if status == contact.STAYS:
@@ -117,7 +117,7 @@ def test_a_grazing_contact_is_short_and_exact(kappa: float) -> None:
     for w in (1e-3, 1e-6, 1e-9, 1e-14, 1e-30):
         if w * math.sqrt(2 * kappa) > 1e-2 * pull:
             continue
-        status, s, _x, v, _sine, _lost = contact.contact_end(1, tau, 0.0, w, delta, epsilon, kappa, math.inf)
+        status, s, _x, v, _sine, _lost = contact.find_contact_end(1, tau, 0.0, w, delta, epsilon, kappa, math.inf)
         assert status == contact.ENDS
         assert s == pytest.approx(2 * w / pull, rel=1e-3 + 20 * w + kappa * w**2)
         assert v == pytest.approx(-w, rel=1e-3 + 20 * w + kappa * w**2)
@@ -161,7 +161,7 @@ def test_tangent_of_a_return_is_its_derivative() -> None:
     while tried < 20:
         point = StiffPoint(rng.uniform(0.2, 1.2), rng.uniform(0, 0.2), BETA, 10 ** rng.uniform(2, 5))
         tau, v, h = rng.random(), rng.uniform(2, 6), 1e-6
-        status, *_, j00, j01, j10, j11, log_det = step_tangent(tau, v, point)
+        status, *_, j00, j01, j10, j11, log_det = step_with_tangent(tau, v, point)
         ends = [step(tau + a, v + b, point) for a, b in ((h, 0), (-h, 0), (0, h), (0, -h))]
         if status != OK or len({end[4] for end in ends}) > 1:
             continue
@@ -217,7 +217,7 @@ def test_permanent_contact_is_the_closed_form() -> None:
             assert (quiet_depth(delta, share * limit, kappa, times)[0].min() > 0) == stays
             if x <= 0:
                 continue
-            status = contact.contact_end(1, tau, float(x), float(w), delta, share * limit, kappa, math.inf)[0]
+            status = contact.find_contact_end(1, tau, float(x), float(w), delta, share * limit, kappa, math.inf)[0]
             assert (status == contact.STAYS) == stays
             if stays:
                 found = flow.flow(SIGMA_PLUS, tau, float(x), float(w), 3.0, delta, share * limit, BETA, kappa)

@@ -11,7 +11,7 @@ from rattle.errors import ParameterError
 from rattle.orbits.images import images
 from rattle.orbits.manifolds import manifold
 from rattle.orbits.saddles import eigenvectors, local_manifold
-from rattle.stiff import StiffGear, from_limit
+from rattle.stiff import StiffGear, continue_from_limit
 from rattle.stiff.map.flow import previous_departure
 from rattle.stiff.map.return_map import StiffPoint, step
 
@@ -47,7 +47,7 @@ def test_points_go_back_to_the_saddle(name: str, kappa: float, kind: str) -> Non
     """The inverse of F^j takes a point to the place t of the fundamental domain that made it, on the local series; and
     there the multiplier is that of the flow.
     """
-    orbit = from_limit(impacting(name), kappa)
+    orbit = continue_from_limit(impacting(name), kappa)
     local = local_manifold(orbit, kind == "stable")
     vector = eigenvectors(orbit)[kind == "stable"]
     multiplier = float(np.real(orbit.multipliers[kind == "stable"]))
@@ -77,7 +77,7 @@ def test_points_go_back_to_the_saddle(name: str, kappa: float, kind: str) -> Non
 def test_stable_manifolds_bound_basins(name: str) -> None:
     """States 1e-5 to either side of W^s go to different attractors, for nine in ten of its points."""
     gear = StiffGear(DELTA, EPSILON, BETA, 2e3)
-    found = manifold(from_limit(impacting(name), 2e3), "stable", 1, 3.0)
+    found = manifold(continue_from_limit(impacting(name), 2e3), "stable", 1, 3.0)
     fates = fates_beside(gear, found, 1200)
     assert np.mean(fates[0] != fates[1]) > 0.9
 
@@ -87,7 +87,7 @@ def test_unstable_manifolds_converge_to_those_of_the_limit() -> None:
     limit, off = manifold(impacting("A"), "unstable", -1, 1.0, spacing=0.001), []
     start, chord = np.stack([limit.tau, limit.v])[:, :-1], np.diff(np.stack([limit.tau, limit.v]), axis=1)
     for kappa in (1e6, 1e8):
-        found = manifold(from_limit(impacting("A"), kappa), "unstable", -1, 0.8)
+        found = manifold(continue_from_limit(impacting("A"), kappa), "unstable", -1, 0.8)
         away = np.stack([found.tau, found.v])[:, 5:, None] - start[:, None]
         share = np.clip((away * chord[:, None]).sum(axis=0) / (chord**2).sum(axis=0), 0.0, 1.0)
         off.append(np.hypot(*(away - share * chord[:, None])).min(axis=1).max())
@@ -97,4 +97,4 @@ def test_unstable_manifolds_converge_to_those_of_the_limit() -> None:
 
 def test_what_is_no_saddle_is_refused() -> None:
     with pytest.raises(ParameterError, match="no saddle"):
-        manifold(from_limit(impacting("C"), 1e4), "stable", 1, 1.0)
+        manifold(continue_from_limit(impacting("C"), 1e4), "stable", 1, 1.0)

@@ -13,14 +13,14 @@ from rattle.numerics.complex_step import derivatives
 from rattle.stiff import (
     StiffEvent,
     StiffGear,
-    from_limit,
+    continue_from_limit,
     quiet_limit,
     saddle_node_1,
     stiff_branch,
     stiff_curve,
     stiff_orbit,
 )
-from rattle.stiff.map.return_map import StiffPoint, step_tangent
+from rattle.stiff.map.return_map import StiffPoint, step_with_tangent
 from rattle.stiff.orbits.period_one import orbits_at
 
 DELTA, EPSILON, BETA = 0.6, 0.075, 0.6
@@ -35,15 +35,15 @@ def impacting(name, delta=DELTA, epsilon=EPSILON, beta=BETA):
 
 @cache
 def branch_of_d(kappa):
-    return stiff_branch(from_limit(impacting("D"), kappa), "epsilon", (0.05, 0.2))
+    return stiff_branch(continue_from_limit(impacting("D"), kappa), "epsilon", (0.05, 0.2))
 
 
 @pytest.mark.parametrize("name", "ABCD")
 @pytest.mark.parametrize("kappa", [300.0, 1e4, 1e8, 1e10])
 def test_a_motion_returns_to_itself_with_its_multipliers(name: str, kappa: float) -> None:
-    orbit = from_limit(impacting(name), kappa)
+    orbit = continue_from_limit(impacting(name), kappa)
     point = StiffPoint(DELTA, EPSILON, BETA, kappa)
-    status, tau, v, time, n_minus, j00, _b, _c, j11, _ln = step_tangent(orbit.tau, orbit.v, point)
+    status, tau, v, time, n_minus, j00, _b, _c, j11, _ln = step_with_tangent(orbit.tau, orbit.v, point)
     assert (status, n_minus) == (0, orbit.walls.count(-1))
     assert orbit.label == (1, 1, n_minus)
     np.testing.assert_allclose(
@@ -56,7 +56,7 @@ def test_a_motion_returns_to_itself_with_its_multipliers(name: str, kappa: float
 
 @pytest.mark.parametrize("name", "ABCD")
 def test_a_motion_closes_for_solve_ivp(name: str) -> None:
-    orbit = from_limit(impacting(name), 500.0)
+    orbit = continue_from_limit(impacting(name), 500.0)
     start = orbit.tau + 1e-3  # in the gap
     position, velocity, *_ = StiffGear(DELTA, EPSILON, BETA, 500.0).flight(BETA, -orbit.v, orbit.tau, 1e-3)
     found = integrated(start, position, velocity, 1.0, DELTA, EPSILON, BETA, 500.0)
@@ -66,7 +66,7 @@ def test_a_motion_closes_for_solve_ivp(name: str) -> None:
 
 @pytest.mark.parametrize("name", "ABCD")
 def test_equations_have_their_jacobian_and_multipliers(name: str) -> None:
-    orbit = from_limit(impacting(name), 2e3)
+    orbit = continue_from_limit(impacting(name), 2e3)
     itinerary, x = orbit.itinerary, orbit.unknowns
     value, jacobian = derivatives(itinerary.residual, x)
     assert np.max(np.abs(value)) < 1e-11
@@ -84,7 +84,7 @@ def test_motions_converge_as_the_root_of_the_stiffness(name: str) -> None:
     truth = np.array([limit.tau, limit.v, sum(limit.multipliers).real])
     softer, stiffer, last = (
         np.array([orbit.tau, orbit.v, sum(orbit.multipliers).real])
-        for orbit in (from_limit(limit, kappa) for kappa in (1e6, 1e8, 1e10))
+        for orbit in (continue_from_limit(limit, kappa) for kappa in (1e6, 1e8, 1e10))
     )
     scale = np.abs(softer - truth)
     moved = scale > 1e-4  # D's speed has almost no term of first order
@@ -150,24 +150,24 @@ def test_regions_and_letters_are_those_of_the_limit(kappa: float, epsilon: float
         assert [named.orbit.stable for named in found] == [orbit.stable for orbit in limit.orbits()]
         assert gear.region() == limit.region()
     for named in found:
-        orbit = from_limit(impacting(named.name, DELTA, epsilon), kappa) if kappa > 1e4 else named.orbit
+        orbit = continue_from_limit(impacting(named.name, DELTA, epsilon), kappa) if kappa > 1e4 else named.orbit
         assert (named.orbit.tau, named.orbit.v) == pytest.approx((orbit.tau, orbit.v), abs=1e-8)
         assert named.orbit.admissible
 
 
 def test_a_motion_that_folds_back_says_so() -> None:
     """B and D meet in a saddle-node at κ = 229.5: neither exists below."""
-    event = next(e for e in stiff_branch(from_limit(impacting("D"), 1e3), "kappa", (100.0, 1e4)).events)
+    event = next(e for e in stiff_branch(continue_from_limit(impacting("D"), 1e3), "kappa", (100.0, 1e4)).events)
     assert str(event.kind) == "SN"
     assert event.orbit.kappa == pytest.approx(229.5, abs=0.5)
     for name in "BD":
         with pytest.raises(RattleError, match="folds back"):
-            from_limit(impacting(name), 0.9 * event.orbit.kappa)
-        assert from_limit(impacting(name), 1.1 * event.orbit.kappa).admissible
+            continue_from_limit(impacting(name), 0.9 * event.orbit.kappa)
+        assert continue_from_limit(impacting(name), 1.1 * event.orbit.kappa).admissible
 
 
 def test_a_branch_in_each_parameter_is_of_true_motions() -> None:
-    start = from_limit(impacting("C"), 1e4)
+    start = continue_from_limit(impacting("C"), 1e4)
     for parameter, span in (("epsilon", (0.06, 0.1)), ("delta", (0.55, 0.65)), ("kappa", (1e3, 1e6))):
         branch = stiff_branch(start, parameter, span, 10)
         assert len(branch) > 5
@@ -186,7 +186,7 @@ def test_curves_in_two_parameters_hold_the_saddle_nodes_of_branches() -> None:
     assert points[:, -2].max() > 0.68
     near = points[np.argmin(np.abs(points[:, -2] - 0.65))]
     delta, epsilon = near[-2:]
-    beside = from_limit(impacting("D", delta, epsilon + 0.005), kappa)
+    beside = continue_from_limit(impacting("D", delta, epsilon + 0.005), kappa)
     folds = [e.orbit.epsilon for e in stiff_branch(beside, "epsilon", (epsilon - 0.01, epsilon + 0.02)).events]
     assert min(abs(fold - epsilon) for fold in folds) < 1e-9
     line = stiff_curve(StiffEvent(EventKind.SADDLE_NODE, saddle_node_1(0.6, kappa), 0), (0.5, 0.7), (0.02, 0.12), 12)
@@ -200,7 +200,7 @@ def test_orbits_at_hostile_corners_are_true(delta: float, beta: float, kappa: fl
         for _name, orbit in orbits_at(delta, epsilon, beta, kappa):
             assert orbit.admissible
             assert np.prod(orbit.multipliers) == pytest.approx(np.exp(-delta), rel=1e-10)
-            status, tau, v, *_ = step_tangent(orbit.tau, orbit.v, StiffPoint(delta, epsilon, beta, kappa))
+            status, tau, v, *_ = step_with_tangent(orbit.tau, orbit.v, StiffPoint(delta, epsilon, beta, kappa))
             assert status == 0
             error = 1e-9 * (1 + abs(orbit.multipliers[0])) * (1 + 1 / orbit.v)
             assert abs((tau - orbit.tau + 0.5) % 1 - 0.5) < error
@@ -221,6 +221,6 @@ def test_hostile_input_is_refused() -> None:
     with pytest.raises(RattleError, match="quiet"):
         gear.orbit(0.1, 1e-9)
     with pytest.raises(ParameterError, match="parameter must"):
-        stiff_branch(from_limit(impacting("A"), 1e4), "beta")
+        stiff_branch(continue_from_limit(impacting("A"), 1e4), "beta")
     with pytest.raises(ParameterError, match="span"):
-        stiff_branch(from_limit(impacting("A"), 1e4), "epsilon", (0.1, 0.2))
+        stiff_branch(continue_from_limit(impacting("A"), 1e4), "epsilon", (0.1, 0.2))

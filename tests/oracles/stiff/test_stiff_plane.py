@@ -8,8 +8,8 @@ import rattle
 from rattle.errors import ParameterError
 from rattle.numerics.complex_step import derivatives
 from rattle.stiff import StiffGear, attractors_of, period_one, regions, saddle_node_1
-from rattle.stiff.map.return_map import StiffPoint, step_tangent
-from rattle.stiff.orbits.closure import ContactCycle, departure_of, write_residuals
+from rattle.stiff.map.return_map import StiffPoint, step_with_tangent
+from rattle.stiff.orbits.closure import ContactCycle, departure_after_first_contact, write_residuals
 from rattle.stiff.orbits.equations import StiffItinerary
 from rattle.stiff.orbits.families import families, find_family_members
 
@@ -60,7 +60,7 @@ def test_every_motion_is_a_fixed_point_of_the_return_map() -> None:
         found = period_one(*point)
         for i in np.flatnonzero(found.exists):
             multipliers = found.multipliers[i]
-            status, tau, v, time, _below, j00, _b, _c, j11, _ln = step_tangent(found.tau[i], found.v[i], point)
+            status, tau, v, time, _below, j00, _b, _c, j11, _ln = step_with_tangent(found.tau[i], found.v[i], point)
             error = 1e-10 * (1 + abs(multipliers[0])) * (1 + 1 / found.v[i])
             assert status == 0
             assert time == pytest.approx(1.0, abs=error)
@@ -100,8 +100,8 @@ def test_a_family_that_only_a_graze_leads_to_is_found(delta, epsilon, beta, kapp
     found = find_family_members(delta, epsilon, beta, kappa)
     assert "".join(member.name for member in found) == names
     for member in found:
-        tau, v = departure_of(member.y, member.cycle)
-        again = step_tangent(tau, v, StiffPoint(delta, epsilon, beta, kappa))
+        tau, v = departure_after_first_contact(member.y, member.cycle)
+        again = step_with_tangent(tau, v, StiffPoint(delta, epsilon, beta, kappa))
         assert again[:3] == pytest.approx((0, tau, v), abs=1e-9)
         assert again[4] == member.cycle.walls.size - 1
 

@@ -9,7 +9,7 @@ from types import EllipsisType
 import numpy as np
 
 from gear_rattle.workers.survey.request import Along, SurveyRequest
-from gear_rattle.workers.survey.values.quantities import shape_of, variables_of_groups
+from gear_rattle.workers.survey.values.quantities import shape_of_variable, variables_of_groups
 
 GROUP = "levels"
 LARGEST_WITHOUT_LEVELS = 512  # a survey has levels if one of its axes has more cells than this number
@@ -107,8 +107,8 @@ def reduction_steps(levels: tuple[Level, ...]) -> list[Pair]:
 
 def block_shape(request: SurveyRequest) -> Pair:
     """Return how many cells a block has along each axis. The numbers depend on grid and variables, not on the tiles."""
-    per_cell = (each for each in variables_of_groups(request.quantities, request.model) if each.per_cell)
-    maps = max(math.prod(shape_of(each, (1, 1), request.n_slots)) for each in per_cell)
+    per_cell = (each for each in variables_of_groups(request.quantities, request.model) if each.is_per_cell)
+    maps = max(math.prod(shape_of_variable(each, (1, 1), request.n_slots)) for each in per_cell)
     side = LARGEST_SIDE
     while side * side * maps > BLOCK_NUMBERS:
         side //= 2

@@ -57,7 +57,7 @@ def reduced_codes(values: np.ndarray, known: np.ndarray, steps: Sequence[Pair], 
             more = count > highest
             most[more], highest[more] = code, count[more]
             occurs[count > 0] |= occurs.dtype.type(1 << code)
-        yield LevelCodes(most, _quotients(highest, of).astype(np.float32), occurs)
+        yield LevelCodes(most, _divide_or_nan(highest, of).astype(np.float32), occurs)
 
 
 def mask_type(number: int) -> np.dtype[np.unsignedinteger]:
@@ -85,8 +85,8 @@ def reduced_numbers(values: np.ndarray, known: np.ndarray, steps: Sequence[Pair]
         total, count, of = (pool_cells(each, step, np.add) for each in (total, count, of))
         least, largest = (pool_cells(each, step, pool, np.nan) for each, pool in ((least, np.fmin), (largest, np.fmax)))
         # Rounding may put a mean below the least or above the largest value, so it is clipped.
-        mean = np.clip(_quotients(total, count), least, largest)
-        yield _as_float32(mean, least, largest, _quotients(count, of))
+        mean = np.clip(_divide_or_nan(total, count), least, largest)
+        yield _stack_as_float32(mean, least, largest, _divide_or_nan(count, of))
 
 
 def reduced_phases(values: np.ndarray, known: np.ndarray, steps: Sequence[Pair]) -> Iterator[np.ndarray]:
@@ -117,17 +117,17 @@ def reduced_phases(values: np.ndarray, known: np.ndarray, steps: Sequence[Pair])
         least = largest = away
         for each in steps[:level]:
             least, largest = pool_cells(least, each, np.fmin, np.nan), pool_cells(largest, each, np.fmax, np.nan)
-        yield _as_float32(mean, mean + least, mean + largest, _quotients(count, of))
+        yield _stack_as_float32(mean, mean + least, mean + largest, _divide_or_nan(count, of))
 
 
-def _quotients(count: np.ndarray, total: np.ndarray) -> np.ndarray:
+def _divide_or_nan(count: np.ndarray, total: np.ndarray) -> np.ndarray:
     """Return count / total, NaN where `total` is 0."""
     with np.errstate(invalid="ignore", divide="ignore"):
         found: np.ndarray = np.where(total > 0, count / total, np.nan)
     return found
 
 
-def _as_float32(*statistics: np.ndarray) -> np.ndarray:
+def _stack_as_float32(*statistics: np.ndarray) -> np.ndarray:
     """Stack arrays as float32; numbers too large for float32 become infinite."""
     with np.errstate(over="ignore"):
         return np.stack([each.astype(np.float32) for each in statistics])

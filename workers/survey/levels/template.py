@@ -16,8 +16,8 @@ from gear_rattle.workers.survey.template import (
     CODECS,
     WRITE_ALL_CHUNKS,
     Template,
-    coordinate_values,
     dimension_description,
+    encode_coordinate_labels,
     file_contents,
     shared_parameters,
     write_array,
@@ -39,7 +39,7 @@ MULTISCALES = {
 }
 
 
-class LevelDescription(NamedTuple):
+class LevelArrayDescription(NamedTuple):
     """The description of an array of a level. dims: its dimensions except epsilon, delta and a third axis."""
 
     name: str
@@ -50,7 +50,7 @@ class LevelDescription(NamedTuple):
 
 def level_variables(request: SurveyRequest) -> list[Quantity]:
     """Return the variables of a survey that its levels contain: all variables with a value for each cell."""
-    return [each for each in variables_of_groups(request.quantities, request.model) if each.per_cell]
+    return [each for each in variables_of_groups(request.quantities, request.model) if each.is_per_cell]
 
 
 def code_meanings(quantity: Quantity) -> tuple[str, ...]:
@@ -58,14 +58,14 @@ def code_meanings(quantity: Quantity) -> tuple[str, ...]:
     return ("no", "yes") if quantity.dtype == "bool" else quantity.flags
 
 
-def level_arrays(quantity: Quantity) -> tuple[LevelDescription, ...]:
+def describe_level_arrays(quantity: Quantity) -> tuple[LevelArrayDescription, ...]:
     """Describe the arrays that a level has for one variable: one array of statistics, or three arrays for codes.
 
     Complex numbers are represented by their moduli.
 
     Returns
     -------
-    tuple[LevelDescription, ...]
+    tuple[LevelArrayDescription, ...]
         For codes: the most frequent code, its share, and which codes occur.
     """
     name, dims, words = quantity.name, quantity.dims[:-2], code_meanings(quantity)
@@ -73,7 +73,7 @@ def level_arrays(quantity: Quantity) -> tuple[LevelDescription, ...]:
         modulus = np.dtype(quantity.dtype).kind == "c"
         long_name = f"|{quantity.long_name}|" if modulus else quantity.long_name
         numbers = quantity.attributes | {"long_name": long_name}
-        return (LevelDescription(name, (STATISTIC, *dims), np.dtype(np.float32), numbers),)
+        return (LevelArrayDescription(name, (STATISTIC, *dims), np.dtype(np.float32), numbers),)
     most = quantity.attributes | {"cell_methods": f"{LEVEL_CELL[0]}: {LEVEL_CELL[1]}: mode"}
     masks = mask_type(len(words))
     flags = {"flag_masks": [1 << code for code in range(len(words))], "flag_meanings": " ".join(words)}
@@ -81,13 +81,15 @@ def level_arrays(quantity: Quantity) -> tuple[LevelDescription, ...]:
     share = f"share of the cells that have the most frequent {name}"
     occurs = f"which values of {name} occur, a bit each"
     return (
-        LevelDescription(name, dims, np.dtype(quantity.dtype), most),
-        LevelDescription(name + SHARE, dims, np.dtype(np.float32), {"long_name": share, **same}),
-        LevelDescription(name + OCCURS, dims, masks, {"long_name": occurs, **same, **flags}),
+        LevelArrayDescription(name, dims, np.dtype(quantity.dtype), most),
+        LevelArrayDescription(name + SHARE, dims, np.dtype(np.float32), {"long_name": share, **same}),
+        LevelArrayDescription(name + OCCURS, dims, masks, {"long_name": occurs, **same, **flags}),
     )
 
 
-def create_level_array(root: zarr.Group, request: SurveyRequest, level: Level, array: LevelDescription) -> zarr.Array:
+def create_level_array(
+    root: zarr.Group, request: SurveyRequest, level: Level, array: LevelArrayDescription
+) -> zarr.Array:
     """Create an array of a level in its group, with a chunk for each block."""
     axes = request.third_axis
     beside = [len(_dimension_labels(request, dim)) for dim in array.dims]
@@ -121,7 +123,7 @@ def files_of_levels(request: SurveyRequest) -> Template:
         "long_name": "the survey in less and less resolution; level 0 is the survey itself",
         "zarr_conventions": [MULTISCALES],
         "multiscales": {
-            "layout": list(_layout_entries(levels)),
+            "layout": list(_multiscales_layout_entries(levels)),
             "resampling_method": "mode of codes, average of numbers",
         },
     }
@@ -130,14 +132,14 @@ def files_of_levels(request: SurveyRequest) -> Template:
         cells = dict(zip((f"cells_{name}" for name in CELL), level.cells, strict=True))
         long_name = f"level {level.number}: {' x '.join(map(str, level.cells))} cells of the survey in each"
         group = root.create_group(level.path, attributes={"long_name": long_name, **cells})
-        arrays = [array for quantity in level_variables(request) for array in level_arrays(quantity)]
+        arrays = [array for quantity in level_variables(request) for array in describe_level_arrays(quantity)]
         _write_coordinates(group, request, level, {dim for array in arrays for dim in array.dims})
         for array in arrays:
             create_level_array(root, request, level, array)
     return {key: content for key, content in file_contents(kept).items() if key != ROOT}
 
 
-def _layout_entries(levels: tuple[Level, ...]) -> Iterator[dict[str, Any]]:
+def _multiscales_layout_entries(levels: tuple[Level, ...]) -> Iterator[dict[str, Any]]:
     """Yield the description of each level as the multiscales convention of zarr requires it.
 
     Yields
@@ -160,7 +162,7 @@ def _write_coordinates(group: zarr.Group, request: SurveyRequest, level: Level, 
         write_array(group, dim, (dim,), level_centres(axis.values(), cells), {"long_name": long_name, "units": "1"})
     for dim in sorted(dims):
         words = "statistic of the covered cells' numbers" if dim == STATISTIC else dimension_description(request, dim)
-        values = coordinate_values(_dimension_labels(request, dim))
+        values = encode_coordinate_labels(_dimension_labels(request, dim))
         write_array(group, dim, (dim,), values, {"long_name": words, "units": "1"})
     for name, axis in request.third_axis.items():
         write_array(

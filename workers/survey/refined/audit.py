@@ -40,7 +40,7 @@ def random_draws(blocks: Blocks, seed: int) -> np.ndarray:
     return found.ravel()
 
 
-def audit_attributes(counts: Sequence[Sequence[int]]) -> dict[str, int | float]:
+def values_of_audit_attributes(counts: Sequence[Sequence[int]]) -> dict[str, int | float]:
     """Return the values of AUDIT_ATTRIBUTES by name, for a survey without a bound.
 
     counts: for each slice, the numbers of filled, audited and wrong cells.

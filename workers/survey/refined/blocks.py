@@ -104,7 +104,7 @@ class Blocks:
         there = ((row < last[0]) | (row == 0)) & ((column < last[1]) | (column == 0))
         return Leaves(block, row, column, half).select(there)
 
-    def cells_of(self, leaves: Leaves) -> LeafCells:
+    def cells_of_leaves(self, leaves: Leaves) -> LeafCells:
         """Return the cells of these leaves; `inside` is False for positions outside the grid."""
         along = np.arange(leaves.size + 1)
         row, column = leaves.row[:, None] + along, leaves.column[:, None] + along
@@ -128,13 +128,13 @@ class Blocks:
 
     def edge_cells(self, leaves: Leaves) -> np.ndarray:
         """Return the numbers of the cells on the edges of leaves, sorted and without repetition."""
-        square = self.cells_of(leaves)
+        square = self.cells_of_leaves(leaves)
         row, column = square.row, square.column
         ends = (row[:, :1], row[:, -1:]), (column[:, :, :1], column[:, :, -1:])
         on = (row == ends[0][0]) | (row == ends[0][1]) | (column == ends[1][0]) | (column == ends[1][1])
-        return self.without_repetitions(self.cell_numbers(square)[on])
+        return self.sort_without_repetitions(self.cell_numbers(square)[on])
 
-    def without_repetitions(self, cells: np.ndarray) -> np.ndarray:
+    def sort_without_repetitions(self, cells: np.ndarray) -> np.ndarray:
         """Return the numbers of cells sorted and without repetitions, ten times as fast as `np.unique`."""
         there = np.zeros(self.n_cells, bool)
         there[cells] = True

@@ -23,7 +23,7 @@ CELLS_AT_ONCE = 65_536
 CHANCE_LIMIT = 1e-3
 
 
-class Evidence:
+class ComputedCells:
     """The computed cells of a frame (see `Blocks`). They decide which leaves are divided. `compute` adds cells.
 
     compares_attractors: whether cells are sampled, and cells with other attractors differ. compares_regions: whether
@@ -77,14 +77,16 @@ class Evidence:
                 continue
             mine = periodic.take(here)
             mine = mine.replace(cell=(row[here] - top) * (width + 1) + column[here] - left)
-            piece = self.existing.get(block) or self._empty_grid_piece(top, left, height, width)
+            piece = self.existing.get(block) or self._create_empty_grid_piece(top, left, height, width)
             piece.add_attractors(mine)
             self.existing[block] = piece
             self._code[block, : height + 1, : width + 1] = label_codes_in(piece)
 
-    def _empty_grid_piece(self, top: int, left: int, height: int, width: int) -> GridPiece:
+    def _create_empty_grid_piece(self, top: int, left: int, height: int, width: int) -> GridPiece:
         delta, epsilon = self.cells.delta, self.cells.epsilon
-        cells = self.cells.model.cells_of_orbits(delta[left : left + width + 1], epsilon[top : top + height + 1])
+        cells = self.cells.model.cells_for_orbit_kernels(
+            delta[left : left + width + 1], epsilon[top : top + height + 1]
+        )
         return GridPiece((height + 1, width + 1), cells)
 
     def label_codes(self, square: LeafCells) -> np.ndarray:
@@ -92,9 +94,9 @@ class Evidence:
         found: np.ndarray = self._code[square.block, square.row, square.column]
         return found
 
-    def are_uniform(self, leaves: Leaves) -> np.ndarray:
+    def are_leaves_uniform(self, leaves: Leaves) -> np.ndarray:
         """Return for each leaf (k,) whether its computed cells have the same motions. Basin fractions may differ."""
-        square = self.blocks.cells_of(leaves)
+        square = self.blocks.cells_of_leaves(leaves)
         cell = self.blocks.cell_numbers(square)
         known = square.inside & self.known[cell]
         region = self.region[cell]
@@ -103,14 +105,14 @@ class Evidence:
         if self.compares_attractors:
             code = self.label_codes(square)
             same &= ((code == code[:, :1, :1]) | ~square.inside).all(inner)
-            same &= ~cells_differ(self.samples[:, cell], known, self.cells.count).any(0)
+            same &= ~flag_leaves_with_differing_cells(self.samples[:, cell], known, self.cells.count).any(0)
         return same
 
-    def have_chaos(self, leaves: Leaves) -> np.ndarray:
+    def find_leaves_with_chaos(self, leaves: Leaves) -> np.ndarray:
         """Return for each leaf (k,) whether a computed cell has chaotic or undecided samples."""
         if not self.compares_attractors:
             return np.zeros(leaves.block.size, bool)
-        square = self.blocks.cells_of(leaves)
+        square = self.blocks.cells_of_leaves(leaves)
         cell = self.blocks.cell_numbers(square)
         wild = (self.samples[SAMPLED_KINDS.index(CHAOTIC)] > 0) | (self.samples[SAMPLED_KINDS.index(UNDECIDED)] > 0)
         found: np.ndarray = (square.inside & wild[cell]).any((1, 2))
@@ -148,7 +150,7 @@ class Evidence:
         return odd & audited
 
 
-def cells_differ(samples: np.ndarray, known: np.ndarray, count: int) -> np.ndarray:
+def flag_leaves_with_differing_cells(samples: np.ndarray, known: np.ndarray, count: int) -> np.ndarray:
     """Return for each leaf (k,) whether some of its cells have a motion and others do not.
 
     samples (…, k, n, n): how many samples of each cell go to the motion. known (k, n, n): flags of the sampled cells.

@@ -9,13 +9,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from gear_rattle.workers.survey.crossings import Crossings
+from gear_rattle.workers.survey.crossings import CurveCrossings
 from gear_rattle.workers.survey.refined.audit import random_draws
 from gear_rattle.workers.survey.refined.blocks import Blocks
-from gear_rattle.workers.survey.refined.evidence import Evidence
+from gear_rattle.workers.survey.refined.evidence import ComputedCells
 from gear_rattle.workers.survey.refined.rounds import AuditRound
 from gear_rattle.workers.survey.refined.shares import fill_leaves
-from gear_rattle.workers.survey.refined.tree import Tree, crossed_edges
+from gear_rattle.workers.survey.refined.tree import RefinementTree, crossed_edges
 from gear_rattle.workers.survey.values.cells import Cells
 from gear_rattle.workers.survey.values.evaluate import arrange_in_slots, kind_fraction_evaluator
 from gear_rattle.workers.survey.values.schema import SAMPLED, Group, Quantity
@@ -54,7 +54,7 @@ class RefinedCells(Cells):
         return self.regions
 
     @property
-    def is_filled(self) -> np.ndarray:
+    def filled_cell_flags(self) -> np.ndarray:
         """Flags of the cells that were not computed."""
         found: np.ndarray = self.source_level > 0
         return found
@@ -72,17 +72,17 @@ class RefinedCells(Cells):
         """
         if quantity.name == "attractor_fraction_upper":
             return arrange_in_slots(
-                self, np.minimum(self._fraction_upper + self.added_width, 1.0), np.nan, quantity.dtype
+                self, np.minimum(self._fraction_upper_bound + self.added_width, 1.0), np.nan, quantity.dtype
             )
         if quantity.name == "fraction_error":
             return self._fraction_error
         if quantity.name in TRAJECTORY_VARIABLES:
             values = np.asarray(quantity.evaluate(self._cells_with_trajectories))
-            return np.where(self._has_chaos_without_trajectory, np.nan, values)
+            return np.where(self._cells_with_unfollowed_chaos, np.nan, values)
         return np.asarray(quantity.evaluate(self))
 
     @cached_property
-    def _fraction_upper(self) -> np.ndarray:
+    def _fraction_upper_bound(self) -> np.ndarray:
         """Upper end of the 95 % Wilson interval of each basin fraction, without the uncertainty that filling adds."""
         return wilson_interval(self.table.samples, self.count)[1]
 
@@ -90,27 +90,29 @@ class RefinedCells(Cells):
     def _fraction_error(self) -> np.ndarray:
         """Half the width of the 95 % interval of each cell's quiet fraction, with the uncertainty that filling adds."""
         won = kind_fraction_evaluator("quiet")(self) * self.count
-        low, high = wilson_interval(np.where(self.is_filled, np.minimum(won, self.count), np.rint(won)), self.count)
+        low, high = wilson_interval(
+            np.where(self.filled_cell_flags, np.minimum(won, self.count), np.rint(won)), self.count
+        )
         quiet = self.table.kind == QUIET
         added = np.bincount(self.table.cell[quiet], self.added_width[quiet], self.source_level.size).reshape(self.shape)
         return (high - low) / 2 + added
 
     @cached_property
-    def _lacks_own_trajectory(self) -> np.ndarray:
+    def _attractors_without_trajectory(self) -> np.ndarray:
         """Flags (attractors,) of attractors without a computed trajectory: the chaotic attractors of filled cells."""
-        found: np.ndarray = self.is_filled.ravel()[self.table.cell] & (self.table.kind == CHAOTIC)
+        found: np.ndarray = self.filled_cell_flags.ravel()[self.table.cell] & (self.table.kind == CHAOTIC)
         return found
 
     @cached_property
-    def _has_chaos_without_trajectory(self) -> np.ndarray:
+    def _cells_with_unfollowed_chaos(self) -> np.ndarray:
         """Flags (n_epsilon, n_delta) of filled cells with a chaotic attractor, for which no trajectory was computed."""
-        cells = self.table.cell[self._lacks_own_trajectory]
+        cells = self.table.cell[self._attractors_without_trajectory]
         return np.bincount(cells, minlength=self.source_level.size).reshape(self.shape) > 0
 
     @cached_property
     def _cells_with_trajectories(self) -> RefinedCells:
         """A copy of these cells without the chaotic attractors of filled cells, which have no computed trajectory."""
-        rows = ~self._lacks_own_trajectory
+        rows = ~self._attractors_without_trajectory
         return replace(self, table=self.table.take(rows), added_width=self.added_width[rows])
 
 
@@ -124,7 +126,7 @@ class FillingPlan(NamedTuple):
 
     rounds: Sequence[AuditRound]
     quantities: tuple[Group, ...]
-    crossings: Sequence[Crossings]
+    crossings: Sequence[CurveCrossings]
     seed: int
 
 
@@ -141,12 +143,12 @@ def refine_cells(whole: Cells, rows: slice, columns: slice, plan: FillingPlan) -
     blocks = Blocks(rows, columns, whole.shape)
     frame = replace(whole, epsilon=whole.epsilon[blocks.frame[0]], delta=whole.delta[blocks.frame[1]])
     compares_attractors = bool(SAMPLED.intersection(plan.quantities))
-    evidence = Evidence(blocks, frame, compares_attractors, Group.REGION in plan.quantities)
-    tree = Tree(evidence, crossed_edges(blocks, plan.crossings), random_draws(blocks, plan.seed), plan.rounds)
+    evidence = ComputedCells(blocks, frame, compares_attractors, Group.REGION in plan.quantities)
+    tree = RefinementTree(evidence, crossed_edges(blocks, plan.crossings), random_draws(blocks, plan.seed), plan.rounds)
     tree.compute_cells()
     level, added_width, table = np.zeros(blocks.n_cells, np.int8), np.zeros(evidence.table.cell.size), evidence.table
     for leaves in tree.filled:
-        square = blocks.cells_of(leaves)
+        square = blocks.cells_of_leaves(leaves)
         cell = blocks.cell_numbers(square)
         empty = square.inside & ~evidence.known[cell]
         level[cell[empty]] = leaves.size.bit_length() - 1
@@ -160,7 +162,7 @@ def refine_cells(whole: Cells, rows: slice, columns: slice, plan: FillingPlan) -
     table = table.replace(cell=row * width + column)
     order = np.flatnonzero(mine)[argsort_attractors(table.take(mine))]
 
-    def without_added_edges(values: np.ndarray) -> np.ndarray:
+    def remove_added_edges(values: np.ndarray) -> np.ndarray:
         """Return values, one for each cell of the frame, as a plane (rows, columns) without the edges of the frame."""
         return values.reshape(blocks.shape)[:height, :width]
 
@@ -172,8 +174,8 @@ def refine_cells(whole: Cells, rows: slice, columns: slice, plan: FillingPlan) -
         },
         table=table.take(order),
         added_width=added_width[order],
-        regions=without_added_edges(evidence.region),
-        source_level=without_added_edges(level),
-        audit=without_added_edges(tree.audit),
-        audit_leaf=without_added_edges(tree.leaf),
+        regions=remove_added_edges(evidence.region),
+        source_level=remove_added_edges(level),
+        audit=remove_added_edges(tree.audit),
+        audit_leaf=remove_added_edges(tree.leaf),
     )

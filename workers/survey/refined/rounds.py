@@ -95,7 +95,7 @@ def wrong_share_upper(counts: AuditCounts, number: int) -> float:
     return min(max(left, 0.0) / filled, 1.0)
 
 
-def next_round(bound: float, rounds: tuple[AuditRound, ...], counts: AuditCounts) -> AuditRound | None:
+def next_audit_round(bound: float, rounds: tuple[AuditRound, ...], counts: AuditCounts) -> AuditRound | None:
     """Return the next round of audits, or None if the bound is met. counts: the findings of the round `rounds[-1]`."""
     number = len(rounds)
     if wrong_share_upper(counts, number - 1) <= bound:

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from gear_rattle.workers.survey.refined.blocks import Leaves
-from gear_rattle.workers.survey.refined.evidence import SAMPLED_KINDS, Evidence
+from gear_rattle.workers.survey.refined.evidence import SAMPLED_KINDS, ComputedCells
 from rattle import Attractors
 from rattle.attractors import PERIODIC, UNDECIDED
 from rattle.families import GridPiece, concat_tables, no_attractors
@@ -16,7 +16,7 @@ from rattle.families import GridPiece, concat_tables, no_attractors
 HALF_WIDTH_95 = 1.96  # half-width of a 95 % interval in standard deviations
 
 
-class Filling(NamedTuple):
+class FilledCellAttractors(NamedTuple):
     """The attractors of filled cells.
 
     table: the attractors. A periodic attractor is an orbit that Newton's method has found in the cell. Any other
@@ -30,7 +30,7 @@ class Filling(NamedTuple):
     added_width: np.ndarray
 
 
-class Branches(NamedTuple):
+class OrbitsByBranch(NamedTuple):
     """The n periodic orbits in the cells of a block, grouped into branches.
 
     existing: the orbits. row, column: the cell of each orbit in the block. label: a number for each orbit, equal for
@@ -45,24 +45,26 @@ class Branches(NamedTuple):
     group: np.ndarray
 
 
-def fill_leaves(evidence: Evidence, leaves: Leaves) -> Filling:
+def fill_leaves(evidence: ComputedCells, leaves: Leaves) -> FilledCellAttractors:
     """Return attractors for those cells of leaves that were not computed."""
-    square = evidence.blocks.cells_of(leaves)
+    square = evidence.blocks.cells_of_leaves(leaves)
     cell = evidence.blocks.cell_numbers(square)
     known = square.inside & evidence.known[cell]
     empty = square.inside & ~known
-    blocks: dict[int, Branches] = {}
-    parts = [Filling(no_attractors(), np.zeros(0))]
+    blocks: dict[int, OrbitsByBranch] = {}
+    parts = [FilledCellAttractors(no_attractors(), np.zeros(0))]
     for i in np.flatnonzero(empty.any((1, 2))):
         block, row, column = (int(x[i]) for x in leaves[:3])
         if block in evidence.existing and block not in blocks:
-            blocks[block] = branches_of(evidence.existing[block])
-        leaf = _Leaf(evidence, cell[i], known[i], empty[i])
+            blocks[block] = group_into_branches(evidence.existing[block])
+        leaf = _LeafToFill(evidence, cell[i], known[i], empty[i])
         parts += leaf.fill_with_orbits(blocks[block], row, column) if block in blocks else leaf.fill_without_orbits()
-    return Filling(concat_tables(*(each.table for each in parts)), np.concatenate([each.added_width for each in parts]))
+    return FilledCellAttractors(
+        concat_tables(*(each.table for each in parts)), np.concatenate([each.added_width for each in parts])
+    )
 
 
-def branches_of(existing: GridPiece) -> Branches:
+def group_into_branches(existing: GridPiece) -> OrbitsByBranch:
     """Group the orbits of a block into branches: neighbouring orbits that continue into each other are connected."""
     from scipy.sparse import coo_array  # imported here, because it takes an eighth of a second to load
     from scipy.sparse.csgraph import connected_components
@@ -77,35 +79,35 @@ def branches_of(existing: GridPiece) -> Branches:
     labels = np.column_stack([orbits.m[:n], orbits.n_plus[:n], orbits.n_minus[:n]])
     label = np.unique(labels, axis=0, return_inverse=True)[1].ravel()
     row, column = np.divmod(orbits.cell[:n].astype(np.int64), existing.shape[1])
-    return Branches(existing, row, column, label, group)
+    return OrbitsByBranch(existing, row, column, label, group)
 
 
 @dataclass(frozen=True, eq=False)
-class _Leaf:
+class _LeafToFill:
     """A leaf to fill, with n × n cells.
 
     cell (n, n): the numbers of the leaf's cells in the frame (see `Blocks`). known (n, n): flags of the computed cells.
     empty (n, n): flags of the cells to fill.
     """
 
-    evidence: Evidence
+    evidence: ComputedCells
     cell: np.ndarray
     known: np.ndarray
     empty: np.ndarray
 
-    def fill_without_orbits(self) -> list[Filling]:
+    def fill_without_orbits(self) -> list[FilledCellAttractors]:
         """Return the attractors for the empty cells of a leaf whose block has no periodic orbits."""
         fractions, deviations = self._fit_fractions(np.zeros((int(self.known.sum()), 0)))
         return self._fill_sampled_kinds(fractions, deviations)
 
-    def fill_with_orbits(self, branches: Branches, top: int, left: int) -> list[Filling]:
+    def fill_with_orbits(self, branches: OrbitsByBranch, top: int, left: int) -> list[FilledCellAttractors]:
         """Return the attractors for the empty cells of a leaf whose block has periodic orbits.
 
         branches: the periodic orbits of the leaf's block. top, left: the leaf's first row and column in the block.
 
         Returns
         -------
-        list[Filling]
+        list[FilledCellAttractors]
             The entries of `_fill_sampled_kinds`, and as the last entry the periodic attractors.
         """
         row, column = branches.row - top, branches.column - left
@@ -147,7 +149,7 @@ class _Leaf:
             impacts=zeros,
             watched=real,
         )
-        periodic = Filling(table, HALF_WIDTH_95 * deviations[len(SAMPLED_KINDS) + thing])
+        periodic = FilledCellAttractors(table, HALF_WIDTH_95 * deviations[len(SAMPLED_KINDS) + thing])
         return [*self._fill_sampled_kinds(fractions, deviations), periodic]
 
     def _fit_fractions(self, orbit_samples: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -166,25 +168,25 @@ class _Leaf:
         count = self.evidence.cells.count
         seen = self.evidence.samples[:, self.cell[self.known]].T
         shares = np.column_stack([seen, orbit_samples]) / count
-        known, empty = (self._plane_terms(which) for which in (self.known, self.empty))
+        known, empty = (self._linear_fit_terms(which) for which in (self.known, self.empty))
         fit = np.linalg.solve(known.T @ known, known.T @ shares)
         fitted, filled = (_normalize_fractions(terms @ fit) for terms in (known, empty))
         noise = (fitted * (1.0 - fitted)).mean(axis=0) / count
         return filled, np.sqrt(np.maximum(((shares - fitted) ** 2).mean(axis=0) - noise, 0.0))
 
-    def _plane_terms(self, which: np.ndarray) -> np.ndarray:
+    def _linear_fit_terms(self, which: np.ndarray) -> np.ndarray:
         """Return the terms (1, row, column) of a linear fit at the flagged cells; rows and columns are in ±0.5."""
         at = np.argwhere(which) / (self.cell.shape[0] - 1) - 0.5
         return np.column_stack([np.ones(len(at)), at])
 
-    def _fill_sampled_kinds(self, fractions: np.ndarray, deviations: np.ndarray) -> list[Filling]:
+    def _fill_sampled_kinds(self, fractions: np.ndarray, deviations: np.ndarray) -> list[FilledCellAttractors]:
         """Return the quiet and chaotic attractors, and the entries of undecided samples, for the empty cells.
 
         fractions, deviations: the fitted fractions and their standard deviations, as `_fit_fractions` returns them.
 
         Returns
         -------
-        list[Filling]
+        list[FilledCellAttractors]
             One entry for each of these kinds that a computed cell of the leaf has.
         """
         found = []
@@ -211,7 +213,7 @@ class _Leaf:
                 impacts=zeros,
                 watched=unknown,
             )
-            found.append(Filling(table, np.full(rows.size, HALF_WIDTH_95 * deviations[which])))
+            found.append(FilledCellAttractors(table, np.full(rows.size, HALF_WIDTH_95 * deviations[which])))
         return found
 
     def _nearest_attractors(self, kind: int, has_kind: np.ndarray) -> np.ndarray:

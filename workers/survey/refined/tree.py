@@ -8,16 +8,16 @@ from itertools import pairwise
 
 import numpy as np
 
-from gear_rattle.workers.survey.crossings import Crossings
+from gear_rattle.workers.survey.crossings import CurveCrossings
 from gear_rattle.workers.survey.refined.asked import BLOCK
 from gear_rattle.workers.survey.refined.audit import AUDITED, DISAGREED
 from gear_rattle.workers.survey.refined.blocks import Blocks, LeafCells, Leaves, concatenate_leaves
-from gear_rattle.workers.survey.refined.evidence import Evidence
+from gear_rattle.workers.survey.refined.evidence import ComputedCells
 from gear_rattle.workers.survey.refined.rounds import CHAOTIC, KINDS, AuditRound
 
 
 @dataclass(eq=False)
-class Tree:
+class RefinementTree:
     """The leaves (squares of cells) of a tile.
 
     evidence: the computed cells of the tile. crossed: two arrays (rows, columns) of flags, which say whether a curve
@@ -28,7 +28,7 @@ class Tree:
     that are not divided further, in which all cells that are not computed will be filled.
     """
 
-    evidence: Evidence
+    evidence: ComputedCells
     crossed: tuple[np.ndarray, np.ndarray]
     draws: np.ndarray
     rounds: Sequence[AuditRound]
@@ -55,23 +55,25 @@ class Tree:
 
         The method changes `filled`, `audit` and `leaf`.
         """
-        self._compute_leaves([self.blocks.undivided_leaves()])
+        self._divide_until_uniform([self.blocks.undivided_leaves()])
         for number, (before, now) in enumerate(pairwise(self.rounds), start=1):
-            self._current_round = now  # `_are_uniform` is now False for leaves that this round computes as a whole
-            self._compute_leaves(self._divide_failing_leaves(self._are_uniform))
+            self._current_round = (
+                now  # `_are_leaves_uniform` is now False for leaves that this round computes as a whole
+            )
+            self._divide_until_uniform(self._divide_failing_leaves(self._are_leaves_uniform))
             self._number = number
             self._chosen = (before.drawn <= self.draws) & (self.draws < now.drawn)
-            self._compute_leaves(self._divide_failing_leaves(self._audit_leaves))
+            self._divide_until_uniform(self._divide_failing_leaves(self._audit_leaves))
 
-    def _compute_leaves(self, waiting: list[Leaves]) -> None:
+    def _divide_until_uniform(self, waiting: list[Leaves]) -> None:
         """Compute the edges of new leaves, and divide leaves until all leaves in `filled` are uniform.
 
         waiting: the new leaves, whose edges are not computed yet. A new orbit is continued to all cells of its block.
         Therefore a leaf that was found uniform may later have cells that differ; such a leaf is divided too.
         """
         while True:
-            self._compute_and_divide(waiting)
-            if not (waiting := self._divide_failing_leaves(self._are_uniform)):
+            self._compute_and_divide_leaves(waiting)
+            if not (waiting := self._divide_failing_leaves(self._are_leaves_uniform)):
                 break
 
     def _divide_failing_leaves(self, judge: Callable[[Leaves], np.ndarray]) -> list[Leaves]:
@@ -85,7 +87,7 @@ class Tree:
         self.filled = [leaves for leaves in kept if leaves.block.size]
         return others
 
-    def _compute_and_divide(self, waiting: list[Leaves]) -> None:
+    def _compute_and_divide_leaves(self, waiting: list[Leaves]) -> None:
         """Compute the edges of new leaves, from the largest leaves to the smallest.
 
         Leaves that are uniform and pass the audit are added to `filled`; the other leaves are divided. waiting: the new
@@ -98,13 +100,13 @@ class Tree:
                 leaves = concatenate_leaves(now)
                 self.evidence.compute(self.blocks.edge_cells(leaves))
                 if size > 1:
-                    same = self._are_uniform(leaves)
+                    same = self._are_leaves_uniform(leaves)
                     same[same] = self._audit_leaves(leaves.select(same))
                     self.filled.append(leaves.select(same))
                     waiting = [*waiting, self.blocks.quarters(leaves.select(~same))]
             size //= 2
 
-    def _are_uniform(self, leaves: Leaves) -> np.ndarray:
+    def _are_leaves_uniform(self, leaves: Leaves) -> np.ndarray:
         """Return for each leaf whether its computed cells agree and no curve crosses it.
 
         Returns
@@ -112,9 +114,11 @@ class Tree:
         np.ndarray
             Flags (k,); False also for a leaf of which this round computes all cells.
         """
-        found = self.evidence.are_uniform(leaves) & ~self._are_crossed(self.blocks.cells_of(leaves))
+        found = self.evidence.are_leaves_uniform(leaves) & ~self._are_crossed(self.blocks.cells_of_leaves(leaves))
         if max(self._current_round.regular, self._current_round.chaotic) >= leaves.size:
-            limit = np.where(self.evidence.have_chaos(leaves), self._current_round.chaotic, self._current_round.regular)
+            limit = np.where(
+                self.evidence.find_leaves_with_chaos(leaves), self._current_round.chaotic, self._current_round.regular
+            )
             found &= limit < leaves.size
         return found
 
@@ -129,21 +133,21 @@ class Tree:
 
     def _audit_leaves(self, leaves: Leaves) -> np.ndarray:
         """Compute the cells of leaves audited in this round. Return for each leaf (k,) whether it is still uniform."""
-        square = self.blocks.cells_of(leaves)
+        square = self.blocks.cells_of_leaves(leaves)
         cell = self.blocks.cell_numbers(square)
         empty = square.inside & ~self.evidence.known[cell]
-        self._record_kind(leaves, cell, empty)
+        self._record_leaf_kinds(leaves, cell, empty)
         audited = empty & self._chosen[cell]
         if not audited.any():
             return np.ones(leaves.block.size, bool)
         before = self.evidence.label_codes(square)
-        self.evidence.compute(self.blocks.without_repetitions(cell[audited]))
+        self.evidence.compute(self.blocks.sort_without_repetitions(cell[audited]))
         odd = self.evidence.disagreeing_cells(square, audited, before)
         self.audit[cell[audited]] = AUDITED
         self.audit[cell[odd]] = DISAGREED
-        return self._are_uniform(leaves)
+        return self._are_leaves_uniform(leaves)
 
-    def _record_kind(self, leaves: Leaves, cell: np.ndarray, empty: np.ndarray) -> None:
+    def _record_leaf_kinds(self, leaves: Leaves, cell: np.ndarray, empty: np.ndarray) -> None:
         """Write the codes of `self.leaf` (round and kind of leaf) for the cells of leaves to be filled.
 
         A cell keeps the first code that it gets in a round. cell: the numbers of the leaves' cells. empty: flags of the
@@ -151,11 +155,11 @@ class Tree:
         """
         first = KINDS * self._number
         fresh = empty & (self.leaf[cell] < max(first, 1))
-        kind = first + CHAOTIC * self.evidence.have_chaos(leaves) + leaves.size.bit_length() - 1
+        kind = first + CHAOTIC * self.evidence.find_leaves_with_chaos(leaves) + leaves.size.bit_length() - 1
         self.leaf[cell[fresh]] = np.broadcast_to(kind[:, None, None], cell.shape)[fresh]
 
 
-def crossed_edges(blocks: Blocks, crossings: Sequence[Crossings]) -> tuple[np.ndarray, np.ndarray]:
+def crossed_edges(blocks: Blocks, crossings: Sequence[CurveCrossings]) -> tuple[np.ndarray, np.ndarray]:
     """Return where curves pass between neighbouring cells of the frame (see `Blocks`).
 
     Returns

@@ -130,7 +130,7 @@ class Cells:
         return rattle.crisis_side(self.delta, self.epsilon[:, None], self.model.beta)
 
     @cached_property
-    def grazing(self) -> tuple[rattle.Grazing, ...]:
+    def grazing(self) -> tuple[rattle.GrazingPoints, ...]:
         """The grazing curves G1 and G2 at each δ of the rectangle."""
         return tuple(rattle.grazing(curve, self.delta, self.model.beta) for curve in GRAZING_CURVES)
 

@@ -35,14 +35,14 @@ def slot_evaluator(field: str, dtype: str, fill: float = 0) -> Evaluate:
 
 def arrange_in_slots(cells: Cells, values: np.ndarray, fill: float, dtype: str) -> np.ndarray:
     """Arrange values of attractors by slot and cell, shape (slots, n_epsilon, n_delta); empty slots get `fill`."""
-    cell, slot = cells.attractors.cell, _slot_numbers(cells)
+    cell, slot = cells.attractors.cell, _slot_of_each_attractor(cells)
     filled = np.full((cells.slots, cells.delta.size * cells.epsilon.size), fill, dtype)
     shown = slot < cells.slots
     filled[slot[shown], cell[shown]] = values[shown]
     return filled.reshape(cells.slots, *cells.shape)
 
 
-def _slot_numbers(cells: Cells) -> np.ndarray:
+def _slot_of_each_attractor(cells: Cells) -> np.ndarray:
     """Return the slot of each attractor: its position among the attractors of its cell."""
     cell = cells.attractors.cell
     return np.arange(cell.size) - np.searchsorted(cell, cell)
@@ -60,10 +60,13 @@ def slot_fraction_upper(cells: Cells) -> np.ndarray:
 
 def unlisted_fraction(cells: Cells) -> np.ndarray:
     """Return for each cell the basin fraction of all attractors that no slot lists, because the slots are full."""
-    return _sum_over_attractors(cells, cells.attractors.samples * (_slot_numbers(cells) >= cells.slots)) / cells.count
+    return (
+        _sum_over_attractors(cells, cells.attractors.samples * (_slot_of_each_attractor(cells) >= cells.slots))
+        / cells.count
+    )
 
 
-def observed_periods(cells: Cells) -> np.ndarray:
+def shortest_observation_times(cells: Cells) -> np.ndarray:
     """Return each cell's shortest observation time of chaotic or undecided samples, in forcing periods.
 
     Returns
@@ -109,14 +112,14 @@ def fraction_error(cells: Cells) -> np.ndarray:
 
 def lyapunov_max(cells: Cells) -> np.ndarray:
     """Return the largest Lyapunov exponent of the attractors of each cell; NaN if none of them has an exponent."""
-    return _largest_of_attractors(cells, cells.attractors.first)
+    return _largest_over_attractors(cells, cells.attractors.first)
 
 
 def sum_rule_error(cells: Cells) -> np.ndarray:
     """Return the largest |λ₁ + λ₂ + δ| of the attractors of each cell, where λ₁ and λ₂ are their Lyapunov exponents."""
     found = cells.attractors
     delta = cells.delta[found.cell % cells.delta.size]
-    return _largest_of_attractors(cells, np.abs(found.first + found.second + delta))
+    return _largest_over_attractors(cells, np.abs(found.first + found.second + delta))
 
 
 def impulse_balance_error(cells: Cells) -> np.ndarray:
@@ -130,10 +133,10 @@ def impulse_balance_error(cells: Cells) -> np.ndarray:
         Shape (n_epsilon, n_delta); NaN if all attractors are quiet.
     """
     errors = cells.model.impulse_balance_errors(cells.delta, cells.epsilon[:, None], cells.attractors)
-    return _largest_of_attractors(cells, errors)
+    return _largest_over_attractors(cells, errors)
 
 
-def _largest_of_attractors(cells: Cells, values: np.ndarray) -> np.ndarray:
+def _largest_over_attractors(cells: Cells, values: np.ndarray) -> np.ndarray:
     """Return the largest of `values` over the attractors of each cell, ignoring NaN; NaN if all values are NaN."""
     largest = np.full(cells.delta.size * cells.epsilon.size, np.nan)
     np.fmax.at(largest, cells.attractors.cell, values)

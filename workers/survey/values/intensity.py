@@ -29,11 +29,13 @@ _ERRORS = tuple(each for each in _FIELDS if each[0] not in ("largest_speed", "le
 def _attractor_values(cells: Cells, field: str) -> np.ndarray:
     """Return a field of every attractor of the cells, shape (attractors,)."""
     if field == "level":
-        return _levels_in_db(cells.intensities.energy, cells.delta[cells.attractors.cell % cells.delta.size])
+        return _convert_energies_to_decibels(
+            cells.intensities.energy, cells.delta[cells.attractors.cell % cells.delta.size]
+        )
     return np.asarray(getattr(cells.intensities, field))
 
 
-def _levels_in_db(energy: np.ndarray, delta: np.ndarray) -> np.ndarray:
+def _convert_energies_to_decibels(energy: np.ndarray, delta: np.ndarray) -> np.ndarray:
     """Return energies per forcing period as levels in dB, relative to 2π²δ² (`natural_energy`) at each damping δ."""
     with np.errstate(divide="ignore"):  # the level of quiet running is −inf
         return np.asarray(10.0 * np.log10(energy / natural_energy(delta)))
@@ -43,7 +45,7 @@ def _slot_intensity_evaluator(field: str) -> Evaluate:
     return lambda cells: arrange_in_slots(cells, _attractor_values(cells, field), np.nan, "float64")
 
 
-def _sample_mean(cells: Cells, values: np.ndarray) -> np.ndarray:
+def _mean_over_samples(cells: Cells, values: np.ndarray) -> np.ndarray:
     """Return the mean of `values` over the samples of each cell; a sample has the value of the attractor it reached.
 
     values: a number for each attractor, NaN if unknown. The mean is NaN if a sample reached an attractor with NaN.
@@ -68,9 +70,9 @@ def _sample_values(cells: Cells, field: str) -> np.ndarray:
     found = cells.intensities
     if field == "mean_speed":
         impacts = found.impacts_plus + found.impacts_minus
-        rate = _sample_mean(cells, impacts)
+        rate = _mean_over_samples(cells, impacts)
         return np.divide(
-            _sample_mean(cells, impacts * found.mean_speed), rate, out=np.zeros_like(rate), where=rate != 0.0
+            _mean_over_samples(cells, impacts * found.mean_speed), rate, out=np.zeros_like(rate), where=rate != 0.0
         )
     if field == "largest_speed":
         largest = np.zeros(cells.delta.size * cells.epsilon.size)
@@ -79,11 +81,13 @@ def _sample_values(cells: Cells, field: str) -> np.ndarray:
             np.maximum.at(largest, cells.attractors.cell[won], found.largest_speed[won])
         return largest
     if field == "level":
-        return _levels_in_db(_sample_mean(cells, found.energy), np.tile(cells.delta, cells.epsilon.size))
+        return _convert_energies_to_decibels(
+            _mean_over_samples(cells, found.energy), np.tile(cells.delta, cells.epsilon.size)
+        )
     if field == "energy_error":
         share = cells.attractors.samples / cells.count
-        return np.sqrt(_sample_mean(cells, share * found.energy_error**2))
-    return _sample_mean(cells, _attractor_values(cells, field))
+        return np.sqrt(_mean_over_samples(cells, share * found.energy_error**2))
+    return _mean_over_samples(cells, _attractor_values(cells, field))
 
 
 def _worst_attractor_evaluator(field: str) -> Evaluate:

@@ -205,7 +205,7 @@ QUANTITIES: tuple[Quantity, ...] = (
         "float32",
         "shortest observation time of chaotic and undecided samples, in forcing periods; NaN if there are none",
         _BASINS,
-        evaluate.observed_periods,
+        evaluate.shortest_observation_times,
     ),
     Quantity(
         "sampled_speed",
@@ -426,7 +426,7 @@ BOUNDED: tuple[Quantity, ...] = (
 )
 
 
-def groups_of(model: str, has_harmonics: bool = False) -> tuple[Group, ...]:
+def variable_groups_of_model(model: str, has_harmonics: bool = False) -> tuple[Group, ...]:
     """Return the groups of variables that a survey of a model can have; families are always among them.
 
     has_harmonics: whether the forcing has further harmonics. Some groups exist only for forcing by one cosine.
@@ -459,6 +459,6 @@ def dimension_labels(dim: str, slots: int) -> tuple[int, ...] | tuple[str, ...]:
     return tuple(range(slots)) if dim == "attractor" else COORDINATES[dim].values
 
 
-def shape_of(quantity: Quantity, cells: tuple[int, int], slots: int) -> tuple[int, ...]:
+def shape_of_variable(quantity: Quantity, cells: tuple[int, int], slots: int) -> tuple[int, ...]:
     """Return the shape of a per-cell variable. cells: (n_epsilon, n_delta). slots: the survey's number of slots."""
     return *(len(dimension_labels(dim, slots)) for dim in quantity.dims[:-2]), *cells

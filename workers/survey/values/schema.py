@@ -91,7 +91,7 @@ class Quantity:
         return (needed - {None}) <= MODELS[model].has
 
     @property
-    def per_cell(self) -> bool:
+    def is_per_cell(self) -> bool:
         """True if the variable has a value for each cell. Tiles write these variables, not the others."""
         return self.dims[-2:] == CELL
 

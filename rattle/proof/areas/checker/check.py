@@ -10,7 +10,7 @@ from fractions import Fraction
 from functools import lru_cache
 from typing import Any
 
-from .column import Column
+from .column import TwoImpactColumn
 from .intervals import IV, BlockRefusal, Interval, interval_between, number_from_text, require
 from .one_impact import OneImpactBlock
 from .quiet_motion import BounceBounds, require_side_of_quiet_limit
@@ -35,7 +35,7 @@ CLAIMS = REGIONS | {
 }  # fmt: skip
 QUIET, CAPTURES = {"quiet is possible": True, "quiet is impossible": False}, "quiet captures"
 Ends = tuple[Fraction, Fraction]
-column = lru_cache(maxsize=64)(Column)  # claims about the same δ and β share a Column, and so its cells
+column = lru_cache(maxsize=64)(TwoImpactColumn)  # claims about the same δ and β share a Column, and so its cells
 
 
 def prove_claim(claim: str, beta: Fraction, delta: Ends, epsilon: Ends, depth: int = 0) -> None:
@@ -66,9 +66,9 @@ def prove_on_whole_block(claim: str, beta: Fraction, delta: Ends, epsilon: Ends)
     squares = IV.mpf((e**2).a), IV.mpf((e**2).b)
     for letter, state in CLAIMS[claim].items():
         if letter in "AC":
-            found = state_of_one_impact(letter, state, d, interval_between(beta, beta), squares)
+            found = proved_stability_of_one_impact(letter, state, d, interval_between(beta, beta), squares)
         else:
-            found = state_of_two_impacts(1 if letter == "D" else -1, state, column(delta, beta), squares)
+            found = proved_stability_of_two_impacts(1 if letter == "D" else -1, state, column(delta, beta), squares)
         require(found == state, f"the state of {letter} is proved to be {found!r}, but {state!r} is claimed")
     return None
 
@@ -97,7 +97,7 @@ def prove_captures(beta: Fraction, delta: Ends, epsilon: Ends, speed: Interval, 
             prove_captures(beta, *both, speed, depth + 1)
 
 
-def state_of_one_impact(
+def proved_stability_of_one_impact(
     letter: str, state: str, d: Interval, beta: Interval, squares: tuple[Interval, Interval]
 ) -> str:
     """Return the existence and stability of A or C that are proved for all points of a block.
@@ -121,7 +121,9 @@ def state_of_one_impact(
     return THERE if state in (THERE, NONE) else ATTRACTING if motion.attracts() else SADDLE
 
 
-def state_of_two_impacts(slope: int, state: str, cells: Column, squares: tuple[Interval, Interval]) -> str:
+def proved_stability_of_two_impacts(
+    slope: int, state: str, cells: TwoImpactColumn, squares: tuple[Interval, Interval]
+) -> str:
     """Return the existence and stability of B (slope −1) or D (slope 1) that are proved for all points of a block.
 
     The stability is proved only if the claimed `state` is ATTRACTING or SADDLE. squares: the least and the largest ε²

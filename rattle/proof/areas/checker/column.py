@@ -12,7 +12,7 @@ SHARE = Fraction(1, 64)
 Part = tuple[Fraction, Fraction]
 
 
-class Column:
+class TwoImpactColumn:
     """The cells (`TwoImpactCell`) with 0 ≤ s ≤ 1 over one interval of δ, kept for further claims about this interval.
 
     s is the time from Σ⁺ to Σ⁻.

@@ -24,7 +24,7 @@ def half_way_equations(t: EquationTerms, beta: Interval) -> list[Jet]:
     return [*first, *second]
 
 
-def speeds_and_square(t: EquationTerms, z: list[Jet]) -> list[Jet]:
+def speeds_and_epsilon_squared(t: EquationTerms, z: list[Jet]) -> list[Jet]:
     """Return the speeds v after Σ⁺ and u after Σ⁻, and ε², from z = (Z₁, Z₂): (16.12), (16.13) of docs/proofs.md."""
     mean, apart, lost = t.cosine * z[0], t.sine * z[1], 1 - t.end
     p = ((1 - t.b) * (2 - mean) + (1 + t.b) * apart) / lost
@@ -47,7 +47,7 @@ def stability_margins(t: EquationTerms, z: list[Jet]) -> list[Jet]:
     list[Jet]
         Both margins; the motion attracts if and only if both are positive.
     """
-    v, u, _ = speeds_and_square(t, z)
+    v, u, _ = speeds_and_epsilon_squared(t, z)
     c0, s0, c1, s1 = t.cosine * z[1], t.sine * z[0], t.cosine * z[0], t.sine * z[1]
     top, bottom = force_of_phase(t.d, c0 + s0, c1 - s1) * 2, force_of_phase(t.d, c0 - s0, c1 + s1) * 2
     first, second = (1 - t.a) / t.d, (1 - t.b) / t.d

@@ -148,7 +148,7 @@ class ParameterBox:
         self.ds, self.dd = s - midpoint(s), d - midpoint(d)
         self.jets, self.centre = (Jet(s, s=ONE), Jet(d, d=ONE)), (Jet(midpoint(s)), Jet(midpoint(d)))
 
-    def mean_value(self, centre: Interval, function: Jet) -> Interval:
+    def enclose_by_mean_value(self, centre: Interval, function: Jet) -> Interval:
         """Return an enclosure of a function over the rectangle.
 
         centre: its value at the centre. function: its values and derivatives over the rectangle.

@@ -35,7 +35,7 @@ class OneImpactBlock:
 
     def __init__(self, letter: str, d: Interval, beta: Interval, low: Interval, high: Interval) -> None:
         box = ParameterBox(ZERO, d)
-        y = box.mean_value(y_of_damping(box.centre[1]).x, y_of_damping(box.jets[1]))
+        y = box.enclose_by_mean_value(y_of_damping(box.centre[1]).x, y_of_damping(box.jets[1]))
         self.d, self.beta, self.letter = d, beta, letter
         self.has_solution, self.has_no_solution = is_less(y**2, low), is_less(high, y**2)
         if not self.has_no_solution:
@@ -59,7 +59,7 @@ class OneImpactBlock:
             low, high = parts.pop()
             box = ParameterBox(IV.mpf([low.a, high.b]), self.d)
             over = height_at(*box.jets, self.x)
-            y = box.mean_value(height_at(*box.centre, self.x).x, over)
+            y = box.enclose_by_mean_value(height_at(*box.centre, self.x).x, over)
             # Φ − β is 0 at both impacts, so next to an impact the sign of Φ' proves Φ − β < 0
             leaves = is_less(over.s, ZERO) if low == 0 else is_less(ZERO, over.s) if high == 1 else is_less(y, ZERO)
             if not (leaves and is_less(-2 * self.beta, y)):
@@ -90,7 +90,8 @@ class OneImpactBlock:
         require(is_less(ZERO, t) and is_less(t, ONE), "the lowest point of the flight was not found between its ends")
         box = ParameterBox(t, self.d)
         return is_less(
-            box.mean_value(height_at(*box.centre, self.x.a).x, height_at(*box.jets, self.x.a)), -2 * self.beta
+            box.enclose_by_mean_value(height_at(*box.centre, self.x.a).x, height_at(*box.jets, self.x.a)),
+            -2 * self.beta,
         )
 
     def attracts(self) -> bool:
@@ -102,7 +103,7 @@ class OneImpactBlock:
             end = d.exp_minus()
             return d * d * (1 + end) / (1 - end) * (1 / (2 * PI))
 
-        flip = box.mean_value(x_at_flip_of_c(box.centre[1]).x, x_at_flip_of_c(box.jets[1]))
+        flip = box.enclose_by_mean_value(x_at_flip_of_c(box.centre[1]).x, x_at_flip_of_c(box.jets[1]))
         inside = is_less(ZERO, self.x) and is_less(self.x, flip)
         outside = is_less(self.x, ZERO) or is_less(flip, self.x)
         require(inside or outside, f"it is undecided whether {self.letter} attracts on the whole block")

@@ -114,8 +114,8 @@ class BounceBounds:
         """
         late, early = (IV.ln(1 / (1 - self.d * h)) * LOG_WIDENING).b, (IV.ln(1 + self.d * h) * LOG_WIDENING).b
         span = IV.mpf([-early, late])
-        one, _, _, centre = self.log_derivatives(t, ZERO)
-        p1, p2, p3, size = self.log_derivatives(t + span / self.d, span)
+        one, _, _, centre = self.log_acceleration_derivatives(t, ZERO)
+        p1, p2, p3, size = self.log_acceleration_derivatives(t + span / self.d, span)
         second, third = size * (p2 + p1**2) / centre, size * (p3 + 3 * p1 * p2 + p1**3) / centre
         part = IV.mpf([0, (h**2).b])
         below = 1 + part * second / 6
@@ -123,7 +123,7 @@ class BounceBounds:
         more = 1 / (1 - part * ratio**2)
         return (third / 5 - one * second / 3) / below + 2 * ratio**3 * IV.mpf([1, more.b]) - p3 / 3
 
-    def log_derivatives(self, t: Interval, z: Interval) -> tuple[Interval, Interval, Interval, Interval]:
+    def log_acceleration_derivatives(self, t: Interval, z: Interval) -> tuple[Interval, Interval, Interval, Interval]:
         """Return enclosures of three derivatives of ln a by x; the acceleration a and the time x are those of (20.2).
 
         (20.2) is in docs/proofs.md: a = e^(2z) g, with the contact force g. t: the time after a minimum of g.

@@ -6,7 +6,7 @@ phase of the forcing half-way between these impacts.
 
 from collections.abc import Callable
 
-from .half_way import EquationTerms, half_way_equations, speeds_and_square
+from .half_way import EquationTerms, half_way_equations, speeds_and_epsilon_squared
 from .intervals import (
     IV,
     ONE,
@@ -38,7 +38,7 @@ class TwoImpactCell(ParameterBox):
         self.over, self.mid = EquationTerms(*self.jets), EquationTerms(*self.centre)
         over, centre = (half_way_equations(terms, beta) for terms in (self.over, self.mid))
         # the equations are a Z₁ + c Z₂ = b and e Z₁ + g Z₂ = h
-        a, c, b, e, g, h = (self.mean_value(m.x, o) for m, o in zip(centre, over, strict=True))
+        a, c, b, e, g, h = (self.enclose_by_mean_value(m.x, o) for m, o in zip(centre, over, strict=True))
         # lower bounds of ε², (16.8) of docs/proofs.md
         self.square_bounds = [b**2 / (a**2 + c**2), h**2 / (e**2 + g**2)]
         self.solvable = is_less(ZERO, a * g - c * e) or is_less(a * g - c * e, ZERO)
@@ -56,10 +56,11 @@ class TwoImpactCell(ParameterBox):
             a, c, b, e, g, h = (m.x for m in centre)
             self.z0 = [Jet(x) for x in solve_for_z(b, h)]
             self.z = [
-                Jet(self.mean_value(m.x, Jet(x, p, q)), p, q) for m, x, p, q in zip(self.z0, z, by_s, by_d, strict=True)
+                Jet(self.enclose_by_mean_value(m.x, Jet(x, p, q)), p, q)
+                for m, x, p, q in zip(self.z0, z, by_s, by_d, strict=True)
             ]
-            self.v, self.u, self.square = self.enclose(speeds_and_square)
-            self.middle = [each.x for each in speeds_and_square(self.mid, self.z0)]
+            self.v, self.u, self.square = self.enclose(speeds_and_epsilon_squared)
+            self.middle = [each.x for each in speeds_and_epsilon_squared(self.mid, self.z0)]
 
     def enclose(self, functions: Callable[..., list[Jet]]) -> list[Jet]:
         """Return enclosures over the cell of the values that `functions` returns, with their derivatives by s and δ.
@@ -73,7 +74,9 @@ class TwoImpactCell(ParameterBox):
         """
         if functions not in self.known:
             centre, over = functions(self.mid, self.z0), functions(self.over, self.z)
-            self.known[functions] = [Jet(self.mean_value(m.x, o), o.s, o.d) for m, o in zip(centre, over, strict=True)]
+            self.known[functions] = [
+                Jet(self.enclose_by_mean_value(m.x, o), o.s, o.d) for m, o in zip(centre, over, strict=True)
+            ]
         return self.known[functions]
 
     def has_no_motion(self, low: Interval, high: Interval) -> bool:
@@ -121,7 +124,7 @@ class TwoImpactCell(ParameterBox):
         # with this λ the derivative of the sum by s is nearly 0 (Lemma 17 of docs/proofs.md)
         factor = max(0.0, -sign * float(self.square.s.mid.a) / float(self.u.s.mid.a))
         _, u, square = self.middle
-        return self.mean_value(sign * square + factor * u, self.square * sign + self.u * factor)
+        return self.enclose_by_mean_value(sign * square + factor * u, self.square * sign + self.u * factor)
 
     def is_monotone(self, sign: int, start: Interval, end: Interval) -> bool:
         """Return whether Φ is proved to be monotone on a flight from time `start` to `end`, with Φ' of this sign."""
