@@ -77,7 +77,7 @@ from gear_rattle.service.explorer.places.example import REQUEST
 from gear_rattle.service.explorer.point import parts
 from gear_rattle.service.explorer.point.panel import PointPanel
 from gear_rattle.service.explorer.point.view import PointView
-from gear_rattle.service.explorer.state.store import Store
+from gear_rattle.service.explorer.state.store import PageStore
 from gear_rattle.service.settings import Settings
 from gear_rattle.workers import SurveyRequest
 from rattle.models import MODELS, model_of
@@ -125,7 +125,7 @@ assert "wear" in View(pins=(pin,)).query() and pin.model == model
 async def shown():
     app = create_app(Settings(data=data, max_point_seconds=HANG, explorer=False), no_cluster)
     async with app.router.lifespan_context(app):
-        store = Store(View(point=(0.4, 0.1)), REQUEST)
+        store = PageStore(View(point=(0.4, 0.1)), REQUEST)
         view = PointView(PointPanel("light", store.dispatch), app.state.front, store, 0.4, 0.1, model)
 
         async def here(work, *arguments, **_):

@@ -453,8 +453,8 @@ PROTECTIONS = (
         "a database elsewhere knows the data directory",
         f"{DIRECTORY}::test_a_database_elsewhere_knows_the_directory",
         "service/jobs/opening.py",
-        "directory.identify(database.directory_identity())",
-        "directory.identify()",
+        "directory.check_identity(database.directory_identity())",
+        "directory.check_identity()",
     ),
     _one(
         "a cluster that starts is given up",

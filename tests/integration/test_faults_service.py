@@ -38,13 +38,13 @@ INSTANTS = {
         @patch("gear_rattle.workers.storage.location")
         def kill(location):
             third = at_call(3, die)
-            before(location.Directory, "put", lambda _, key, content: key.startswith("status/c/") and third())
+            before(location.StoreDirectory, "put", lambda _, key, content: key.startswith("status/c/") and third())
     """,
     "tile written, manifest not": """
         @patch("gear_rattle.workers.storage.location")
         def kill(location):
             third = at_call(3, die)
-            before(location.Directory, "put", lambda _, key, content: key == "manifest.json" and third())
+            before(location.StoreDirectory, "put", lambda _, key, content: key == "manifest.json" and third())
     """,
     "tile written, row not": """
         @patch("gear_rattle.service.database")
@@ -59,22 +59,22 @@ INSTANTS = {
     "all tiles done": """
         @patch("gear_rattle.workers.storage.location")
         def kill(location):
-            before(location.Directory, "remove_leftovers", lambda *_: die())
+            before(location.StoreDirectory, "remove_leftovers", lambda *_: die())
     """,
     "whole, about to be dated": """
         @patch("gear_rattle.workers.storage.location")
         def kill(location):
-            after(location.Directory, "put", lambda _, key, content: key == "manifest.json" and die())
+            after(location.StoreDirectory, "put", lambda _, key, content: key == "manifest.json" and die())
     """,
     "whole, not dated": """
         @patch("gear_rattle.workers.storage.location")
         def kill(location):
-            before(location.Directory, "put", lambda _, key, content: key == "zarr.json" and die())
+            before(location.StoreDirectory, "put", lambda _, key, content: key == "zarr.json" and die())
     """,
     "root dated, manifest not": """
         @patch("gear_rattle.workers.storage.location")
         def kill(location):
-            after(location.Directory, "put", lambda _, key, content: key == "zarr.json" and die())
+            after(location.StoreDirectory, "put", lambda _, key, content: key == "zarr.json" and die())
     """,
     "dated, not published": """
         @patch("gear_rattle.service.database")
@@ -91,7 +91,7 @@ STATUS_HALF_WRITTEN = """
     @patch("gear_rattle.workers.storage.location")
     def kill(location):
         last = at_call({}, die)
-        before(location.Directory, "put", lambda _, key, content: key.startswith("status/c/") and last())
+        before(location.StoreDirectory, "put", lambda _, key, content: key.startswith("status/c/") and last())
 """
 #: The instants that are needed for protections.py to notice that a protection is missing.
 TELLING = (

@@ -114,7 +114,7 @@ DEADLY_WRITES = """
                 if deaths < 2 and notes.count("written") >= (4, 12)[deaths]:
                     note("dead")
                     die()
-        before(location.Directory, "put", act)
+        before(location.StoreDirectory, "put", act)
 """
 
 

@@ -160,7 +160,7 @@ def map_figure(
         Function that opens a pyramid level of the survey, which is faster than reading all cells; None: read all cells.
     look : PictureLook
         Window, colours and lines; by default the usual ones. If `look.family` is set, the dataset must have the maps of
-        families (`with_families`).
+        families (`add_family_maps`).
     over : OverlayData
         Overlays that were computed beforehand.
 

@@ -138,7 +138,7 @@ def test_a_survey_that_runs_is_drawn_once_in_a_while(monkeypatch: pytest.MonkeyP
 
 def test_threads_whose_work_was_given_up_keep_their_place(monkeypatch: pytest.MonkeyPatch) -> None:
     """Lines of windows that a viewer had left were traced in fifty threads, and the service answered nobody."""
-    monkeypatch.setattr(PageSession, "require", lambda *_: None)
+    monkeypatch.setattr(PageSession, "require_scope", lambda *_: None)
     begun, go_on = list[int](), threading.Event()
 
     async def main() -> None:

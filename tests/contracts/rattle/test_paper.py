@@ -86,7 +86,7 @@ def test_a_wrong_value_in_the_paper_makes_the_command_fail(monkeypatch):
 @pytest.mark.usefixtures("computed")
 def test_a_wrong_computed_value_makes_the_command_fail(monkeypatch):
     right = numbers.epsilon_on_curve
-    monkeypatch.setattr(numbers, "epsilon_at", lambda curve, delta: right(curve, delta) + 2e-4 * (curve == "G1"))
+    monkeypatch.setattr(numbers, "epsilon_on_curve", lambda curve, delta: right(curve, delta) + 2e-4 * (curve == "G1"))
     result = CliRunner().invoke(app, ["paper"])
     assert result.exit_code == 1
     assert "unexpected: G1 at δ = 0.6" in result.output

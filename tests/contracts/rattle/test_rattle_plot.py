@@ -422,7 +422,7 @@ def test_the_command_refuses(
 ) -> None:
     (tmp_path / "FILE").touch()
     monkeypatch.chdir(tmp_path)
-    for request_ in ("Request", "StiffFigureRequest"):
+    for request_ in ("FigureRequest", "StiffFigureRequest"):
         monkeypatch.setattr(f"rattle.plot.paper_figures.{request_}.draw", lambda _: pytest.fail("computed first"))
     monkeypatch.setattr(sys, "argv", ["rattle", "figure", *arguments])
     with pytest.raises(SystemExit) as ended:

@@ -154,7 +154,7 @@ import sys
 import numpy as np
 
 from rattle import RattleError
-from rattle.families.join import joined
+from rattle.families.join import join_attractors
 from rattle.models import MODELS, Capability
 from rattle.attractors import SampleSpec
 from gear_rattle.service.operations.estimate import measure_cell_seconds
@@ -204,7 +204,7 @@ usual = SurveyRequest(**axes, initial_conditions={"count": 4}, **fields)
 template_of(usual)
 compute_tile(usual, tiles_of(usual)[0])
 delta, epsilon = np.linspace(0.35, 0.4, 3), np.linspace(0.2, 0.3, 3)
-joined(delta, epsilon, 16, model.attractors_of(delta, epsilon[:, None], SampleSpec(16)), model.cells(delta, epsilon))
+join_attractors(delta, epsilon, 16, model.attractors_of(delta, epsilon[:, None], SampleSpec(16)), model.cells(delta, epsilon))
 print("needed:", needed)
 """
 

@@ -301,7 +301,7 @@ def test_lines_that_take_long_are_found_once_and_given_up_with_whoever_asked(
         asked.append(given)
         yield np.array([0.5, 0.8]), np.array([[0.04, np.nan], [0.03, np.nan], [0.05, np.nan]])
 
-    monkeypatch.setattr(overlaid.crises, "crisis_of", crisis)
+    monkeypatch.setattr(overlaid.crises, "crisis_curve_of", crisis)
     monkeypatch.setattr(overlaid.limits, "limits_over_damping", along)
     here = f"/v1/surveys/{survey_id}/map.svg"
     answers = [
@@ -323,7 +323,7 @@ def test_lines_that_take_long_are_found_once_and_given_up_with_whoever_asked(
             left.set()
         raise AssertionError
 
-    monkeypatch.setattr(overlaid.crises, "crisis_of", for_ever)
+    monkeypatch.setattr(overlaid.crises, "crisis_curve_of", for_ever)
     monkeypatch.setattr(picture, "DISCONNECT_CHECK_SECONDS", 0.01)
     monkeypatch.setattr(Request, "is_disconnected", gone)
     answer = client.get(here, params={"lines": "crisis"})

@@ -149,7 +149,7 @@ def serving(finished: Path, data: Path, **changes: Any) -> Iterator[tuple[str, F
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(manager.JobManager, "_compute_until_pause", compute)
         for kind, name in (
-            (CrisisCurves, "crisis_of"),
+            (CrisisCurves, "crisis_curve_of"),
             (DesignLimits, "limits_over_damping"),
             (windows, "refine_window"),
         ):

@@ -32,7 +32,7 @@ class RefinedCells(Cells):
     """The cells of a refined tile, computed or filled.
 
     table: the attractors of all cells, row by row. added_width (attractors,): the uncertainty that filling adds to each
-    basin fraction (see `Filling`), 0 in a computed cell. regions, source_level, audit, audit_leaf: the values of the
+    basin fraction (see `FilledCellAttractors`), 0 in a computed cell. regions, source_level, audit, audit_leaf: the values of the
     stored variables region, source_level, audit and audit_leaf.
     """
 
