@@ -248,8 +248,8 @@ class _FamilyJoiner:
         Returns
         -------
         list[BlockSummary]
-            For each block its components' sums (see `ComponentSums`) and edges (pairs of neighbouring cells of which exactly one
-            has the component), and the pairs of components that share a cell.
+            For each block its components' sums (see `ComponentSums`) and edges (pairs of neighbouring cells of which
+            exactly one has the component), and the pairs of components that share a cell.
         """
         delta, epsilon = self._request.delta.values(), self._request.epsilon.values()
         crossings = [crossings_of(curve, delta, epsilon) for curve in curves.values()]

@@ -32,8 +32,8 @@ class RefinedCells(Cells):
     """The cells of a refined tile, computed or filled.
 
     table: the attractors of all cells, row by row. added_width (attractors,): the uncertainty that filling adds to each
-    basin fraction (see `FilledCellAttractors`), 0 in a computed cell. regions, source_level, audit, audit_leaf: the values of the
-    stored variables region, source_level, audit and audit_leaf.
+    basin fraction (see `FilledCellAttractors`), 0 in a computed cell. regions, source_level, audit, audit_leaf: the
+    values of the stored variables region, source_level, audit and audit_leaf.
     """
 
     table: Attractors = None  # type: ignore[assignment]  # a field after fields with defaults needs a default
