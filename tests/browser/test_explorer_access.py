@@ -98,7 +98,8 @@ def test_a_key_opens_the_page_and_the_service_ends_while_it_is_open(browser: Bro
         process.send_signal(signal.SIGTERM)
         assert process.wait(timeout=HANG) == 0  # by itself: nobody cuts it short
         expect(page.get_by_role("alert").filter(has_text="connection to the service is lost")).to_be_visible()
-        assert page.locator(".page").evaluate("(each) => each.inert")
+        assert page.evaluate("[...document.querySelectorAll('.page nav, .page section')].every((each) => each.inert)")
+        assert_accessible(page)
         view = page.url
         with again():
             expect(page.locator("#lost")).to_have_count(0)
@@ -137,6 +138,7 @@ def test_a_page_whose_connection_ends_before_it_is_here_is_opened_anew_but_not_f
             assert "theme=dark" in page.url
         else:
             expect(page.get_by_role("alert").filter(has_text="cannot be opened")).to_be_visible()
+            assert_accessible(page)
         assert page.evaluate("Number(sessionStorage.getItem('sockets'))") == (refused + 1 if opened else 4)
 
 

@@ -8,9 +8,8 @@ function arrived() {
 }
 
 function lost() {
-  const page = document.querySelector(".page")
-  if (page.inert) return
-  page.inert = true
+  if (document.querySelector("#lost")) return
+  for (const part of document.querySelectorAll(".page nav, .page section")) part.inert = true  // headings stay readable
   const tried = Number(sessionStorage.getItem(TRIED)) + 1
   const again = tried <= MOST
   sessionStorage.setItem(TRIED, again ? tried : 0)

@@ -146,9 +146,9 @@ export function render({model}) {
     if (chosen && model.chosen !== chosen) root.dispatchEvent(new Event("chosen", {bubbles: true, composed: true}))
     chosen = model.chosen
     const wanted = search.value.trim().toLowerCase()
-    const told = (row) => [row.name, row.notes, row.size, STATES[row.state], ...row.facts.flat()].join(" ").toLowerCase()
+    const searchable = (row) => [row.name, row.notes, row.size, STATES[row.state], ...row.facts.flat()].join(" ").toLowerCase()
     const own = model.rows.filter((row) => !row.example)
-    const rows = own.filter((row) => told(row).includes(wanted))
+    const rows = own.filter((row) => searchable(row).includes(wanted))
     const [key, falling] = ORDERS[order.value]
     if (key) rows.sort((one, other) => (falling ? -1 : 1) * compare(key(one), key(other)))
     finding.hidden = own.length < FEW
