@@ -30,7 +30,7 @@ def test_a_slider_chooses_the_slice(page: Page, service: str) -> None:
     wait_until(lambda: get(service + here).json()["state"] == "successful")
     survey_id = here.rpartition("/")[2]
     open_view(page, service, survey=survey_id, slice="1")
-    expect(page.get_by_text("β = 0.6")).to_be_visible()
+    expect(page.get_by_text("β = 0.6:")).to_be_visible()
     with xr.open_zarr(f"{service}{here}/store") as survey:
         regions = survey.region.values.astype(float)
     assert (regions[1] != regions[2]).any()
@@ -39,7 +39,7 @@ def test_a_slider_chooses_the_slice(page: Page, service: str) -> None:
     slider = page.get_by_role("slider")
     slider.focus()
     slider.press("ArrowRight")
-    expect(page.get_by_text("β = 0.8")).to_be_visible()
+    expect(page.get_by_text("β = 0.8:")).to_be_visible()
     wait_until(lambda: (shown(page) == regions[2].ravel()).all())
     wait_until(lambda: "slice=2" in page.url)
     link = page.get_by_role("link", name="PNG").get_attribute("href")

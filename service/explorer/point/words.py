@@ -249,8 +249,10 @@ def html_table(caption: str, heads: Iterable[str], rows: Iterable[Iterable[str]]
         lines.append(f'<tr><th scope="row">{first}</th>{cells}</tr>')
     fold = f"<details><summary>All {len(lines)} rows</summary></details>" if len(lines) > ROWS else ""
     body = "".join(lines)
-    caption = f"<caption>{escape(caption)}</caption>"
-    return f'<div class="rows">{fold}<table>{caption}<thead><tr>{head}</tr></thead><tbody>{body}</tbody></table></div>'
+    name = escape(caption)
+    table = f"<table><caption>{name}</caption><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
+    # on a phone a table may be wider than the screen: the keyboard can scroll it too
+    return f'<div class="rows" role="group" aria-label="{name}" tabindex="0">{fold}{table}</div>'
 
 
 def orbits_table(found: PeriodOneOrbits) -> str:
