@@ -55,7 +55,7 @@ SCATTER = 4.0
 LARGEST_COST = 4.0
 #: Cost of a false impact, and largest number of false impacts in a row.
 FALSE_COST, MOST_FALSE = 6.0, 2
-#: Value of a false impact in the mean `Fit.misfit`, in which a true impact has a value from 0 to 1.
+#: Value of a false impact in the mean `WallFit.misfit`, in which a true impact has a value from 0 to 1.
 FALSE_MISFIT = 0.5
 #: The ends of an offset's interval are searched in STEPS steps, up to the distance FARTHEST in forcing periods.
 FARTHEST, STEPS = 0.25, 128

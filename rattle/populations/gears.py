@@ -154,7 +154,7 @@ def verdicts_of(plan: PopulationPlan, points: GearPoints) -> NDArray[np.int64]:
     """Test whether gears (n,) meet the plan's requirement on their margin or on their share of quiet runs.
 
     For the share, samples are added until the verdict is certain at 95 % confidence. The test is made at each number of
-    samples in `Plan.sample_counts`.
+    samples in `PopulationPlan.sample_counts`.
 
     Returns
     -------

@@ -185,8 +185,8 @@ class PopulationPlan:
         return tuple(sorted({FIRST_COUNT, fewest + 1, 4 * (fewest + 1)}))
 
 
-#: One of the three numbers of samples after which the share of quiet runs of a gear is tested. `Plan.sample_counts`
-#: computes the other two from the required share.
+#: One of the three numbers of samples after which the share of quiet runs of a gear is tested.
+#: `PopulationPlan.sample_counts` computes the other two from the required share.
 FIRST_COUNT = 32
 #: Normal quantile at 1 − 0.05/6, which gives 95 % confidence over all three tests of a gear together.
 Z_TESTS = 2.393979799818671

@@ -281,7 +281,7 @@ def family(s, delta, beta):
 
 
 def tangent(span, t0, w0, w1, delta, epsilon):
-    """∂(t₁, velocity after the impact)/∂(t₀, w₀) of one flight, by the equations of `Cycle.characteristic`."""
+    """∂(t₁, velocity after the impact)/∂(t₀, w₀) of one flight, by the equations of `ContactCycle.characteristic`."""
 
     def acceleration(t, w):
         angle = TWO_PI * t

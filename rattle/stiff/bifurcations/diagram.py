@@ -58,14 +58,14 @@ class StiffMotions(MotionsOnSegment):
                 continue
 
     def motion_near(self, step: Mapping[str, float], tau: float, v: float, n_plus: int) -> Motion | None:
-        """Return the periodic motion near a state, or None if none is found (`Motions.motion_near`)."""
+        """Return the periodic motion near a state, or None if none is found (`MotionsOnSegment.motion_near`)."""
         try:
             return self._motion_of(stiff_orbit(**step, tau=tau, v=v, n_plus=n_plus))
         except RattleError:
             return None
 
     def problem(self, itinerary: StiffItinerary) -> ContinuationProblem:
-        """Return the contact equations along the segment (`Motions.problem`)."""
+        """Return the contact equations along the segment (`MotionsOnSegment.problem`)."""
         return self._line_of(itinerary).problem
 
     def solve_motion(self, itinerary: StiffItinerary, y: Array) -> StiffOrbit | None:
@@ -81,7 +81,7 @@ class StiffMotions(MotionsOnSegment):
         return stiff_branch_on_line(line, np.append(x[:-3], 0.0), span, POINTS_ACROSS)
 
     def follow_doubled_branch(self, event: StiffEvent, span: tuple[float, float]) -> StiffBranch:
-        """Return the branch of doubled period that leaves a flip (`Motions.follow_doubled_branch`)."""
+        """Return the branch of doubled period that leaves a flip (`MotionsOnSegment.follow_doubled_branch`)."""
         return period_doubled_branch(event, self.segment.direction, span, POINTS_ACROSS)
 
     def events_of(self, found: StiffBranch) -> tuple[StiffEvent, ...]:
