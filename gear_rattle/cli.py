@@ -8,7 +8,7 @@ from importlib.metadata import version
 REFUSED = 2
 GC_OBJECTS = 400_000  # new objects between two garbage collections; Python's default is 700
 
-# With the default, garbage collections during imports took a fifth of the time of a short command.
+# With Python's default, garbage collections during imports took a fifth of the time of a short command.
 gc.set_threshold(GC_OBJECTS)
 
 

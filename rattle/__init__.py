@@ -62,8 +62,8 @@ if TYPE_CHECKING:
     from rattle.resilience.shocks import LeastShock, smallest_shock
     from rattle.resilience.tipping import Tipping, tipping
 
-#: {name that is loaded on first use: its module}. These modules import both gears; with them `import rattle` would take
-#: 1.5 times as long.
+#: {name that is loaded on first use: its module}. These modules import the gears of all models;
+#: with them `import rattle` would take 1.5 times as long.
 _MODULES_OF_LAZY_NAMES = {
     "Accumulator": "rattle.resilience.accumulate",
     "accumulated": "rattle.resilience.accumulate",

@@ -10,8 +10,8 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-# a given text longer than this is not compared: known names are shorter, and the time of a comparison grows as the
-# square of the length
+# A given text longer than this is not compared with the known names: they are all shorter, and the time of a comparison
+# grows as the square of the length.
 LONGEST_NAME = 80
 # a known name that contains the given text, not at its beginning, is suggested only if the text is at least this long
 LEAST_PART_LENGTH = 3

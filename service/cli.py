@@ -38,7 +38,7 @@ from gear_rattle.service.commands.sound import sound
 from gear_rattle.service.commands.tolerance import tolerance
 from gear_rattle.service.commands.verify import verify
 
-FAILED, REFUSED = 1, 2  # exit statuses of a failed command, and of one that was refused with a message
+FAILED, REFUSED = 1, 2  # exit status of a command that failed, and of a command that was refused with a message
 FIRST_STEPS = (
     "Start here: `rattle orbits 0.6 0.1` describes one gear; `rattle run --delta 0.4:1:61 --epsilon 0.005:0.3:60 --out "
     "survey.zarr` computes a survey, and `rattle figure survey.zarr survey.png` draws it. `rattle COMMAND --help` has "

@@ -305,7 +305,7 @@ class Job:
         """
         seen = 0
         deadline = math.inf if timeout is None else time.monotonic() + timeout
-        unreachable_since = math.inf  # a time; infinity while the service is reachable
+        unreachable_since = math.inf  # time of the first error in a row; infinity if the last request succeeded
         while True:
             try:
                 if self.refresh().state in FINAL:

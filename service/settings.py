@@ -62,8 +62,8 @@ class Settings(BaseSettings):
     max_samples: int = Field(
         default=256_000_000, ge=1, description="cells times initial conditions of one survey; basins count as 4096"
     )
-    # The computation of a tile cannot be interrupted: `max_tile_samples` bounds the time for which a worker still
-    # computes a tile of a dismissed survey.
+    # A dismissed survey's running task is ended by killing its worker, but only if the worker has a nanny and runs no
+    # other task. `max_tile_samples` bounds the time for which other tasks may still run after the dismissal.
     max_tile_samples: int = Field(default=1_048_576, ge=1, description="cells times initial conditions of one tile")
     max_jobs: int = Field(default=32, ge=1, description="surveys waiting or running")
 

@@ -37,8 +37,8 @@ if TYPE_CHECKING:
     from gear_rattle.workers.cluster.refinement import refined_frames
     from gear_rattle.workers.cluster.runner import complete_on_cluster, compute_template_on_cluster, run_tiles
 
-#: {name: module from which it is imported at its first use}. These modules import dask's cluster, which takes a quarter
-#: of a second, and a survey in one process does not need it.
+#: {name: module from which it is imported at its first use}. These modules import dask's `distributed`, which takes a
+#: quarter of a second and is not needed by a survey in one process.
 _ON_CLUSTERS = {
     "RunState": "gear_rattle.workers.cluster.costs",
     "complete_on_cluster": "gear_rattle.workers.cluster.runner",

@@ -32,7 +32,10 @@ class ClusterLostError(SurveyError):
 
 
 class StorageError(SurveyError):
-    """A disk is full, read-only or missing, or a bucket does not answer. The store is undamaged and can be resumed."""
+    """A store cannot be used now: its disk is full, read-only or missing, its bucket does not answer, or it is gone.
+
+    The files of the store that still exist are undamaged, so the run can be resumed when the cause has passed.
+    """
 
     __module__ = "gear_rattle"
     code = "storage_unavailable"

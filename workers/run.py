@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 PROCESSES = 2  # number of processes that a survey starts by default
 
-Progress = Callable[[int, int], None]  # a function of the number of computed cells and of all cells
+Progress = Callable[[int, int], None]  # called with the number of computed cells and the number of all cells
 
 
 def run_survey(

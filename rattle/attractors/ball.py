@@ -22,8 +22,8 @@ from rattle.flight.law import speed_unit
 from rattle.numerics.compile import inline, kernel
 from rattle.orbits.return_map import apply_return_map_power, point_of_cell, step
 
-# The first radius that is tried, in units of phase. Each further radius is half the previous one; no smaller one than
-# SMALLEST is tried.
+# LARGEST: the first radius that is tried, in units of phase. Each later radius is half the previous one, as long as it
+# is larger than SMALLEST.
 LARGEST, SMALLEST = 0.25, 1e-5
 # The squared distance of states is (Δτ)² + (Δv)²/16, with v in units of `speed_unit`, because phases are of order 1 and
 # speeds of order 4 units.

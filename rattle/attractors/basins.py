@@ -37,10 +37,10 @@ Range = tuple[float, float] | None
 METHODS = ("cells", "direct", "refined")
 MOST_CELLS_PER_AXIS = 4096  # 4096² cells need 16 million trajectories and some gigabytes of memory
 SAMPLE_COUNT = 256  # number of initial conditions that are followed besides the cells, to find all attractors
-LATTICE = 8  # method "refined": every 8th cell along τ and along v is followed exactly, whatever the map of cells says
+LATTICE = 8  # method "refined": every 8th cell along τ and along v is followed exactly, and not by the cell map
 MOST_MAP_STEPS = 8  # a state outside the box is followed exactly unless it returns within this many steps of the map
 MOST_IMPACTS = 1000  # largest allowed number of impacts on Σ⁺ in one step of the cell map
-# at weak damping all states together may make MOST_IN_ALL impacts, but each state at least LEAST_BUDGET
+# at weak damping MOST_IN_ALL impacts are divided among all states, but each state may make at least LEAST_BUDGET
 MOST_IN_ALL, LEAST_BUDGET = 1 << 33, 1 << 13
 
 
@@ -313,7 +313,8 @@ def _classify_by_cell_map(
     image = _induced_cell_map(plane, tau, v, n, box, impacts)
     group, steps, members = periodic_groups_of_cell_map(image)
     sink, on_sink = tau.size, np.flatnonzero(image[:-1] == tau.size)[:1]
-    # one cell of each group but the last (the sink of quiet states); and one cell, if any, that goes to the sink
+    # These cells are followed exactly: one cell of each group except the last one, which is the sink of quiet states,
+    # and one cell that maps to the sink, if there is such a cell.
     chosen = np.concatenate([members[:-1], on_sink])
     if refine:
         each = np.arange(min(LATTICE, n) // 2, n, LATTICE)
@@ -321,7 +322,7 @@ def _classify_by_cell_map(
     first, second = plane.sample(SAMPLE_COUNT, box.v_high)
     states = GrowingClassification(plane)
     found, made = states.follow(np.append(first, tau[chosen]), np.append(second, v[chosen]))
-    # row and impacts of each cell that was followed exactly, and of the sink
+    # for each cell that was followed exactly, and for the sink: row of its attractor, and impacts until it was certain
     row, needed, known = np.zeros(sink + 1, np.int64), np.zeros(sink + 1, np.int64), np.zeros(sink + 1, np.bool_)
     row[chosen], needed[chosen], known[chosen] = found[SAMPLE_COUNT:], made[SAMPLE_COUNT:], True
     row[sink] = row[on_sink[0]] if on_sink.size else 0

@@ -12,7 +12,8 @@ from rattle.flight.contact_phase import is_captured
 from rattle.flight.forcing import DRIFT, contact_force, sine_cosine_at
 from rattle.numerics.compile import kernel
 
-# Values in place of a group: no chain has met the cell yet; the cell is in the chain that is being followed.
+# Values in place of the number of a cell's group. UNSEEN: no chain has met the cell yet. ON_THE_WAY: the cell is in the
+# chain that is being followed.
 UNSEEN, ON_THE_WAY = -1, -2
 
 

@@ -18,14 +18,14 @@ from numpy.typing import NDArray
 from rattle.attractors.samples import Outcome
 from rattle.numerics.compile import inline, kernel
 
-SAME_FOOTPRINT = 0.2  # trajectories are on one attractor if they share more than this fraction of the smaller bitmap
+SAME_FOOTPRINT = 0.2  # trajectories are on one attractor if both visit more than this fraction of the smaller bitmap
 Array = NDArray[np.float64]
 Counts = NDArray[np.int64]
 BATCHES = 32
-# if, since the last sample left a chaotic set, this many more were expected to leave and none did, then no more are
-# expected to leave; by chance this happens with probability e^(−3)
+# No further samples are expected to leave a chaotic set if, at the rate so far, this many should have left since the
+# last sample left, but none did. By chance this happens with probability e^(−3).
 LEAKS_MISSED = 3.0
-LEAST_GROWTH = 8.0  # least growth of ln stretch over the second half of the batches, in chaotic motion
+LEAST_GROWTH = 8.0  # least growth of ln(length of the tangent) over the second half of the batches, in chaotic motion
 T_95 = 2.0395  # 97.5 % point of Student's t with 31 degrees of freedom
 PAIRS, FOURS, EIGHTS, SUM = (np.uint64(int(x * 8, 16)) for x in ("55", "33", "0f", "01"))
 ONE, TWO, FOUR, TOP = (np.uint64(x) for x in (1, 2, 4, 56))

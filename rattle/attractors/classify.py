@@ -33,12 +33,15 @@ from rattle.parameters import Parameters
 
 PILOT = 8  # this many samples of a cell are followed first; orbits that they find can capture the other samples
 FIRST, SECOND = 64, 512  # total impacts that a sample may make by the end of the first stage, and of the second stage
-GROWTH = 4  # each later stage raises the impacts that a sample may make in all by this factor
-STAGES = 4  # stages after the first at strong damping, besides the extra one of FEW; at weak damping the budget decides
+GROWTH = 4  # each later stage multiplies the total number of impacts that a sample may make by this factor
+# Number of stages after the first at strong damping; a cell may get one more (FEW). At weak damping there are stages
+# until the samples have used up their budget of impacts.
+STAGES = 4
 FEW = 8  # at strong damping a cell gets one more stage if at most one in FEW of its samples is unresolved
 LEAST_PROBE_IMPACTS, PERIODS = 2000, 1000.0  # a probe is followed for at least this many impacts and forcing periods
 CHATTERING = 0.5  # a sample that uses up its impacts in less than this share of the observation time may be chattering
-# a probe is followed for at least this many relaxation times 1/δ; where this exceeds PERIODS, all stages are longer
+# A probe is followed for at least this many relaxation times 1/δ. If they last longer than PERIODS forcing periods, all
+# stages are longer in the same ratio.
 WATCH = 100.0
 # Damping below which the neighbour test has two rounds. Neighbours of a sample have the sample's phase, and speeds that
 # are larger by multiples of NEIGHBOUR_STEP times the sample's speed.
@@ -54,8 +57,8 @@ ENOUGH_SAMPLES = 64
 # Number of states (unresolved samples and their neighbours) of the neighbour test at strong damping, in a cell that has
 # fewer than ENOUGH_SAMPLES samples and a quiet motion. In such a cell without a quiet motion the number is MOST_PROBES.
 STATES_OF_SMALL_CELL = 256
-# Largest number of probes of a cell. If samples leave a chaotic set after 3000 periods on average, this many probes
-# show it in 98 % of cells.
+# Largest number of probes of a cell. If samples leave a chaotic set after 3000 periods on average, at least one of this
+# many probes leaves it in 98 % of cells.
 MOST_PROBES = 12
 TRACED_IMPACTS = 1000  # number of impacts during which every state is marked in a visited-cell bitmap
 LONGER_BY = 4  # probes that seem to lie on several attractors are followed this many times as long
@@ -103,7 +106,7 @@ class Classifier(ABC):
     #: Convert parameters (n,) to the record of cells that kernels take.
     cells_of: ClassVar[Callable[..., Any]]
     #: Return, at the first parameter point, the largest v³/g (speed v, contact force g) at which a bounce is certain to
-    #: become quiet; 0 for a gear of which v³/g alone does not decide.
+    #: become quiet; 0 for a gear for which v³/g alone does not decide whether a bounce becomes quiet.
     quiet_invariant: ClassVar[Callable[..., float]]
 
     def __init__(self, cells: Any, tau: NDArray[np.float64], v: NDArray[np.float64], budget: int = BUDGET) -> None:
@@ -437,7 +440,8 @@ class Classifier(ABC):
             return np.zeros(0, np.bool_)
         left, each = self.select_unresolved(cells), np.arange(first, last)
         others = self.neighbouring_trajectories(left, each, left.largest_by_cell(self.samples.impacts))
-        # only neighbours are followed; the states with lower numbers are samples, which are known to stay unresolved
+        # Only neighbours are followed. States with lower numbers than the neighbours of a cell are samples of the cell,
+        # which are known to stay unresolved.
         fresh = (each >= left.size[:, None]).ravel()
         gone, others = np.zeros(fresh.size, np.bool_), others.take(fresh)
         self.settle(np.arange(others.cell.size), others)

@@ -11,7 +11,8 @@ from rattle.attractors.table import KINDS
 from rattle.errors import require, require_integer, require_number
 from rattle.numerics.sampling import Z_95, wilson_interval
 
-# largest distance between the states of a pair, in units of the plane; number of distances, each half the previous one
+# largest distance between the states of a pair, with τ in forcing periods and v in units of v_max; number of distances,
+# each half the previous one
 LARGEST_SIZE, SIZES = 2.0**-6, 8
 LEAST_UNCERTAIN_PAIRS = 5  # the fit leaves out distances with fewer uncertain pairs than this
 MOST_PAIRS = 1 << 20

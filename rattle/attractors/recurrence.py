@@ -29,11 +29,11 @@ from rattle.orbits.return_map import (
     step,
 )
 
-# A trajectory approaches the orbit that Newton's method found if its distance to the orbit falls by the factor
-# APPROACH_RATIO, or is below ARRIVAL_DISTANCE.
+# A trajectory approaches the orbit that Newton's method found if its distance from the orbit falls below APPROACH_RATIO
+# times the first distance, or below ARRIVAL_DISTANCE.
 APPROACH_RATIO, ARRIVAL_DISTANCE = 0.5, 1e-9
 RETURN_DISTANCE = 1e-5  # the first return this close, in τ and in v/`speed_unit`, gives the period for Newton's method
-LONGEST_PERIOD = 4096  # longest period for Newton's method, in impacts on Σ⁺; later returns do not start the method
+LONGEST_PERIOD = 4096  # Newton's method is not tried after a return that takes more impacts on Σ⁺ than this
 SAME_POINT = 1e-6  # orbits with one label are the same if points of both are this close, in τ and in v/`speed_unit`
 
 

@@ -19,7 +19,8 @@ HIGHEST_BITMAP_SPEED = 14.0  # largest speed at which a visited-cell bitmap may 
 RECURRENCE = 1e-6  # a return this close to an earlier state, in τ and in v/`speed_unit`, starts Newton's method
 Known = TypeVar("Known", bound=StructOfArrays)
 CONTACT = -1  # value of `Trajectories.pause` for a sample that has entered a contact phase
-ALIGNMENT = 64  # impacts that exponents leave out, in which the tangent vector turns to the most expanding direction
+# Lyapunov exponents leave out this many first impacts, while the tangent vector turns to the most expanding direction
+ALIGNMENT = 64
 
 
 class Outcome(IntEnum):

@@ -17,7 +17,7 @@ NATURAL: Literal["natural"] = "natural"
 SpeedLimit = float | str | None
 
 PAPER_SPEED = 7.0  # largest speed in the paper's figures
-#: Ranges of δ, ε and β around the paper's plane, where `PAPER_SPEED` is the default.
+#: Ranges of δ, ε and β around the paper's plane. In these ranges the default largest initial speed is `PAPER_SPEED`.
 PLANE = ((0.3, 1.5), (0.0, 0.5), (0.2, 1.2))
 
 WHOLE_BOX = (0.0, 1.0, 0.0)  # lowest and highest phase, and lowest speed, of a box of all phases and speeds

@@ -20,7 +20,7 @@ SHORTEST_SPAN = 1e-9
 MOST_REPEATED = 512
 #: A period is accepted only if the data contain at least this number of its repetitions.
 LEAST_REPETITIONS = 3
-#: Of several possible periods, the shortest whose scatter is at most CLOSER times the least scatter is chosen. All
+#: The chosen period is the shortest possible period whose scatter is at most CLOSER times the least scatter. All
 #: scatters below EQUAL_SHARE times the allowed scatter count as equal.
 CLOSER, EQUAL_SHARE = 1.5, 1e-3
 COLUMNS = ("time", "speed", "wall")

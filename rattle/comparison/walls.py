@@ -31,7 +31,7 @@ FINER, FINER_PHASES = 16.0, 384
 #: SCAN_OFFSETS offsets are tried with the walls of each of the MOST_SCANNED best fits, because the same walls may fit
 #: at several offsets: impacts of A and C, for example, meet the walls in the same order.
 SCAN_OFFSETS, MOST_SCANNED = 1024, 3
-#: If the misfit of a fit is larger than this, the measured impacts are not impacts of this gear.
+#: Only fits with a misfit below this are scanned. Impacts that fit no better are probably not impacts of this gear.
 POOR = 0.25
 #: Offsets that differ by at most this count as the same, in forcing periods.
 SAME_OFFSET = 1e-4
@@ -39,7 +39,7 @@ SAME_OFFSET = 1e-4
 REFINEMENT_INTERVALS, REFINEMENTS = 16, 4
 #: Accuracy of an offset in forcing periods.
 RESOLUTION = (2.0 / REFINEMENT_INTERVALS) ** REFINEMENTS / PHASES
-#: The offset is found from this number of impacts, counted from the first one.
+#: The search for offsets uses only this many impacts, the first ones.
 FIRST_IMPACTS = 256
 #: (factor, summand): fits are kept if their misfit is at most factor · least misfit + summand. ROUGH_MARGIN is used
 #: before the speed tolerance is reduced, FIT_MARGIN afterwards.
@@ -48,7 +48,7 @@ FIT_MARGIN = 3.0, 0.02
 #: The speed tolerance is reduced SHARPENINGS times, each time at most by the factor SHARPER, and not below FINEST times
 #: the model's speed scale (`speed_unit`).
 SHARPENINGS, SHARPER, FINEST = 5, 4.0, 1e-3
-#: The reduced speed tolerance is at least SCATTER times the median of |w₀ + w₁|, the errors of speeds at impacts.
+#: The reduced speed tolerance is at least SCATTER times the median of |w₀ + w₁|, the error of the speed at an impact.
 SCATTER = 4.0
 #: Largest cost of an error of a speed. It is also the cost of each end of a flight at which the velocity has the wrong
 #: direction.
@@ -57,12 +57,12 @@ LARGEST_COST = 4.0
 FALSE_COST, MOST_FALSE = 6.0, 2
 #: Value of a false impact in the mean `WallFit.misfit`, in which a true impact has a value from 0 to 1.
 FALSE_MISFIT = 0.5
-#: The ends of an offset's interval are searched in STEPS steps, up to the distance FARTHEST in forcing periods.
+#: The ends of an offset's interval are searched in STEPS steps, at most FARTHEST forcing periods from the offset.
 FARTHEST, STEPS = 0.25, 128
 #: A standard error is computed from sums of costs over this number of successive impacts, because one wrong time
 #: changes the costs of neighbouring impacts.
 CORRELATED_IMPACTS = 4
-#: The walls at which a flight may begin and end.
+#: Pairs of walls, ±1, at which a flight may begin and end.
 ENDS = np.array([(1, 1), (1, -1), (-1, 1), (-1, -1)])
 Array = NDArray[np.float64]
 Walls = NDArray[np.int64]

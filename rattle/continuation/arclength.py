@@ -16,7 +16,7 @@ from rattle.numerics.complex_step import Array, Function, derivatives
 
 #: Largest number of Newton corrections of a step.
 MOST_CORRECTIONS = 8
-#: Correction, relative to the unknowns and their scale, at which Newton's method has converged.
+#: Newton's method has converged if its correction, relative to the unknowns and their scale, is below this.
 SMALLEST_CORRECTION = 1e-13
 #: Newton's method has also converged if a correction is below this and below 1/1000 of the correction before: as it
 #: converges quadratically, the next correction would be below rounding.
@@ -30,18 +30,19 @@ LARGE_CORRECTION = 1e-3
 ACCEPTED_CORRECTION = 1e-11
 #: Step length below which a curve is not followed further.
 SHORTEST_STEP = 1e-10
-#: A longest step in the last unknown p, divided by the rate |dp/ds|, is the longest step in arclength s. Where the rate
-#: is below LEAST_RATE, the step in p is divided by LEAST_RATE.
+#: The longest step in arclength s is the longest step in the last unknown p, divided by the rate |dp/ds|. A rate below
+#: LEAST_RATE counts as LEAST_RATE, so that nothing is divided by 0.
 LEAST_RATE = 1e-12
 #: Largest angle between the tangents of neighbouring points, in radians.
 LARGEST_TURN = 0.2
-#: Largest number of points of a path; largest number of bisections to find the edge at which a path ends.
+#: MOST_POINTS: largest number of points of a path. MOST_BISECTIONS: largest number of bisections in the search of the
+#: edge at which a path ends.
 MOST_POINTS = 4000
 MOST_BISECTIONS = 200
 #: The edge at which a path ends is added as its last point only if some unknown of the edge differs by more than this
 #: from the same unknown of the point before.
 SAME_POINT = 1e-12
-#: A curve is closed if it comes back to its start, so that every unknown differs by less than this.
+#: A curve is closed if it comes back to its start: every unknown then differs from its first value by less than this.
 SAME_SOLUTION = 1e-8
 CLOSED = "closed: it comes back to its start"
 #: Damping below which tolerances of δ and ε are relative to the damping; at larger dampings they are absolute.

@@ -43,13 +43,14 @@ from rattle.parameters import Parameters
 LEAST_LENGTH = 1e-6
 #: Largest allowed number of steps of a diagram.
 MOST_STEPS = 20_000
-#: Largest allowed number of impacts per period of a motion, and of branches of a diagram.
+#: Largest allowed values of the arguments `impacts` (impacts per period of a motion) and `most` (number of branches).
 LARGEST_PERIOD, MOST_BRANCHES = 64, 1000
 #: Number of impacts by which a chaotic attractor is shown at one step.
 CHAOTIC_POINTS = 200
-#: Number of steps after which a branch is searched again near an attractor that seems to stay on its branch.
+#: A branch is searched for near a periodic attractor at the step where the attractor first appears, and again after
+#: every CHECKED further steps.
 CHECKED = 10
-#: Largest change of an attractor's state between steps at which it counts as the same attractor: in phase, and in speed
+#: An attractor counts as the same at the next step if its state changes by at most this number: in phase, and in speed
 #: relative to the unit of speed.
 JUMP = 0.05
 #: Largest distance between states that count as the same state of an orbit.

@@ -16,7 +16,7 @@ from rattle.numerics.complex_step import Array
 from rattle.orbits.periodic_motions import PeriodicMotion
 from rattle.parameters import Parameters
 
-#: Least number of points of a branch across a segment.
+#: Least number of points of a branch that runs along a whole `ParameterSegment`.
 POINTS_ACROSS = 60
 
 # (itinerary of a motion, array of its n unknowns followed by its d parameters)

@@ -69,7 +69,7 @@ def sum_over_components(table: AttractorTable, component: Integers, columns: int
     place = np.arange(component.size) - np.searchsorted(table.cell, table.cell)
     of = np.flatnonzero(component != NO_FAMILY)
     component, cell, samples = component[of], table.cell[of], table.samples[of]
-    here = np.lexsort((cell, component))  # rows with equal keys keep their order
+    here = np.lexsort((cell, component))  # rows of the same component and cell keep their order
     again = np.zeros(of.size, np.bool_)
     same = (component[here][1:] == component[here][:-1]) & (cell[here][1:] == cell[here][:-1])
     again[here[1:][same]] = True

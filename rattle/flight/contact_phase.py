@@ -22,7 +22,9 @@ from rattle.numerics.compile import inline, kernel
 IN_CONTACT = 2  # status of a motion in contact: there is no next flight until a release
 ENDLESS = 3  # status of a motion that makes over MOST_BOUNCES impacts on Σ⁻ for one on Σ⁺
 MOST_BOUNCES = 100_000
-SLOWEST = 1e-150  # a lower speed into the gap counts as contact: its square and its bounce's height may underflow
+# A lower speed of departure from a wall counts as contact, because its square and the height of the bounce may
+# underflow.
+SLOWEST = 1e-150
 #: A chatter is certain to complete only if a bound of its duration is at most this share of the time until the contact
 #: force may vanish (`rattle.inelastic.map.contact`).
 SHARE = 0.4

@@ -40,12 +40,12 @@ from rattle.numerics.compile import inline, kernel
 OK = 0
 # The walls are np.int64, because for the Python integers 1 and −1 numba would compile variants of every kernel below.
 SIGMA_PLUS, SIGMA_MINUS = np.int64(1), np.int64(-1)
-# Status of a flight that has no impact within LONGEST forcing periods: backwards in time, at tiny damping, or if a
-# number is not finite.
+# Status of a flight that has no impact within LONGEST forcing periods. This happens backwards in time, at tiny damping,
+# and if a number is not finite.
 NO_IMPACT = 1
 LONGEST = 1000.0
-PIECE = 0.25  # longest piece of the search: a quarter turn of the forcing
-# a piece that starts this close before the arc of negative force counts as starting in it, despite rounding
+PIECE = 0.25  # longest piece of the search, in forcing periods
+# Because of rounding, a piece that starts at most this long before the arc of negative force counts as starting in it.
 SAME_PHASE = 1e-12
 MOST_STEPS = 100
 BISECTED = 5  # every fifth step halves the bracket, because other steps are too short where F is nearly exponential
@@ -286,7 +286,7 @@ def search_crossing(tau, flight, lower, upper):
             hit, t = find_impact_on_piece(s, first, f0, x0, math.nan, lower, upper, flight)
             if hit != 0:
                 return OK, hit, t
-        # the flight of a small bounce is a parabola, which lasts twice the time to its turning point
+        # a small bounce is nearly a parabola: its flight lasts about twice the time to the turning point
         guess = 2.0 * first if s == 0.0 else math.nan
         hit, t = find_impact_on_piece(first, e, x0, e0, guess, lower, upper, flight)
         if hit != 0:

@@ -27,7 +27,7 @@ from rattle.numerics.compile import InlineFunction, inline, kernel
 from rattle.numerics.polynomial import evaluate_degree_4, evaluate_degree_5, evaluate_degree_10
 
 TWO_PI = 2.0 * math.pi
-DRIFT = 4.0 * math.pi  # q: the mean contact force is δq
+DRIFT = 4.0 * math.pi  # the number q of the equations; the mean contact force is δq
 Q = f32(DRIFT)
 W1, W2, W3, W4, W5 = (f32(TWO_PI**k) for k in range(1, 6))  # factors (2π)^k of the k-th derivatives
 SIXTH = f32(TWO_PI**6 / 720)
@@ -425,7 +425,7 @@ def add_slope_change32(x, dsin, epsilon):
     return x - W1 * epsilon * dsin
 
 
-# ---- functions analytic in time: complex phases carry exact derivatives (`rattle.flight.between`)
+# ---- functions of complex times, whose imaginary parts carry exact derivatives (`rattle.flight.between`)
 
 
 @inline

@@ -97,7 +97,7 @@ def largest_error(p: PolynomialSpec, rounded: list[np.floating]) -> Any:
         true = p.function(x)
         size = 1 if p.name.startswith("MEAN") else abs(true)
         value = mp.mpf(0)
-        for c in powers:  # not polyval, whose order of coefficients differs between releases of mpmath
+        for c in powers:  # mpmath.polyval takes coefficients in an order that differs between releases
             value = value * x + c
         worst = max(worst, abs(value - true) / size)
     return worst

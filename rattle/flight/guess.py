@@ -36,9 +36,9 @@ from rattle.numerics.compile import inline
 
 ERROR = f32(6e-6)
 EQUAL_WITHIN = f32(1e-5)  # difference of flight times or phases below which they count as equal
-LONGEST_TAYLOR_STEP = f32(0.1)  # longest Taylor step to the minimum; a longer step is unreliable where F hardly bends
-# least step for which an error bound is computed, because the sixth power of a much shorter step would be a denormal
-# number, which processors handle slowly
+LONGEST_TAYLOR_STEP = f32(0.1)  # longest step to the minimum of F; a longer step is unreliable where F'' is small
+# The error bound is computed for a step of at least this length, because the sixth power of a much shorter step would
+# be a denormal number, which processors handle slowly.
 SHORTEST_TAYLOR_STEP = f32(3e-6)
 LONGEST_DECAY32 = f32(LONGEST_DECAY)  # largest δs for which the polynomials hold
 UNBOUNDED = f32(-1e30)  # a lower bound so low that it proves nothing
@@ -64,7 +64,9 @@ class ScanState(NamedTuple):
     turn: f32  # time of the last minimum
     ended: bool  # the scan has found the end of the flight
     falls: bool  # the flight ends on Σ⁻
-    end: f32  # time of the flight's end; −1 if F has a minimum in the last step, from which the end is then computed
+    # time of the flight's end; −1 if the step in which the flight ends also holds a minimum of F: the end is then
+    # computed from this minimum
+    end: f32
 
 
 @inline
@@ -87,7 +89,8 @@ def guess_time_of_turn_or_arrival(wall, gap, inverse_delta, flight):
     force = add_mean_acceleration32(delta * (Q + f32(0.5) * speed), cosine, epsilon)
     rise = delta * (Q - f32(1.2))
     mean_speed = f32(0.5) * (speed + sqrt(speed * speed + f32(2.0) * gap * rise))
-    # the guess is way/pace: speed/force until a flight from Σ⁺ turns, or gap/mean speed until one from Σ⁻ arrives
+    # the guess is way/pace: for a flight from Σ⁺ the time speed/force until it turns, for a flight from Σ⁻ the time
+    # gap/mean speed until it arrives
     way, pace = speed, max(force, f32(0.35) * Q * delta)
     way = way if wall > f32(0.0) else gap
     pace = pace if wall > f32(0.0) else mean_speed
@@ -207,8 +210,8 @@ def step_to_level(rising, level, series):
     c0 = f0 - level
     root = sqrt(abs(c1 * c1 - f32(4.0) * c0 * c2))
     signed = root if rising else -root
-    # if c1 and the signed square root have the same sign (`direct`), their sum does not cancel; else their difference
-    # does not
+    # if c1 and the signed square root have the same sign (`direct`), their sum does not lose digits by cancellation;
+    # otherwise their difference does not
     direct = (c1 > f32(0.0)) == rising
     numerator = f32(-2.0) * c0 if direct else signed - c1
     denominator = c1 + signed if direct else f32(2.0) * c2

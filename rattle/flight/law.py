@@ -29,7 +29,7 @@ from rattle.flight.forcing import (
 from rattle.numerics.compile import inline, kernel
 from rattle.numerics.polynomial import evaluate_degree_6, evaluate_degree_12
 
-FASTEST = 1e100  # largest natural speed; beyond it parameters are outside the range of double precision
+FASTEST = 1e100  # the natural speed never exceeds this number, even for parameters so large that it would overflow
 LONGEST_DECAY = 2.0  # largest δs for which the polynomials hold
 
 

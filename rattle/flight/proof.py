@@ -18,12 +18,12 @@ from rattle.flight.guess import EQUAL_WITHIN, ERROR, LONGEST_DECAY32, sum_of_hei
 from rattle.flight.law import decay_remainder32, evaluate32
 from rattle.numerics.compile import inline
 
-LATER_FACTOR = f32(1.0002)  # the flight may end later in double than in single precision, by up to 1e-4 of its duration
+LATER_FACTOR = f32(1.0002)  # a flight may last longer in double than in single precision, by up to 1e-4 of its duration
 # longest step of `refine_time` to the impact, as a share of the flight time: `final_step_to_impact` can remove the
 # error of such a step. After a longer step it is cheaper to locate the impact again.
 LARGEST_STEP = f32(0.05)
-# If the sum of the sizes of the terms of F is more than this number times s |F'|, as in a graze or a long flight, the
-# thirteenth digit of the time s of the impact would be lost.
+# The last step is made from a time s only if the sum of the sizes of the terms of F is below this number times s |F'|.
+# Above it, as in a graze or a long flight, rounding of F would cost the thirteenth digit of the time of the impact.
 STEEPEST = f32(100.0)
 # above this damping, rounding of the times to the ends of the arc of negative contact force may change F' by more than
 # ERROR allows (`is_departure_side_certain`)
@@ -186,13 +186,14 @@ def clears_wall_with_two_minima(wall, rising, tau, s, minimum, gap, flight, arc)
     turned = (g_entry > slack) & (g_exit < -slack) & (not inside)
     up, down = g_entry + slack, g_exit - slack
     decay_entry, decay_exit, decay_end = f32(1.0) - lost_entry, f32(1.0) - lost_exit, f32(1.0) - lost_end
-    steep = up / decay_entry  # before the arc F' lies between w and steep
+    steep = up / decay_entry  # F' lies between w and steep before the arc
     first = w * (steep * to_entry - f_entry) / (steep - w)
-    steep = -down * decay_entry / decay_exit  # on the arc F' lies between −steep and up
+    steep = -down * decay_entry / decay_exit  # F' lies between −steep and up on the arc
     top = f_entry + up * (f_exit - f_entry + steep * arc.length) / (up + steep)
-    # an upper bound of |F''|: double precision may move the end by 1e-4 forcing periods, and so F' there by 1e-4 |F''|
+    # an upper bound of |F''|: double precision may move the end by 1e-4 forcing periods, which changes F' at the end by
+    # at most 1e-4 |F''|
     bend = delta * abs(flight.a) + largest_acceleration32(flight.epsilon)
-    # after the arc F' lies between down and steep
+    # F' lies between down and steep after the arc
     steep = (g_end + slack + f32(1e-4) * bend) * decay_exit / decay_end
     early, late = s * (f32(2.0) - LATER_FACTOR) - EQUAL_WITHIN, s * LATER_FACTOR + EQUAL_WITHIN
     second = f_exit + down * (f_exit + steep * (late - to_exit)) / (steep - down)

@@ -11,7 +11,8 @@ from rattle.flight.first_impact import OK
 from rattle.flight.law import wrap_phase_difference
 from rattle.orbits.iterates import MOST_IMPACTS
 
-# a motion closes if the states at the ends of its period differ by less than CLOSED, in v relative to the largest speed
+# A motion closes if the states at the two ends of its period differ by at most CLOSED in τ, and by at most CLOSED times
+# the motion's largest speed in v.
 CLOSED = 1e-6
 BATCH, RELAXATIONS = 1000.0, 10.0  # a batch lasts BATCH forcing periods, or RELAXATIONS/δ if this is more
 ENDLESS = 1 << 62  # number of returns that stands for no limit

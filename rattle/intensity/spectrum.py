@@ -29,7 +29,7 @@ from rattle.numerics.compile import kernel
 
 Array = NDArray[np.float64]
 MOST_ORDERS = 1 << 20
-LARGEST_MATRIX = 1 << 22  # largest product of the numbers of orders and impacts evaluated at once
+LARGEST_MATRIX = 1 << 22  # largest product of the numbers of orders and of impacts that are evaluated at once
 # nodes and weights of the quadrature over a contact, accurate for orders up to about 1/(duration of the contact)
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(6)
 SEGMENTS = 8 * BATCHES  # segments of a density; neighbouring segments overlap by half

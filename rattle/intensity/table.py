@@ -23,8 +23,9 @@ from rattle.orbits.return_map import point_of_cell
 STRETCH = 512.0  # forcing periods for which a chaotic motion is followed at strong damping
 
 Array = NDArray[np.float64]
-#: Function that follows chaotic motions (n,): it takes their cells, phases and speeds (n,), the times (n,) for which to
-#: follow them in units of STRETCH, and the record of cells; it returns sums (n, BATCHES, COLUMNS) over their impacts.
+#: A function that follows chaotic motions (n,). Its arguments are their cells, phases and speeds, the durations (n,)
+#: for which it follows them, divided by STRETCH, and the record of cells. It returns sums (n, BATCHES, COLUMNS) over
+#: their impacts.
 Stretch = Callable[[NDArray[np.int64], Array, Array, Array, Any], Array]
 
 
@@ -51,7 +52,8 @@ class Intensities(NamedTuple):
 
 
 VALUE_COUNT = 7  # the first 7 fields of `Intensities` are values, the others are half-widths of values
-QUIET_VALUES = (0.0, 0.0, 0.0, 0.0, 0.0, 1.0)  # values of a quiet motion, without the last of the 7, the impulse
+# the first 6 of these values for a quiet motion; the last one, the impulse, depends on the parameters
+QUIET_VALUES = (0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
 
 
 @kernel

@@ -42,7 +42,8 @@ MOST_TEETH = 1000
 #: Density of steel in kg/m³. The largest plausible inertia of a gear is LARGEST_INERTIA_RATIO times the inertia of a
 #: steel disc with the gear's base radius and a width equal to this radius.
 STEEL, LARGEST_INERTIA_RATIO = 7850.0, 1e4
-#: Speed of the base circle in m/s above which a number in rad/s is probably in rpm; gears of turbines reach 200.
+#: If the base circle is faster than this, in m/s, a speed that was given in rad/s was probably meant in rpm. Only gears
+#: of turbines are faster, up to 200 m/s.
 FASTEST_PLAUSIBLE = 100.0
 #: Largest possible speed of the base circle, m/s.
 IMPOSSIBLE = 1000.0

@@ -12,10 +12,11 @@ from rattle.errors import real_array, require, require_integer
 from rattle.numerics.tables import read_columns
 from rattle.parameters import HIGHEST_ORDER, MOST_HARMONICS
 
-#: Names of columns of a table, and their units, in revolutions and in metres.
+#: {name of a column of a table: its unit}. The units of angles are in revolutions, those of errors in metres.
 ANGLES = {"angle_deg": 1.0 / 360.0, "angle_rad": 1.0 / (2.0 * np.pi), "angle_rev": 1.0}
 ERRORS = {"error_um": 1e-6, "error_mm": 1e-3, "error_m": 1.0}
-#: Column names without a unit, which are refused.
+#: Names of columns that do not state a unit. A file with such a column, but none of the same quantity with a unit, is
+#: refused.
 COLUMNS_WITHOUT_UNIT = ("angle", "error")
 #: Largest difference between the span of angles and whole revolutions, in revolutions.
 REVOLUTION_TOLERANCE = 0.01

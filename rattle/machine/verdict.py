@@ -16,8 +16,8 @@ if TYPE_CHECKING:
     from rattle.models import AnyGear
 
 QUIET, KNOCKED, SOMETIMES, ALWAYS = VERDICTS = ("quiet", "quiet_unless_knocked", "rattles_sometimes", "always_rattles")
-#: Numbers of phases and of speeds of the knocks in a round, and number of rounds after the first. In a later round the
-#: speeds reach up to the weakest effective knock so far.
+#: Numbers of phases and of speeds of the knocks in a round, and number of rounds after the first. The speeds of a later
+#: round reach up to the speed of the weakest knock that has ended quiet running so far.
 PHASES, SPEEDS, ROUNDS = 32, 64, 2
 #: Speed of the hardest knock that is tried, divided by the natural speed.
 HARDEST = 3.0

@@ -51,7 +51,7 @@ COMPILE = (
 )
 STEP = "compiling "  # the lines in which the compiling process reports its steps begin with this word
 POLL_SECONDS = 0.1
-# paths of the files that this process creates when its kernels are compiled; empty if it is no compiling process
+# paths of the files that this process creates when its kernels are compiled; empty except in the compiling process
 _CREATED_NOTES: list[Path] = []
 _LOCK = threading.Lock()
 
@@ -261,7 +261,8 @@ def implement_for_type(function: Callable[..., Any], kind: type) -> Callable[[Ca
             return implementation if getattr(arguments[-1], "instance_class", None) is kind else None
 
         chooser: Any = choose
-        chooser.__signature__ = inspect.signature(implementation)  # numba requires that the argument names are equal
+        # numba requires that `chooser` and the implementation have the same argument names
+        chooser.__signature__ = inspect.signature(implementation)
         overload(function, strict=False, jit_options=_CALLED)(chooser)
         return implementation
 

@@ -20,7 +20,8 @@ from rattle.orbits.saddles import Array, LocalManifold, local_manifold
 MOST_POINTS, MOST_IMAGES, MOST_ROUNDS = 400_000, 2_000, 200
 SHORTEST_IMAGE = 1e-9  # length of an image below which the manifold counts as converged to an attractor
 DOMAIN_POINTS = 9  # number of points of the fundamental domain before it is refined
-FINEST = 1e-6  # a step beside a sharp turn is halved only if it is longer than this: smaller turns are rounding errors
+# a step beside a sharp turn is halved only if it is longer than this: sharp turns of shorter steps are rounding errors
+FINEST = 1e-6
 # two pieces share a corner if the distance between their ends is smaller than this factor times the largest spacing
 CORNER_GAP = 1e-3
 

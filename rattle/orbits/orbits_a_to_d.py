@@ -121,7 +121,8 @@ class MissingLimit(NamedTuple):
     epsilon: float | None
 
 
-# from this trace on the determinant is left out of the roots: it is negligible, and the trace squared would overflow
+# If |trace| is larger than this, the roots are computed without the determinant: it is negligible, and the square of
+# the trace could overflow.
 SQUARED = 1e150
 
 

@@ -139,8 +139,8 @@ def with_shortest_period(itinerary: Itinerary, x: Array) -> tuple[Itinerary, Arr
 
 MOST_IMPACTS = 512  # largest allowed number of impacts of a periodic motion
 MOST_NEWTON = 30
-# a part of a motion repeats the part before if their times, in forcing periods, differ by less than this; it is far
-# above rounding errors, because these grow near a flip
+# A part of a motion counts as a repetition of the part before if their times, in forcing periods, differ by less than
+# this. The limit is far above usual rounding errors, because rounding errors grow near a flip.
 SAME_MOTION = 1e-8
 
 

@@ -12,7 +12,7 @@ step_with_tangent   orbits.return_map  impacting.map.impact_map     stiff.map.re
 inverse_step   orbits.return_map  impacting.map.impact_map     stiff.map.return_map    none
 bounce         intensity.visit    impacting.map.impact_map     stiff.map.return_map    inelastic.map.bounce
 mean_force_at  intensity.visit    impacting.map.impact_map     stiff.map.return_map    inelastic.map.bounce
-point_of       orbits.return_map  impacting.attractors.settle  stiff.attractors.settle  inelastic.map.cells
+point_of_cell       orbits.return_map  impacting.attractors.settle  stiff.attractors.settle  inelastic.map.cells
 point_between  orbits.return_map  impacting.attractors.settle  stiff.attractors.settle  inelastic.map.cells
 =============  =================  ===========================  ======================  ========================
 """
@@ -46,7 +46,7 @@ def inverse_step(tau, v, point):
 
 def point_of_cell(cell, cells):
     """Return the parameter point of cell number `cell` of a record of cells."""
-    raise NotImplementedError("point_of exists inside kernels only")
+    raise NotImplementedError("point_of_cell exists inside kernels only")
 
 
 def point_between(share, one, other):

@@ -23,7 +23,7 @@ from rattle.orbits.return_map import apply_return_map_power
 
 Array = NDArray[np.float64]
 DEGREE, NODES = 10, 25  # degree of the series; number of points at which its residual is evaluated
-LARGEST, SMALLEST = 0.1, 1e-9  # largest and smallest size of a series that is tried: the series is for |s| ≤ size
+LARGEST, SMALLEST = 0.1, 1e-9  # largest and smallest size that is tried for a series; the series is used for |s| ≤ size
 # largest allowed residual F(W(s)) − W(λs) of a series, relative to the size of the series
 RESIDUAL = 1e-12
 # rounding error of a residual for Π and for Π⁻¹, relative to the speed of the saddle; residuals below it are allowed
@@ -185,7 +185,8 @@ def _solve_series(start: LocalManifold, size: float, derivative: Array) -> Local
         off = states - local.states_at(size * x)
         local = replace(local, residual=float((np.abs(off) / [[1.0], [local.unit]]).max()))
         new = local.powers.copy()
-        # `off` at s is the residual at s/λ; `rates` multiplies coefficient k of `off` by λ^k: that of the residual
+        # `off` is the residual as a function of λs. Its coefficient k times λ^k (`rates`) is therefore coefficient k of
+        # the residual as a function of s.
         new[2:] += np.einsum("kij,kj->ki", inverse * rates[:, None, None], solve @ off.T)
         change = float((np.abs(new - local.powers) / [1.0, local.unit]).max())
         if change < 1e-16 or (

@@ -18,7 +18,8 @@ from rattle.impacting.attractors.classifier import attractors_of
 SAMPLES = 1024
 #: Number of observed trajectories, and the impacts of each before and during the observation.
 WATCHED, EARLIER_IMPACTS, IMPACTS = 128, 2_000, 100_000
-#: A trajectory has settled if at most RETURNS impacts bring it back to where it was, up to the distance CLOSED.
+#: A trajectory has settled if it is slow, or if it comes back to less than the distance CLOSED from its state within
+#: RETURNS impacts (`flag_settled_states`).
 CLOSED, RETURNS = 1e-6, 2
 
 States = tuple[NDArray[np.float64], NDArray[np.float64]]

@@ -11,8 +11,8 @@ from rattle.paper.records import Finding, FindingEvidence, Statement
 
 #: δ, ε, τ and v of a step of Π that meets Σ⁻ twice in a row.
 EXAMPLE = (0.4, 0.25, 0.32, 5.82)
-#: δ, ε and τ at which Π jumps at some v, and two speeds below and above this v. At the jump the maximum of a flight
-#: touches Σ⁺.
+#: δ, ε and τ at which Π jumps at some speed v; then a speed below and a speed above this v. At the jump the maximum of
+#: a flight touches Σ⁺.
 JUMP = (0.4, 0.25, 0.46, 2.8, 2.9)
 
 

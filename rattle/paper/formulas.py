@@ -19,10 +19,11 @@ TWO_PI = 2 * np.pi
 PHASES = np.arange(16) / 16
 #: A point below the quiet limit, so that every small bounce returns to Σ⁺.
 DELTA, EPSILON = 0.6, 0.1
-#: Speed of departure at which (3.6) and (3.7) are tested, and the two times h since the departure.
+#: SPEED, STEPS: speed of departure, and the two times h after the departure, at which the paper's (3.6) and (3.7) are
+#: tested.
 SPEED = 0.05
 STEPS = (2.0**-9, 2.0**-10)
-#: The two speeds of departure at which (3.8) and the change of speed in a bounce are tested.
+#: The two speeds of departure at which the paper's (3.8) and the change of speed in a bounce are tested.
 SPEEDS = (2.0**-8, 2.0**-9)
 
 Array = NDArray[np.float64]

@@ -12,7 +12,7 @@ from rattle.proof.areas.block import ABSENT, ATTRACTING, CAPTURED, LOUD, QUIET, 
 from rattle.proof.areas.shares import REGION, shares_of_claims
 from rattle.proof.certificate import Ends
 
-#: Colour of the parts on which nothing is proved.
+#: Colour of the parts of the plane on which nothing is proved.
 UNPROVED = "#222222"
 UNSTABLE, POSSIBLE, NOTHING = "#c9bfe0", "#a1d99b", REGION_COLOURS[1]
 #: The panels: for each a title, and the claims that the panel shows, with their colours.

@@ -31,9 +31,9 @@ from rattle.plot.paper_ranges import BETA
 
 Array = NDArray[np.float64]
 
-#: Number of cells of basins along τ, and along v, as in the paper.
+#: Default number of cells along each axis (τ and v) of drawn basins, as in the paper.
 RESOLUTION = 1000
-#: Largest number of tick labels along an axis of a small panel.
+#: Largest number of intervals between ticks along the v axis of a small panel.
 FEW_TICKS = 4
 #: Largest number of panels in a figure.
 MOST_PANELS = 9
@@ -41,7 +41,7 @@ MOST_PANELS = 9
 MOST_NAMED = 24
 #: Distance between neighbouring points of Γ and of manifolds, in the (τ, v) plane.
 SPACING = 0.005
-#: Length of each side of a manifold; long enough to cover all basin boundaries at the paper's ε = 0.1.
+#: Arclength of each of the two sides of a drawn manifold; at the paper's ε = 0.1 it covers all basin boundaries.
 ARCLENGTH = 200.0
 #: Colours of the manifolds of A and B: magenta and green.
 MANIFOLDS = {"A": "#ff4df0", "B": "#12c040"}
@@ -292,7 +292,7 @@ def draw_basins_with_manifolds(
     lines += [_orbit_marker(stable) for stable in CROSSES if any(orbit.stable is stable for orbit in shown.values())]
     _add_basin_legend(figure, basins.attractors, palette, lines, 6)
     _write_labels(axes, basins, shown, drawn, gamma)
-    figure.set_layout_engine("none")  # a later layout would move the axes, but not the labels that are placed
+    figure.set_layout_engine("none")  # a further layout would move the axes away from labels already placed
     return Drawing(figure, tuple(notes))
 
 

@@ -24,7 +24,7 @@ Label = tuple[int, int, int]
 #: Colours of motions that are not periodic. Quiet motion has the colour at the upper end of matplotlib's viridis, in
 #: which the quiet fraction is drawn.
 KIND_COLOURS = {"quiet": "#fde725", "chaotic": "#d7191c", "undecided": "#9a9a9a"}
-#: The types with a fixed colour. A rule gives all other types their colour.
+#: {label (m, n₊, n₋) of a type of periodic motion: its fixed colour}. All other types get their colours by a rule.
 NAMED: dict[Label, str] = {
     (1, 1, 0): "#8ec7ea",  # light blue
     (1, 1, 1): "#fbd4b1",  # light orange

@@ -42,7 +42,8 @@ NAMED_LEFT_OUT = 4
 #: MARGIN: margin of the v axis above and below a branch, as a share of the branch's range of v. The margin is at least
 #: LEAST_MARGIN, in units of v.
 MARGIN, LEAST_MARGIN = 0.1, 0.01
-#: Font size of labels in points (1/72 inch). Number of places along a curve at which its name is tried.
+#: SIZE: font size of labels in points (1/72 inch). ANCHORS: the name of a curve is tried at this number of its visible
+#: points or more, if so many are visible.
 SIZE, ANCHORS = 10, 40
 #: Number of steps of each sweep for the impacting gear and for the stiff gear.
 STEPS, STIFF_STEPS = 500, 250
@@ -119,7 +120,7 @@ def _draw_diagram(diagram: Diagram[Any, Any], v: Limits, tau: tuple[float, float
         labels = Labels(panel, lines)
         _mark_events(panel, labels, diagram, which, scale, offset)
         _write_orbit_names(panel, labels, curves, which, has_common_curve=which == "v" and not diagram.added)
-    figure.set_layout_engine("none")  # a later layout would move the axes, but not the labels that are placed
+    figure.set_layout_engine("none")  # a further layout would move the axes away from labels already placed
     return figure
 
 

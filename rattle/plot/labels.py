@@ -21,8 +21,8 @@ DIRECTIONS = np.arange(24) / 24 * 2 * np.pi
 ROOM = 3.0
 #: Number of points of a line that are tried for a label that cannot run along the line.
 ANCHORS = 24
-#: Largest number of cells, those with most free space around them first, whose centres are tried as the centre of a
-#: label inside a part of the axes.
+#: A label inside a part of the axes is tried at the centres of at most this many cells, beginning with the cells that
+#: have the most free space around them.
 CANDIDATES = 400
 #: A label beside a line clearly names this line if all other lines are at least this far from the label, in pixels.
 CLEAR_DISTANCE = 45.0

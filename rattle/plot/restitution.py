@@ -24,7 +24,7 @@ from rattle.plot.drawing import HALO, Drawing, new_figure
 from rattle.plot.plane import MARKERS, STYLES, draw_line, polyline
 
 Array = NDArray[np.float64]
-#: {type of motion: colour}. A type's position here is its number, from QUIET_ALONE to UNDECIDED.
+#: {type of motion: colour}. The number of a type is its position in this dictionary, from QUIET_ALONE to UNDECIDED.
 SHOWN = {
     "quiet alone": KIND_COLOURS["quiet"],
     "P(1,1,0)": NAMED[1, 1, 0],

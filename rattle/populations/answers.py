@@ -19,7 +19,8 @@ from rattle.populations.plan import AGAIN, PopulationPlan
 QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95, 0.99)
 #: Number of gears that `Population.worst` returns by default.
 MOST_WORST = 10
-#: Least number of gears for which the mean over them counts as normally distributed.
+#: Least number of gears for which a mean over the gears counts as normally distributed. Sobol indices need at least as
+#: many gears with decided samples.
 FEWEST = 30
 #: Outputs of a gear whose Sobol indices are computed: its share of quiet runs, and its mean energy.
 OUTPUTS = ("quiet", "energy")

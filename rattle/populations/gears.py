@@ -19,12 +19,12 @@ from rattle.populations.distributions import LEAST, Distribution
 from rattle.populations.plan import Z_TESTS, PopulationPlan
 from rattle.populations.tolerances import GearPoints
 
-#: Largest number of samples that are followed at once. At weak damping, where each sample is observed longer, it is
-#: divided by the ratio of the observation times.
+#: Largest number of samples that are followed at once. At weak damping each sample is observed longer than at strong
+#: damping, so this number is divided by the ratio of the observation times.
 SAMPLE_BLOCK = 65_536
 #: Number of gears whose margins are computed at once.
 MARGIN_BLOCK = 64
-#: Codes of verdicts: the gear was not tested, passes or fails the requirement, or its samples do not decide.
+#: Codes of verdicts: the gear was not tested; it passes; it fails; its samples do not decide whether it passes.
 NOT_ASKED, PASSES, FAILS, UNKNOWN = range(4)
 #: Names of the verdicts in the order of their codes.
 VERDICTS = ("not_asked", "passes", "fails", "unknown")

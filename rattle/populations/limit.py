@@ -31,16 +31,17 @@ from rattle.populations.tolerances import (
     require_known_names,
 )
 
-#: For each number that has a design limit: whether small values are the safe ones.
+#: {name of a number that has a design limit: True if its small values are safe, False if its large values are safe}.
 SAFE_IF_SMALL = {
     **dict.fromkeys(("epsilon", "eccentricity", "beta", "backlash", "rpm"), True),
     **dict.fromkeys(("restitution", *AMPLITUDES), True),
     **dict.fromkeys(("delta", "drag", "load", "load_torque"), False),
 }
-#: Numbers whose default range of values follows from closed forms if the forcing is a single cosine. The default ranges
-#: of other numbers, and of these numbers with more harmonics, are found by a search.
+#: Numbers whose default range of values follows from closed forms. The inelastic model, the only one with harmonics, is
+#: an exception: in this model most of these ranges are found by a search.
 OF_ONE_COSINE = ("epsilon", "eccentricity", "beta", "backlash", "rpm", "delta", "drag")
-#: The numbers whose range starts at 0. Their values are scanned in equal steps, those of other numbers in equal ratios.
+#: The numbers whose range starts at 0, besides amplitudes with an order, such as error_12. Values of numbers whose
+#: range starts at 0 are scanned in equal steps, values of other numbers in equal ratios.
 FROM_ZERO = ("epsilon", "eccentricity", "restitution", *AMPLITUDES)
 #: Number of values of a scan.
 SCANNED_VALUES = 32
@@ -48,8 +49,8 @@ SCANNED_VALUES = 32
 FIRST_SAMPLES = 256
 #: Largest allowed number of samples at a value.
 MOST_COUNT = 65_536
-#: An end of a default range, if no value of the number determines it, is this factor away from a typical value or from
-#: the other end.
+#: If nothing in the model determines an end of a default range, the end is a typical value, or the other end, divided
+#: or multiplied by this factor.
 RANGE_RATIO = 100.0
 #: Accuracy with which a limit is solved for, as a fraction of a step of the scan.
 ACCURACY = 2.0**-8
@@ -389,8 +390,8 @@ class _LimitSolver:
 
         def is_nonnegative(i: int) -> bool:
             """Return whether field `which` of the excess is at least 0 at value i of the scan, or at 0 if i is −1."""
-            # 0 is not in the scan. At eccentricity 0 a gear that is not inelastic has no forcing: all motions become
-            # quiet. For any other number, or an inelastic gear, nothing is known about the value 0.
+            # The scan does not include 0. A gear that is not inelastic has no forcing at eccentricity 0, so that all of
+            # its motions become quiet. For an inelastic gear or any other number, nothing is known about the value 0.
             if i < 0:
                 return self.of in ("epsilon", "eccentricity") and not self._is_inelastic()
             return bool(getattr(self.excess(float(self.scanned[i])), which) >= 0.0)

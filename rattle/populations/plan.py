@@ -22,7 +22,8 @@ from rattle.populations.tolerances import Tolerances
 POPULATION, AGAIN, FIRST_REDRAWN = 0, 1, 2
 #: Largest allowed numbers of gears, and of samples of a gear.
 MOST_GEARS, MOST_COUNT = 10_000_000, 65_536
-#: Largest allowed number of samples of all rows, which answers hold in memory several times, eight bytes each.
+#: Largest allowed number of samples of all rows together. Answers hold several numbers of eight bytes for each sample
+#: in memory.
 MOST_SAMPLES = 1 << 24
 #: Default values of the arguments `pairs` and `judged` of `rattle.population`.
 PAIRS, JUDGED = 1024, 256

@@ -24,7 +24,7 @@ from rattle.populations.distributions import Distribution, Normal, parse_distrib
 
 #: The numbers of a dimensionless gear by name.
 DIMENSIONLESS = ("delta", "epsilon", *OTHERS)
-#: For each parameter that a model adds, by name: the name of the machine's number that determines the parameter.
+#: {name of a parameter that a model adds: name of the machine's number that determines this parameter}.
 MACHINE_NUMBERS = {each.name: each.machine_number for each in ADDED.values() if each.machine_number is not None}
 #: Numbers that every machine must have.
 NEEDED = ("inertia", "drag", "backlash", "eccentricity", "radius", "rpm")
@@ -35,7 +35,7 @@ OF_GEAR_PAIR = (*(f"driven_{name}" for name in DRIVEN), "teeth", "driven_teeth",
 OF_MACHINE = (*NEEDED, *MACHINE_NUMBERS.values(), *OF_GEAR_PAIR)
 #: Numbers without a dimension, which both a dimensionless gear and a machine may have.
 OF_EITHER = ("restitution",)
-#: Values of the numbers that may be left out; None: the number then has no value.
+#: {name: default} of the numbers that may be left out; None means that the number has no value if it is left out.
 DEFAULTS = {BETA.name: BETA.default, **dict.fromkeys((*ADDED, *OF_MACHINE[len(NEEDED) :]))}
 #: Numbers of a machine that cannot vary.
 CANNOT_VARY = ("drive", "teeth", "driven_teeth")

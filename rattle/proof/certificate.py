@@ -13,7 +13,7 @@ from rattle.errors import ParameterError, require_finite
 
 #: Version of the JSON document.
 FORMAT = 1
-#: Text that is a decimal or a ratio of integers. The limits on its length keep exact numbers at some thousand digits.
+#: Text that is a decimal or a ratio of integers. Its limited length keeps exact numbers to a few thousand digits.
 NUMBER = re.compile(r"[+-]?(\d{1,400}(\.\d{0,1100})?|\.\d{1,1100})([eE][+-]?\d{1,3})?|[+-]?\d{1,1100}/[1-9]\d{0,1100}")
 
 Exact = str | float | Fraction

@@ -226,7 +226,7 @@ class MotionPiece:
         c, kept = ZERO + 1, IV.exp(-self.delta * u / 2) * (1 + SLACK)
         s = (1 - kept**2) / self.delta
         if self.k != 0:
-            # raises ValueError for an overdamped contact; `check` then refuses
+            # `IV.sqrt` raises ValueError for an overdamped contact; `check` then refuses the certificate
             rate = IV.sqrt(self.k - self.delta**2 / 4)
             sine, cosine = sine_and_cosine(rate * u / TWO_PI)
             c, s = kept * (cosine + self.delta * sine / (2 * rate)), kept * sine / rate

@@ -29,7 +29,8 @@ from rattle.proof.certificate import Certificate, Ends, StabilityVerdict
 from rattle.proof.flights import ModelPoint
 from rattle.proof.krawczyk import MOST_MOVED, EvaluatedEquations, enclose_zero
 
-#: A published enclosure is wider than its ball by this multiple of the ball's width: other programs round differently.
+#: A published enclosure is wider than its ball by this multiple of the ball's width, because other programs
+#: round differently.
 WIDENING = 10**4
 #: Least unit to which the ends of a published enclosure are rounded; the unit is larger for wide or large enclosures.
 LEAST_UNIT = Fraction(1, 10**12)
@@ -91,7 +92,13 @@ def prove_motion(orbit: PeriodicMotion, parameters: dict[str, Fraction]) -> Cert
 def equations_and_guess(
     orbit: PeriodicMotion, parameters: dict[str, Fraction]
 ) -> tuple[Callable[[Sequence[arb]], MotionEnclosures], NDArray[np.float64]]:
-    """Return the equations of motions with the walls of a computed motion, and its times as a first guess."""
+    """Return the equations of periodic motions that meet the same walls in the same order as a computed motion.
+
+    Returns
+    -------
+    tuple
+        A function that encloses these equations at given times, and the times of the computed motion as a first guess.
+    """
     point = ModelPoint(*(ball(parameters[name]) for name in ("delta", "epsilon", "beta")))
     if stiff.ADDED not in parameters:
         return impacting.ImpactingSystem(point, orbit.walls, orbit.m), orbit.departures

@@ -19,7 +19,8 @@ RADII = tuple(Fraction(1, 10**k) for k in (11, 13, 15, 17, 20))
 PLACES = 28
 #: Largest number of times that the operator is applied to its own result to make the enclosure narrower.
 MOST_REPETITIONS = 12
-#: Largest difference in any unknown, between a computed motion and the proved zero, that rounding can explain.
+#: Largest plausible rounding error of an unknown of a computed motion. The proof fails if the proved zero, or the first
+#: step of Newton's method, is farther from the computed motion.
 MOST_MOVED = 1e-9
 
 

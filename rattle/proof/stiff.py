@@ -18,7 +18,7 @@ from rattle.proof.flights import FlightEnclosure, ModelPoint, flight, require_fi
 MODEL = "stiff"
 #: Name of the parameter that this model has besides δ, ε and β.
 ADDED = "kappa"
-#: Most parts into which the time of a contact is bisected, in the proof that y keeps its sign.
+#: Most parts of a contact's time that are examined in the proof that the contact lasts; parts that are bisected count.
 MOST_PARTS = 2000
 
 

@@ -94,7 +94,7 @@ class _ArrivalAccumulator:
         for i, points in enumerate(self.points):
             mine = np.flatnonzero((self.which[sample] == i) & ~there)
             if points is None or not mine.size:
-                # samples of chaotic and undecided motion (points is None) never arrive, so they are not followed
+                # chaotic and undecided samples (points is None) cannot arrive, so they need no further observation
                 there[mine] = points is None
                 continue
             if not len(points):

@@ -30,11 +30,11 @@ MOST_TURNS = 200
 #: Largest number of impacts on Σ⁺ per period of the saddles that are sought.
 MOST_SADDLE_IMPACTS = 8
 #: A saddle with more impacts replaces a saddle with fewer impacts only if its distance from the state on the boundary
-#: is less than this share of the other saddle's distance: otherwise both may be one saddle, run through several times.
+#: is less than this share of the other saddle's distance: otherwise both may be one orbit.
 REPLACING_RATIO = 0.1
-#: Newton's method seeks a saddle from a state on the boundary if the distance between this state and its n-th iterate
-#: is below RETURN_DISTANCE. The saddle is the edge state if its distance from the state is below EDGE_DISTANCE. Speeds
-#: are in units of `speed_unit_of`.
+#: Newton's method seeks a saddle with n impacts on Σ⁺ per period from a state on the boundary, if the distance between
+#: this state and its n-th iterate is at most RETURN_DISTANCE. The saddle is the edge state if its distance from the
+#: state is below EDGE_DISTANCE. Speeds in distances are in units of `speed_unit_of`.
 RETURN_DISTANCE, EDGE_DISTANCE = 1e-2, 1e-5
 
 

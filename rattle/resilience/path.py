@@ -288,7 +288,7 @@ class _ChangeFinder:
         elif (because := others.get((other, step, not begins))) is not None:
             return FamilyChange(family, step, begins, *because[3:6], other)
         elif other >= 0:
-            # `others` lacks the changes of chaotic families only, so `other` is another chaotic family
+            # `others` has the changes of all families that are not chaotic, so `other` is a chaotic family too
             end = OrbitEnd(CRISIS, 0.0, 1.0)
         elif other == CHAOS_THERE:
             end, other = OrbitEnd(SAMPLING, 0.0, 1.0), -1

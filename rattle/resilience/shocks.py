@@ -20,7 +20,7 @@ SHOCKS_PER_SCAN = 64
 #: Number of scans of all states. Each scan tries shocks up to the smallest fatal shock that was found before.
 FULL_SCANS = 3
 #: Number of later scans, which try shocks only from the state of the smallest fatal shock that was found. Each of these
-#: scans makes the interval between a harmless and a fatal size of the shock SHOCKS_PER_SCAN times shorter.
+#: scans divides the length of the interval between a harmless and a fatal size of the shock by SHOCKS_PER_SCAN.
 NARROWING_SCANS = 5
 #: Number of phases at which shocks are applied to quiet motion.
 PHASES = 64

@@ -42,8 +42,8 @@ EXPLORER_PATH = "/"
 SAFE_METHODS = ("GET", "HEAD", "OPTIONS")
 LONGEST_TARGET = 8192  # the most bytes of a request's path and query
 
-#: Content-Security-Policy of our pages, such as /docs and /help. They load nothing from other hosts, because such
-#: scripts could use the session's cookie.
+#: Content-Security-Policy of our pages, such as /docs and /help. They load nothing from other hosts, because scripts
+#: from other hosts could use the session's cookie.
 CONTENT_SECURITY = "; ".join(
     (
         "default-src 'self'",
@@ -148,7 +148,8 @@ class AccessMiddleware:
         return self._settings.explorer and path == EXPLORER_PATH
 
     async def _find_authorised_caller(self, scope: Scope, headers: Headers, method: str) -> Caller | None:
-        # A request from another machine needs a key, even if the settings name a loopback address.
+        # Unless the settings say `insecure`, a request from another machine needs a key, even if the service listens on
+        # a loopback address.
         asks = self._requires_all or not (self._settings.insecure or is_local_request(scope, headers))
         if not asks:
             require_own_host(headers, self._settings.host, self._settings.allowed_hosts)

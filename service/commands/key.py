@@ -12,7 +12,7 @@ import typer
 if TYPE_CHECKING:
     from gear_rattle.service.database import Database
 
-LARGEST_INTEGER = 2**31 - 1  # largest number that a column of the database can hold
+LARGEST_INTEGER = 2**31 - 1  # largest number that an integer column of the database can hold
 LONGEST_NAME = 100  # largest number of characters of a key's name
 
 app = typer.Typer(help="Add, list and revoke the API keys of a service.", no_args_is_help=True)

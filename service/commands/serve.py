@@ -73,7 +73,8 @@ def serve(
             "are not cut off. Put Caddy or nginx in front (docs/operations.md) and set RATTLE_BEHIND_PROXY=true.",
             err=True,
         )
-    # When a signal has ended uvicorn, uvicorn raises it again. It must then only set the event, not kill the process.
+    # uvicorn raises the signal that ended it once more. In this context the repeated signal only sets `asked_to_stop`;
+    # otherwise it would kill the process.
     with catch_stop_signals() as asked_to_stop:
         started = run_server(create_app(settings), settings, log_config(settings.log_format), asked_to_stop)
     if not started:

@@ -36,8 +36,9 @@ def _axis_option(name: str) -> Any:
 
 
 _MACHINE_OPTIONS = make_number_options(float)
-#: All options of a survey. Fields of `SurveyRequest` and of its initial conditions keep their names. Their defaults are
-#: repeated here, because `SurveyRequest` is slow to import.
+#: All options of a survey. An option that sets a field of `SurveyRequest` or of its initial conditions has the field's
+#: name, except `harmonic`, which adds an entry to the field `harmonics`. The default values are repeated here, because
+#: `SurveyRequest` is slow to import.
 OPTIONS: dict[str, Any] = {
     "delta": _axis_option("delta"),
     "epsilon": _axis_option("epsilon"),

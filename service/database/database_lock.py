@@ -97,8 +97,8 @@ class _SessionLock:
     def release(self) -> None:
         @event.listens_for(self.writer, "close")
         def unlock(connection: Any, _: Any) -> None:
-            # Without this, the lock would last until the server ends the closed session, a moment later, and would keep
-            # out the next service for so long.
+            # Without this statement, the server would hold the lock until it ends the closed session, a moment later.
+            # The next service could not start before that.
             if not connection.broken:
                 connection.execute(f"SELECT pg_advisory_unlock({ADVISORY_LOCK})")
 

@@ -62,8 +62,8 @@ def upgrade_schema(engine: Engine) -> None:
     from alembic import command
 
     if engine.dialect.name == "sqlite":
-        # WAL mode stays in the file, so the caller has checked with `has_current_schema` that no other program owns the
-        # file.
+        # SQLite stores WAL mode in the database file. Another program's file must not be changed, so the caller has
+        # checked with `has_current_schema` that the file belongs to no other program.
         with engine.connect() as connection:
             connection.exec_driver_sql("COMMIT")
             connection.exec_driver_sql("PRAGMA journal_mode=WAL")

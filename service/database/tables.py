@@ -76,7 +76,7 @@ class JobRow(TableBase):
     owner: Mapped[str | None] = mapped_column(ForeignKey("keys.id"))
     kind: Mapped[str] = mapped_column(default=JobKind.SURVEY)
 
-    # autoincrement, because SQLite would otherwise use the number of a deleted last row again.
+    # sqlite_autoincrement, because SQLite would otherwise give the number of a deleted last row to the next row.
     __table_args__ = (
         Index("ix_jobs_owner", "owner", "number"),
         Index("ix_jobs_kind", "kind", "number"),

@@ -71,10 +71,10 @@ class Transactions:
         with self._wait_to_write(), Session(self._writer, expire_on_commit=False) as session, session.begin():
             try:
                 service = session.scalars(select(ServiceRow).with_for_update()).one()
-            except DataDirectoryError as error:  # the lost connection was reopened, and another service has the lock
+            except DataDirectoryError as error:  # the lost connection was reopened, but another service has the lock
                 raise UnavailableError(DATABASE_TAKEN) from error
             if self._epoch not in (None, service.epoch):
-                session.connection().invalidate()  # closes the connection, and so releases a lock that it has
+                session.connection().invalidate()  # closes the connection, which releases its locks
                 raise UnavailableError(DATABASE_TAKEN)
             yield session, service
 

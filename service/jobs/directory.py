@@ -25,7 +25,8 @@ if TYPE_CHECKING:
 TRASH_PREFIX = ".trash-"
 IDENTITY_FILE = "identity"
 SURVEY_ID = r"(?P<survey>[0-9a-f]{16})"
-#: Patterns of the names of a store during its deletion, a store during its creation, a store, and its certificates.
+#: Patterns of the names of a store during its deletion, a store during its creation, a finished store, and the
+#: certificates of a store.
 DELETION, TEMPORARY, SURVEY_STORE, CERTIFICATE_STORE = (
     re.compile(pattern)
     for pattern in (
@@ -68,7 +69,7 @@ class StoreEntry:
 
 
 class DataDirectory:
-    """The directory with all persistent data of one service.
+    """The data directory of one service: its lock and, unless other places are set, its job database and stores.
 
     Parameters
     ----------

@@ -51,8 +51,8 @@ if TYPE_CHECKING:
 #: each failure the pause is twice as long as before.
 FIRST_PAUSE, LONGEST_PAUSE = 1.0, 30.0
 OK, READY, STARTING = "ok", "ready", "starting"
-WORKERS_SECONDS = 2.0  # longest wait for the number of the cluster's threads
-LAST_TILES_SECONDS = 3.0  # longest wait of a deletion for the last tiles; they end within 2 s after a job is dismissed
+WORKERS_SECONDS = 2.0  # longest wait for the answer of the cluster to the question how many threads it has
+LAST_TILES_SECONDS = 3.0  # longest wait of a deletion for a dismissed job's last tiles, which end within about 2 s
 MAX_FAILURES = 100  # at most this many messages of failed cells are stored for a tile
 
 log = logging.getLogger(__name__)

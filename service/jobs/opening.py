@@ -43,7 +43,7 @@ def open_service_data(
     with directory.lock(), closing(Database(url, on_change, require=require)) as database:
         if inside or settings.store:
             directory.check_identity()
-        else:  # the database is outside the data directory, the stores are inside: a wrong disk can separate them
+        else:  # with a wrong disk at the data directory, its stores would not belong to this database
             directory.check_identity(database.directory_identity())
             database.remember_directory(directory.identity)
         yield directory, database

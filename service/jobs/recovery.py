@@ -25,7 +25,8 @@ def clean_up_unfinished_work(database: Database, directory: DataDirectory) -> No
             log.warning("%s belongs to no survey of the job database; it is left alone", entry.name)
         elif entry.is_deletion:
             entry.remove()
-            # In a database from a backup this survey may be active. Then it is not deleted, and is computed again.
+            # If the database is a backup, this survey may be active in it. An active survey is not deleted, but
+            # computed again.
             with suppress(ConflictError):
                 database.delete(entry.survey_id)
         elif entry.is_temporary:

@@ -42,7 +42,8 @@ class TurnScheduler:
         self._clock = clock
         self._count = 0  # number of turns so far, of all keys
         self._keys: dict[str | None, _KeyTurns] = {}
-        # {id of an active survey: number of its last turn, or of the last turn before the survey was submitted}.
+        # {id of an active survey: number of its last turn. Before its first turn: number of the last turn, of any
+        # survey, before it became active}
         self._waits_since: dict[str, int] = {}
         self._began = 0.0
 

@@ -13,8 +13,8 @@ from gear_rattle.service.state import ApplicationState
 from rattle import RattleError
 from rattle.models import Capability, Model, require_capability
 
-RESOLUTION = 0.02  # largest step in δ, twice the default of `crisis_curve`: so a curve takes half the time
-KEPT_CRISIS_CURVES = 16  # at most this many curves are kept
+RESOLUTION = 0.02  # largest step in δ; it is twice the default of `crisis_curve`, so that a curve takes half the time
+KEPT_CRISIS_CURVES = 16  # at most this many crisis curves are kept, one for each half-backlash
 
 
 def _crisis_points(beta: float) -> np.ndarray:

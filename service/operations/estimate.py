@@ -18,9 +18,10 @@ from gear_rattle.workers import AnyRequest, Axis, PopulationRequest, SurveyReque
 from gear_rattle.workers.survey.values.schema import SAMPLED, Group
 from rattle.attractors import PERIODS, WATCH
 
-COMPARED_SURVEYS = 100  # the request is compared with this many newest surveys
+COMPARED_SURVEYS = 100  # the request is compared with at most this many surveys, the newest ones
 LEAST_CELLS = 16  # a survey is used for comparison if at least this many of its cells are computed
-#: Similar surveys differ at most by this factor in their initial conditions per cell and in each parameter.
+#: Similar surveys differ at most by this factor in the number of initial conditions per cell, in the observation time,
+#: and in each parameter that the model adds.
 SIMILAR_FACTOR = 4.0
 MEASURED_SIDE = 3  # a measurement computes this many cells along each axis
 IF_ALL_COMPUTED = ", if all cells were computed"

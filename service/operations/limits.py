@@ -54,8 +54,8 @@ def _check_population(request: PopulationRequest, settings: Settings) -> None:
     _require_at_most("gears", "gears (with those of the pairs)", request.n_cells, settings.max_cells)
     _require_at_most("count", "samples (with those of the judged gears)", request.samples, settings.max_samples)
     _require_at_most("tile", "tiles", request.n_tiles, settings.max_tiles)
-    # The mean of the samples per gear stands for every tile, because the judged gears, which need more samples than
-    # other gears, are spread evenly over all tiles.
+    # Every tile is taken to have the mean number of samples per gear. Judged gears need more samples than other gears,
+    # but they are spread evenly over all tiles.
     each = -(-request.samples // request.n_cells)
     _require_at_most("tile", "samples per tile", request.tile_shape[0] * each, settings.max_tile_samples)
 

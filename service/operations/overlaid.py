@@ -70,7 +70,7 @@ class Overlays:
             return await self.crises.crisis_curve_of(model)
         except ServiceError:
             raise
-        except RattleError:  # the model has no crisis curve, or it was not found
+        except RattleError:  # the model has no crisis curve, or the curve was not found
             return None
 
     async def _design_limit_line_and_band(self, request: SurveyRequest, share: float) -> tuple[Line, Band]:

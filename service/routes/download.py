@@ -104,7 +104,7 @@ async def _file_response(
         _read_blocks(file),
         media_type=media_type,
         headers=headers | {"Content-Length": str(size)},
-        background=BackgroundTask(file.close),  # `_read_blocks` closes the file only if a block is read, not for HEAD
+        background=BackgroundTask(file.close),  # for HEAD no block is read, so `_read_blocks` does not close the file
     )
 
 

@@ -28,7 +28,7 @@ router = APIRouter(prefix="/v1/surveys", tags=["surveys"])
 
 LARGEST_ID = 2**53  # largest accepted id of an event
 SEND_SECONDS = 30  # longest time for a client to accept an event; then the stream ends
-GRACE_SECONDS = 2.0  # seconds that a stream has to end when the service stops
+GRACE_SECONDS = 2.0  # seconds within which a stream can end by itself when the service stops
 #: Schema of an event of the stream.
 EVENT_SCHEMA = {
     "type": "object",

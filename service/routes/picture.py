@@ -217,7 +217,7 @@ async def _picture_response(
         options = replace(options, look=options.look.with_caption(_caption_text(job, str(request.url))))
     headers = {
         "ETag": weak_etag(survey_id, job.last_event, options, form),
-        "Cache-Control": REVALIDATE,  # later versions may draw otherwise, and repairs may add lost tiles
+        "Cache-Control": REVALIDATE,  # a later version may draw the picture differently, and a repair may add tiles
     }
     if is_not_modified(request, headers):
         return Response(status_code=304, headers=headers)

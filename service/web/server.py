@@ -27,10 +27,11 @@ SIGNALS = (signal.SIGINT, signal.SIGTERM)
 #: Python module of the process that removes the semaphores of dead processes.
 TRACKER = "multiprocessing.resource_tracker"
 GC_OBJECTS = 50_000  # new objects between two garbage collections; a collection blocks for 15 ms
-#: Blocks of memory of at least this many bytes are returned to the system when they are freed. By itself, glibc raises
-#: this limit up to 32 MiB; the arenas of threads then keep the memory of arrays, and the service grows for hours.
+#: Blocks of memory of at least this many bytes are returned to the system when they are freed. Otherwise glibc would
+#: raise this limit to as much as 32 MiB, threads would keep the memory of freed arrays, and the service would grow for
+#: hours.
 LARGE_BLOCK = 1 << 18
-M_MMAP_THRESHOLD = -3  # a constant in malloc.h
+M_MMAP_THRESHOLD = -3  # value of this constant in malloc.h
 #: Largest accepted websocket message, in bytes, from a page of the explorer; real messages are much smaller.
 MAX_MESSAGE_BYTES = 1 << 20
 

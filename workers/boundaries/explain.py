@@ -39,7 +39,7 @@ from rattle.models import DEFAULT_MODEL, MODELS, Capability, missing_capability_
 
 CHAOTIC = KINDS.index("chaotic")
 MOST_CURVES = 100  # default of the largest number of computed curves of motions of higher period
-LEAST_PAIRS_FOR_CURVE = 4  # a curve is traced if at least this many pairs differ by motions of the same label
+LEAST_PAIRS_FOR_CURVE = 4  # a curve is traced if at least this many pairs of cells differ in a label
 #: Curves of motions with more impacts per period than this are not traced: they take seconds and explain few pairs.
 LONGEST_TRACED = 16
 #: Number of points of a traced curve across the survey. Few points suffice, because crossings with grid lines are

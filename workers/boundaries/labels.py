@@ -3,7 +3,7 @@
 from rattle import KINDS, curves
 
 QUIET, PERIODIC = (KINDS.index(kind) for kind in ("quiet", "periodic"))
-Label = tuple[int, int, int, int]  # kind, m, n₊, n₋
+Label = tuple[int, int, int, int]  # index of the kind in KINDS, m, n₊, n₋
 QUIET_LABEL: Label = (QUIET, 0, 0, 0)
 
 

@@ -38,21 +38,22 @@ CONNECT_SECONDS = 10
 ONE_THREAD = {"NUMBA_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
 
 
-#: dask replaces a worker that has sent no heartbeat for this many seconds, at the latest after twice as many. In a
-#: small cluster every worker sends two heartbeats a second; the time is long, so that dask keeps slow workers, too.
+#: dask replaces a worker that has sent no heartbeat for this many seconds; dask notices it within twice this time. In a
+#: small cluster every worker sends two heartbeats a second. The time is long, so that dask keeps slow workers.
 SILENT_SECONDS = 60
 #: After two deaths of its worker, a tile is computed in a process of its own, which shows which cells are the cause.
 ALLOWED_DEATHS = 1
 HEARTBEAT_SECONDS = 1.0  # seconds between two heartbeats of a worker that loads kernels
 WATCH_SECONDS = 0.1  # seconds between two checks whether the nannies' process lives and whether start-up was cancelled
-#: Longest wait for killed workers to vanish, and seconds between two checks.
+#: END_SECONDS: longest wait for killed workers to vanish, or for workers to say whether they compute a task.
+#: LOOK_SECONDS: seconds between two checks during such waits, and while workers start.
 END_SECONDS, LOOK_SECONDS = 1.0, 0.02
 #: Cancelled tasks have ended if no worker runs one in this many successive checks: by then all messages have arrived.
 IDLE_CHECKS = 5
+FEW_RECORDS = 10  # number of messages, of loads and of computations that dask keeps
 #: Settings that make dask keep fewer diagnostics than by default (1000 messages of every connection, two hours of each
-#: processor's load, all submitted tasks), because nobody reads them here. dask's frequent measurements of load and
-#: clock took a seventh of a processor for two idle workers.
-FEW_RECORDS = 10
+#: processor's load, all submitted tasks), because nobody reads them here. By default dask also measures load and clock
+#: so often that two idle workers took a seventh of a processor for it.
 FEW_DIAGNOSTICS = {
     "distributed.admin.low-level-log-length": FEW_RECORDS,
     "distributed.admin.system-monitor.log-length": FEW_RECORDS,
@@ -66,11 +67,11 @@ NO_PAGES: dict[str, list[str]] = {"distributed.scheduler.http.routes": [], "dist
 SPANS = "spans"  # an extension of dask that is left out, because it keeps records in the scheduler for ever
 
 OURS, MODULE = "gear-rattle", "gear_rattle"
-#: Packages whose versions must be equal in all processes. With different versions, processes cannot exchange messages,
-#: or compute different bits.
+#: Packages whose versions must be equal in all processes. Processes with different versions cannot exchange messages,
+#: or they compute different bits.
 PACKAGES = (OURS, "dask", "distributed", "numpy", "numba", "llvmlite", "zarr")
 WORKERS_IN_MESSAGE = 3  # a message names at most this many workers
-REFUSED_TOPIC = "gear-rattle-refused"  # topic of dask's events about refused workers, which have other software
+REFUSED_TOPIC = "gear-rattle-refused"  # topic of dask's events about workers that are refused because of other software
 
 logger = logging.getLogger(__name__)
 

@@ -12,9 +12,11 @@ from gear_rattle.workers.cluster.partial import PartialTile
 from gear_rattle.workers.kinds import AnyTile
 from gear_rattle.workers.survey.tiles import TileRecord
 
-MANY = 64  # in a run of fewer tiles no cells are measured: the first finished tiles predict costs just as well
+MANY = 64  # in a run of fewer tiles no cells are measured, because finished tiles soon predict the costs as well
 MOST_MEASURED_TILES = 256  # at most this many tiles have measured cells
-LEAST_MEASURED, MOST_PER_TILE = 128, 5  # measured cells: at least in all tiles together, at most in one tile
+# number of measured cells in each tile: LEAST_MEASURED divided by the number of tiles, rounded down, but at least one
+# cell and at most MOST_PER_TILE cells
+LEAST_MEASURED, MOST_PER_TILE = 128, 5
 #: The values of a tile's measured cells are kept if the tile has at most this many cells for each measured cell. In a
 #: larger tile they are computed again: a computation of all cells takes less time than one that leaves out a few cells.
 KEPT = 64
@@ -35,7 +37,7 @@ class RunState:
 
     partial: dict[int, PartialTile] = field(default_factory=dict)
     seconds_per_cell: dict[int, float] = field(default_factory=dict)
-    _cells_per_tile: int = 1  # how many cells are measured in each tile
+    _cells_per_tile: int = 1  # number of cells to measure in each tile that is measured
     _expected: dict[int, float] = field(default_factory=dict)  # predicted seconds of each remaining tile, by index
     _remaining: float = 0.0  # predicted seconds of all remaining tiles
     _ended: float = 0.0  # predicted seconds of all finished tiles

@@ -16,8 +16,8 @@ from typing import Any, NamedTuple
 
 COLLECTION_THRESHOLD = 400_000  # number of new objects between two garbage collections; Python's default is 700
 
-# Garbage collections among the imported modules took a fifth of a worker's start. The threshold is set here because a
-# worker imports this module before anything else.
+# With Python's default threshold, garbage collections during the imports took a fifth of a worker's start-up time. The
+# threshold is set here because a worker imports this module before anything else.
 gc.set_threshold(COLLECTION_THRESHOLD)
 
 #: Module of the process with which Python removes the semaphores of dead processes.

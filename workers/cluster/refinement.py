@@ -17,13 +17,13 @@ from gear_rattle.workers.cluster.window import (
 from gear_rattle.workers.errors import SurveyError
 from gear_rattle.workers.survey.request import SurveyRequest
 
-PRIORITY = 10  # dask runs tasks of higher priority first; tiles have 0
+PRIORITY = 10  # dask runs tasks of higher priority first; tasks of tiles have priority 0
 PART_SECONDS = 0.3  # intended duration of a part; a running part cannot be interrupted
 FIRST_CELLS = 64  # number of cells of a part on the coarsest level, where the time of a cell is not known yet
 SINGLE_LEVEL_CELLS = 16_384  # number of cells of a part if the grid has one level only, as for closed forms
 FRAME_SECONDS = 0.4  # seconds between two frames of a level
 POLL_SECONDS = 0.1  # seconds between two checks whether to stop
-WORKERLESS_SECONDS = 20.0  # the cluster is lost after this time without workers
+WORKERLESS_SECONDS = 20.0  # the cluster counts as lost when it has had no workers for so long
 PARTS_PER_THREAD = 2  # number of submitted parts for each thread: one runs, and one waits
 LOST = "the workers are gone, or are being restarted: try again in a few seconds"
 
@@ -104,7 +104,7 @@ class _WindowTasks(SubmittedTasks[WindowPart, WindowPartValues]):
     ) -> Iterator[tuple[WindowPart, WindowPartValues]]:
         """Compute parts on the cluster, and yield each part with its values as soon as its task ends."""
         left = next(parts, None)
-        self._cells, self._seconds = 0, 0.0  # measured anew on each level, because its cells may take longer
+        self._cells, self._seconds = 0, 0.0  # counted anew on each level, because its cells may take longer
         while (left or self.in_flight) and not should_stop():
             room = PARTS_PER_THREAD * self.count_threads(WORKERLESS_SECONDS) - len(self.in_flight)
             while left and room > 0:

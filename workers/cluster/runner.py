@@ -45,7 +45,8 @@ if TYPE_CHECKING:
     from xarray import Dataset
 
 #: The computation of a template is attempted this many times, because dask may send it to a worker that is just
-#: ending. An attempt fails when two workers have died during it.
+#: ending. An attempt fails when more workers have died during it than the scheduler allows
+#: (`allowed_failures`).
 ATTEMPTS = 3
 
 
@@ -146,7 +147,7 @@ def _compute_template(
     try:
         while not should_stop():
             with suppress(Empty):
-                # Wait by a queue, because dask's `future.result(timeout)` sometimes misses its timeout on Python 3.12.
+                # Wait on a queue, because dask's `future.result(timeout)` sometimes misses its timeout on Python 3.12.
                 ended.get(timeout=POLL_SECONDS)
                 template: Template = future.result()
                 return template

@@ -43,7 +43,7 @@ def _remove_abandoned_directories(root: str) -> None:
     with suppress(OSError), os.scandir(root) as entries:
         for entry in entries:
             if entry.name.startswith(PREFIX) and entry.is_dir(follow_symlinks=False):
-                with suppress(OSError):  # the directory belongs to another account, is in use, or is gone
+                with suppress(OSError):  # keep directories of other accounts and directories in use; some may be gone
                     _remove_unless_locked(entry.path)
 
 

@@ -23,8 +23,8 @@ LATE_SECONDS, LATE_FACTOR = 30.0, 10
 #: The task of a tile may take TILE_SECONDS on a worker. If the tile has more than TILE_CELLS cells, its task may take
 #: proportionally longer, but at most LONGEST_FACTOR times as long. A usual task takes seconds.
 TILE_CELLS, TILE_SECONDS, LONGEST_FACTOR = 4096, 900.0, 8.0
-#: If the tasks of several tiles take too long, their processes are killed one after the other, at intervals of at least
-#: this many seconds, in which a killed process restarts.
+#: If the tasks of several tiles take too long, their workers are killed one after the other, at intervals of at least
+#: this many seconds. A killed worker restarts within this time.
 RESTART_SECONDS = 60.0
 #: A cluster counts as lost after this many seconds without workers. Workers that restart are back sooner.
 WORKERLESS_SECONDS = 60.0

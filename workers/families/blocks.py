@@ -26,8 +26,8 @@ from gear_rattle.workers.survey.stored_families import (
 from rattle import Attractors
 from rattle.families import Rectangle
 
-#: Largest number of slots in a block, for which a worker needs some 100 MB. With another number the families of a
-#: survey would be the same, but for about one continued orbit in 10⁸.
+#: Largest number of slots in a block, for which a worker needs some 100 MB. With another number about one
+#: continued orbit in 10⁸ would get another family; all others would keep theirs.
 SLOTS_OF_BLOCK = 1 << 19
 
 

@@ -228,7 +228,8 @@ def write_families(
     kept: dict[str, Buffer] = {}
     array = create_family_array(zarr.create_group(MemoryStore(kept), zarr_format=3), request, block.side)
     array[:, cells.top : cells.bottom, cells.left : cells.right] = numbers.reshape(shape)
-    # The array in memory has no third axis, so there the chunk has another key than in the store, but the same bytes.
+    # The array in memory has no third axis, so its chunk has another key than the chunk in the store, but the same
+    # bytes.
     content = kept[replace(block, along=()).chunk].to_bytes()
     place.put(block.chunk, content)
     return digest(content)

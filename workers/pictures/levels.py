@@ -25,7 +25,7 @@ RARE = 2.0  # an extreme counts as rare if it is more than RARE times as far fro
 
 NEAR = 1  # to find the rarest code around a cell, count the codes of cells up to this many cells away on each side
 
-#: A function that opens a group of a survey's store; None if there is no such group.
+#: A function that opens a group of a survey's store. It returns None if there is no such group.
 OpenGroup = Callable[[str], xr.Dataset | None]
 
 

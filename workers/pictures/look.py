@@ -29,7 +29,7 @@ CRISIS, LIMIT, POINTS = "crisis", "design_limit", "points"
 LARGEST, SHARE = "largest_family", "family_fraction"
 #: Maps that need the whole survey, so that a window of them cannot be computed at finer resolution.
 SURVEY_ONLY = frozenset({LARGEST, SHARE, *OF_PERIODIC})
-#: Maps that have a map for each slot. If slots follow families, a window of these maps cannot be computed at finer
+#: Variables with a map for each slot. If slots follow families, a window of these maps cannot be computed at finer
 #: resolution either, because a window has no families.
 IN_SLOTS = frozenset(quantity.name for quantity in QUANTITIES if SLOT in quantity.dims)
 AMONG, WHICH = "among", ("all", "rattling")

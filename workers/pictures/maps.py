@@ -68,7 +68,7 @@ WITHOUT_VALUE = {
         if each.group is Group.INTENSITY
     },
 }
-#: Words in the legend for computed cells without a value, by first dimension, for variables not in WITHOUT_VALUE.
+#: {coordinate of a map: words in its legend for computed cells without a value}, for variables not in WITHOUT_VALUE.
 WITHOUT_VALUE_OF = {SLOT: EMPTY_SLOT, "orbit": "no such orbit"}
 #: Descriptions of a slot of attractors, by the rule that orders slots.
 SLOTS = {
@@ -443,10 +443,11 @@ def colour_scale_of(
     if str(plane.name).endswith("_fraction"):
         return colormaps["viridis"], Normalize(0, 1), None, []
     if np.issubdtype(plane.dtype, np.integer) and values.size:
-        # The largest 2 % of the values have one colour: long periods are rare, and would make all other colours alike.
+        # The largest 2 % of the values share one colour: on a scale up to the rare long periods, all others look alike.
         high = max(float(np.quantile(values, 0.98)), low + 1)
     if "lyapunov" in str(plane.name) or plane.attrs.get(SYMMETRIC):
-        # The largest 2 % of the sizes have one colour: exponents near the quiet limit would make all others alike.
+        # The 2 % of the values with the largest magnitudes share the end colours: on a scale up to the exponents near
+        # the quiet limit, all others look alike.
         reach = float(np.quantile(np.abs(values), 0.98)) if values.size else 1.0
         reach = reach or float(np.abs(values).max(initial=0.0)) or 1.0
         return colormaps["RdBu_r"], Normalize(-reach, reach), None, []

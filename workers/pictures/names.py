@@ -21,9 +21,9 @@ DIRECTIONS = (
     (0, 1),
     (0, -1),
 )  # directions from a mark to its name, in the order in which they are tried
-GAPS = (8.0, 20.0, 34.0, 50.0, 70.0, 95.0, 125.0)  # tried distances from a mark to its name, in pixels
+GAPS = (8.0, 20.0, 34.0, 50.0, 70.0, 95.0, 125.0)  # distances from a mark to its name that are tried, in pixels
 MARK = 6.0  # half a side of the square that a mark fills, in pixels
-LEADER_POSITIONS = np.linspace(0.1, 1.0, 24)[:, None]  # tested points of a leader, from 0 (mark) to 1 (name)
+LEADER_POSITIONS = np.linspace(0.1, 1.0, 24)[:, None]  # tested points along a leader, from 0 (mark) to 1 (name)
 
 
 class PlacedName(NamedTuple):

@@ -29,7 +29,7 @@ from rattle.populations import (
 
 MAX_TILE_GEARS = 65_536  # largest number of gears of a tile
 FEWEST_TILE_GEARS = 64  # a default tile has at least this many gears, unless each gear takes long
-DAMPING_SAMPLE_GEARS = 64  # the size of a default tile follows from the least damping among this many gears
+DAMPING_SAMPLE_GEARS = 64  # a default tile is sized for the least damping among this many first gears
 
 
 class RequestedShock(StrictRecord):

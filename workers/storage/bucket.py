@@ -24,8 +24,8 @@ if TYPE_CHECKING:
     from obstore.store import S3Store
 
 SCHEME = "s3://"
-#: Keys of objects beside the files of a store. CREATING exists while the store is created, DELETING while it is
-#: deleted, and LOCK while a run writes to it.
+#: Keys of objects beside the files of a store. CREATING exists while the store is created, DELETING while the store is
+#: deleted, and LOCK while a run writes to the store.
 CREATING, DELETING, LOCK = ".creating", ".deleting", ".lock"
 MARKERS = (CREATING, DELETING, LOCK)
 #: A failed request is repeated for RETRY_SECONDS; then it raises StorageError. RETRIES is so large that only the time

@@ -245,7 +245,8 @@ def _copy_to_icechunk(
 ) -> CopyResult:
     repository = _open_or_create_repository(path)
     session = repository.writable_session(BRANCH)
-    # This order, because the repository refuses a chunk before its array, and an array before its group.
+    # Metadata files come first, from the root group inwards, and chunks last, because the repository refuses a chunk
+    # before its array, and an array before its group.
     keys = sorted(_keys_with_digests(manifest), key=lambda file: (not file[0].endswith(ROOT), file[0].count("/")))
     size, done, total = 0, 0, len(keys)
     with asyncio.Runner() as runner:

@@ -47,7 +47,7 @@ def _write_group(dataset: xr.Dataset, path: Path, mode: str, rows: int, group: s
     encoding: dict[Hashable, dict[str, object]] = {}
     for name, values in dataset.data_vars.items():
         encoding[name] = {"zlib": True, "complevel": 1} if values.ndim else {}
-        if values.ndim and values.dtype.kind in "biuf":  # numbers and flags: HDF5 has no checksums of texts
+        if values.ndim and values.dtype.kind in "biuf":  # only numbers and flags: HDF5 has no checksums of texts
             encoding[name]["fletcher32"] = True
         # Chunks are as high as a band, because HDF5 would compress a higher chunk again for each of its bands.
         if values.dims[-2:] == CELL:

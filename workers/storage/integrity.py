@@ -125,7 +125,7 @@ def _check_by_decoding(place: Place, attributes: Mapping[str, Any]) -> tuple[int
         The metadata of the store cannot be read.
     """
     version = attributes["code_version"]
-    is_this_version = version == code_version()  # if so, every chunk was written, and a missing chunk is a lost one
+    is_this_version = version == code_version()  # this version writes every chunk: a missing chunk is a lost one
     lost = [MANIFEST] if is_this_version else []
     try:
         with warnings.catch_warnings():

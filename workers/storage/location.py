@@ -119,7 +119,7 @@ class StoreDirectory:
                     f"{self} is being computed by another run: wait until that run ends, or choose another path"
                 ) from None
             except OSError:
-                pass  # on a file system without locks nothing keeps a second run out
+                pass  # a file system without locks cannot keep a second run out of the store
             yield
 
     def remove_leftovers(self) -> None:

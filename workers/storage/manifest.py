@@ -23,7 +23,7 @@ from gear_rattle.workers.survey.template import COMPACT, Template, consolidate_m
 #: During a run the manifest is written again when more than 1/SHARE of its tiles are new, and not after each tile,
 #: because a large manifest takes long to write.
 SHARE = 200
-CACHED_SMALL = 8  # number of parsed small manifests in the cache, because each is needed repeatedly
+CACHED_SMALL = 8  # at most this many parsed small manifests are cached; each is needed repeatedly
 #: A manifest with more bytes is large. The cache keeps only the latest large one: that of a survey of 10⁹ cells takes
 #: 250 MB.
 LARGE = 4 * 2**20

@@ -318,7 +318,8 @@ def finish_store(where: str | Path | Place) -> None:
         try:
             place.remove_leftovers()
             attributes = {COMPLETED: read_root_attributes(place).get(COMPLETED) or current_time()}
-            # Without the variable LEAF no rounds of audits have counted the audited cells, so they are counted here.
+            # A survey without the variable LEAF has no rounds of audits, which would have counted the audited cells, so
+            # these cells are counted here.
             if AUDIT in manifest.chunks and LEAF not in manifest.chunks:
                 attributes |= _count_audit_attributes(place)
             set_attributes(place, attributes)

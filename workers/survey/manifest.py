@@ -10,7 +10,7 @@ ROOT = "zarr.json"  # key of the file with the metadata of the whole store
 MANIFEST = "manifest.json"  # key of the manifest's file
 FORMAT = 1  # version of the manifest's format
 DIGITS = 16  # hexadecimal digits of a digest
-SLICES = "slices"  # group with the curves, points and families of each slice along a third axis
+SLICES = "slices"  # group whose subgroups have the curves, points and families of the slices along a third axis
 SLICE = "{slice}"  # placeholder in a pattern of chunk keys for the index along a third axis
 
 

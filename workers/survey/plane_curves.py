@@ -20,8 +20,9 @@ from rattle import RattleError
 from rattle.curves import CodimensionTwo, Curve
 from rattle.models import Model
 
-#: Lower end of the window in which curves are traced, as a share of the survey's least δ. Where half a cell of margin
-#: would reach below it, the window begins there instead, because no curve is defined at δ ≤ 0.
+#: Curves are traced in a window. Around a survey's cells it begins half a cell below the least δ of the cells, but not
+#: below this share of that δ. On a map of the explorer it begins at the map's least δ, but not below this share of the
+#: map's largest δ. The reason for both limits is that no curve is defined at δ ≤ 0.
 LOWEST_DELTA = 0.1
 #: A window extends beyond its cells by at least this share of its largest δ (or ε), because curves take minutes to
 #: trace in narrower windows.

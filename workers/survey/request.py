@@ -67,20 +67,22 @@ SpeedLimitOnce = WrapValidator(_check_speed_limit)
 #: Cells along a side of a default tile: usual number, and least number.
 DEFAULT_TILE, SMALLEST_DEFAULT = 32, 4
 #: By default a survey has about this many tiles or more, so that workers end at about the same time and progress is
-#: visible. A refined survey may have fewer, and so may a small one, because of SMALLEST_DEFAULT cells along a side.
+#: visible. A refined survey may have fewer; so may a small one, because its tiles have SMALLEST_DEFAULT cells or more
+#: along a side.
 LEAST_TILES = 16
-#: By default a large survey has about this many tiles, because each tile has some 35 files.
+#: The default tiles of a large survey are larger, so that it has about this many tiles: each tile has some 35 files.
 MOST_TILES = 100
-#: The default tile of a large survey has at most this many times the samples of other default tiles.
+#: A default tile of a large survey has at most this many times the model's usual number of samples (`tile_samples`).
 LARGE_TILE_FACTOR = 16
 BASIN_SIDE = 8  # cells along a side of a default tile if basins are computed; such a tile takes a second or two
 BASIN_SAMPLES = 4096  # number of states of a cell that are followed at a time if basins are computed
-MAX_TILE_CELLS = 65_536  # largest number of cells of a tile, whose results take some 50 MB in a worker
-MAX_TILE_REGIONS = 1_048_576  # largest number of cells of a tile that refines regions alone, a few bytes per cell
+MAX_TILE_CELLS = 65_536  # largest number of cells of a tile; results of so many cells take some 50 MB in a worker
+#: Largest number of cells of a tile that refines regions alone; its results take only a few bytes per cell.
+MAX_TILE_REGIONS = 1_048_576
 #: A default tile of a refined survey of regions has more rows than columns, by the square of this factor, because all
 #: cells of a column share constants of the closed forms.
 TALL_TILE_FACTOR = 4
-MAX_TILE_SAMPLES = 4_194_304  # largest number of samples of a tile, which take some 300 MB while a worker follows them
+MAX_TILE_SAMPLES = 4_194_304  # largest number of samples of a tile; a worker needs some 300 MB to follow so many
 BY_FRACTION, BY_FAMILY = "fraction", "family"  # values of `slots_by`, the rule that gives an attractor its slot
 #: Default numbers of slots: SLOTS, or MORE_SLOTS if the survey begins below the damping MANY_ATTRACTORS.
 SLOTS, MORE_SLOTS, MANY_ATTRACTORS = 8, 24, 0.1

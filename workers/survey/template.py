@@ -40,7 +40,7 @@ WRITE_ALL_CHUNKS: Any = {"write_empty_chunks": True}
 COMPACT = {"json_indent": None}
 
 
-Template = dict[str, bytes]  # {key: content} of every file of a store without tiles
+Template = dict[str, bytes]  # {key: content} of every file that a store has before its first tile is written
 
 
 def template_of(request: SurveyRequest, created: str | None = None) -> Template:

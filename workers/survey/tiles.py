@@ -20,8 +20,8 @@ LONGEST_MESSAGE = 300  # characters of a failed cell's message that are kept
 POLL_SECONDS = 0.2  # seconds between two checks whether a run must stop
 GRACE_SECONDS = 2.0  # seconds for which a stopped run waits for tiles that are being computed
 
-#: Exceptions that are failures of the computer, not of a cell. They are never stored, because results must not depend
-#: on the computer.
+#: Exceptions that are failures of the computer, not of a cell. They are not stored as failures of cells, because
+#: results must not depend on the computer, unless `evaluate_cells_one_by_one` gets them as its argument `failing`.
 MACHINE_FAILURES = (MemoryError, OSError, ImportError)
 
 FailedCell = tuple[int, int, str]  # indices of the cell along ε and along δ, and the message of its failure
@@ -158,8 +158,9 @@ def _refined_tile_cells(request: SurveyRequest, tile: Tile) -> RefinedCells:
     whole = cells_of_tile(request.slice_request(tile.along))
     # If a model has no closed form, its curves take minutes to trace, so its tiles are refined without curves.
     curves = traced_crossings(whole.model, request.delta, request.epsilon) if whole.model.has_closed_forms else ()
-    # A bound combines the audits of all slices, so no two slices audit the same positions of the grid. Without a bound,
-    # a slice audits the same cells, and so has the same values, as a survey of this plane alone.
+    # An upper bound of the share of wrong cells combines the audits of all slices, so no two slices audit the same
+    # positions of the grid. Without such a bound, a slice audits the same cells as a survey of its plane alone, and so
+    # has the same values.
     seed = request.seed + (sum(tile.along) << 32) * request.has_bound
     plan = FillingPlan((first_audit_round(request), *tile.rounds), request.quantities, curves, seed)
     return refine_cells(whole, *tile.spans, plan)

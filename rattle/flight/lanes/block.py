@@ -19,10 +19,11 @@ LANES, GROUP = 192, 16  # numbers of lanes of a block, and of a group; only grou
 GROUPS, NONE, ONCE = np.array([LANES // GROUP, 0, 1])
 SMOOTH, ROUGH, ARCS = range(3)
 ROUGHNESS = 0.75  # the first guess is improved on lanes where `relative_force_amplitude` exceeds this number
-LARGEST_GROWTH = 1e100  # a tangent vector is reset when it has grown by this factor
+# a tangent vector and its determinant are reset when one of them has grown or shrunk by this factor
+LARGEST_GROWTH = 1e100
 ZERO, ONE = f32(0.0), f32(1.0)
 
-#: Fields that also have a copy in single precision, named with a trailing underscore.
+#: Fields that also have a copy in single precision. The name of the copy ends in an underscore.
 _STATE = ("tau", "w", "wall", "sin0", "cos0")
 _PARAMETERS = ("inverse_delta", "delta", "epsilon", "gap")
 #: Fields in double precision that a lane keeps from flight to flight.
@@ -37,21 +38,22 @@ _CARRIED = (
     # tangent vector (dt, dw); product of the determinants of the flights; time so far, in forcing periods
     *("t_tangent", "w_tangent", "determinant", "time"),
     # reference state of the search for recurrences, and its number of impacts; number of checks so far; number of
-    # checks at which the reference state is replaced
+    # the check at which the reference state is replaced next
     *("at_tau", "at_v", "at_n", "looks", "next_look"),
-    # for a tangent vector: number of the part of the observation to which its growth is added, −1 before the first
-    # part; time up to which its growth was added. Unit of speeds (`speed_unit`).
+    # number of the part of the observation to which the growth of the tangent vector is added, −1 before the first
+    # part; time up to which this growth was added; unit of speeds (`speed_unit`)
     *("batch", "since", "unit"),
 )
 _NEXT_IMPACT = ("f0", "s", "w1", "bend", "lost", "sin1", "cos1", "target", "sure")
-#: Fields in single precision: copies of parameters and state, and the arc of negative contact force; in _GUESSED the
-#: flight time, Taylor coefficients at this time, and the results of the guess and of the proof.
+#: Fields in single precision: copies of parameters and state, and the arc of negative contact force. _GUESSED has the
+#: flight time, the Taylor coefficients at this time, and the results of the guess and of the proof.
 _PARAMETERS_32, _STATE_32 = (tuple(f"{name}_" for name in names) for names in (_PARAMETERS, _STATE))
 _ARC = ("arc_exit", "arc_length", "sin_entry", "sin_exit", "no_arc")
 _CARRIED_32 = ("rough", *_PARAMETERS_32, *_ARC)
 _SCANNED = (*_PARAMETERS_32[1:], *_ARC, *_STATE_32, "a_")
 _GUESSED = (*("s_", "c0", "c1", "c2", "c3", "c4", "c5"), *("step", "speed", "turn", "bound", "tilt", "falls", "proved"))
-#: Fields for the second attempt at a proof: data of the lanes without proof, compacted into the first lanes; results.
+#: Fields for the second attempt at a proof. _COMPACTED: data of the lanes without proof, moved to the first lanes.
+#: _FOUND: results of the attempt.
 _COMPACTED = tuple("z_" + name.rstrip("_") for name in _SCANNED)
 _FOUND = ("z_f", "z_g", "z_turned", "z_turn", "z_ended", "z_falls", "z_end", "z_s", "z_proved")
 
@@ -130,7 +132,8 @@ def put_trajectory_on_lane(b, i, tau, v, delta, epsilon, beta, limit):
     b.arc_exit[i], b.arc_length[i], b.sin_entry[i], b.sin_exit[i] = arc.leave, arc.length, arc.sin_entry, arc.sin_exit
     b.no_arc[i] = ZERO if arc.exists else ONE
     b.rough[i] = convert_flag_to_float(has_force_amplitude_above(ROUGHNESS, delta, epsilon))
-    # at_v: no state is close to a reference state of negative speed; next_look: the first check replaces this state
+    # at_v is −1, because no state is close to a reference state with a negative speed. next_look is 1, so that the
+    # first check replaces this reference state.
     b.at_v[i], b.next_look[i], b.batch[i] = -1.0, 1.0, -1.0
 
 

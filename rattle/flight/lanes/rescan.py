@@ -101,7 +101,7 @@ def scan_flights(b, n, padded):
             )
         left = np.int32(0)
         for k in range(padded):
-            # np.int32 twice, because numba widens the result of `|` to 64 bits, and mixed widths vectorise badly
+            # both casts are needed: numba widens the result of `|` to 64 bits, and mixed widths vectorise badly
             left = np.int32(left | np.int32(b.z_ended[k] == ZERO))
         if left == 0:
             break

@@ -335,7 +335,7 @@ def advance(memory, groups, flights, force, tangent, paths):
             reject_lanes_with_two_turns(b, groups)
         unproved = np.int32(0)
         for i in range(GROUP * groups):
-            # np.int32 twice, because numba widens the result of `|` to 64 bits, and mixed widths vectorise badly
+            # both casts are needed: numba widens the result of `|` to 64 bits, and mixed widths vectorise badly
             unproved = np.int32(unproved | np.int32(b.proved[i] == ZERO))
         if unproved:
             rescan_unproved_lanes(b, groups, force, paths)

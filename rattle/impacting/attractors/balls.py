@@ -31,8 +31,8 @@ from rattle.flight.law import LONGEST_DECAY, decay_remainder64, flight_from_sine
 from rattle.flight.tangent import flight_tangent
 from rattle.numerics.compile import inline, kernel
 
-ALL = 2 * DIRECTIONS  # number of directions tried at once, one for each lane of a group
-FEW = 4  # the first attempt for a region tries this number of directions, a quarter turn apart, at this number of radii
+ALL = 2 * DIRECTIONS  # number of directions, on both ellipses, that are tried at once: one on each lane of a group
+FEW = 4  # the first attempt for a region tries FEW directions, a quarter turn apart, at FEW radii
 RADII = int(math.log2(LARGEST / SMALLEST)) + 1  # number of radii to try, each half the previous one
 
 #: For each lane: w, sine and cosine of 2πτ at the departure of its flight, 1 − e^(−δs) of the flight (`lost`), and the
@@ -171,8 +171,9 @@ def halvings_without_failure(b, work, group, i, level, few, centres):
 
 @kernel
 def write_radii(memory, work, centres, cells, paths):
-    """Write the radius of every capture region to `centres`; 0 for a region whose smallest tried radius fails.
+    """Write to `centres.radius` the largest tried radius at which the conditions hold; 0 if they hold at none.
 
+    This is the radius of the outer ellipse, twice the radius of the capture region (`CaptureCentres.radius`).
     `work` is scratch memory (`WORK`). `paths` (2,) counts flights whose first impact needs a scan, and flights whose
     first impact needs the slower safe search.
     """
@@ -212,5 +213,8 @@ def write_radii(memory, work, centres, cells, paths):
 
 
 def find_capture_radii_in_lanes(memory, centres, cells):
-    """Compute in lanes the radii of the capture regions around `centres`, and write them to `centres.radius`."""
+    """Compute in lanes the radii of the outer ellipses around `centres`, and write them to `centres.radius`.
+
+    The radius of a capture region is half that of its outer ellipse (`CaptureCentres.radius`).
+    """
     write_radii(memory, np.zeros(1, WORK)[0], centres, cells, np.zeros(2, np.int64))

@@ -30,12 +30,13 @@ from rattle.numerics.sampling import sobol_points
 from rattle.orbits.iterates import fold_phases
 from rattle.parameters import Parameters
 
-# number of states of each set that is uniform in v or in ln v; largest number of sets of slower states after the first
+# SAMPLED: number of states in each set drawn uniformly in v or in ln v. ROUNDS: largest number of sets after the first.
+# The states of these later sets are slower than the slowest state that was known to end quiet motion.
 SAMPLED, ROUNDS = 1024, 8
 # number of states at the edges of all capture regions of a cell; fewest and most states at the edge of one region
 EDGES, FEWEST_EDGES, MOST_EDGES = 512, 8, 64
-# at strong damping, largest number of impacts by which a state is followed backwards; speed, in natural speeds, above
-# which it is followed no further
+# at strong damping, largest number of impacts over which a state is followed backwards; speed, in natural speeds, above
+# which a state is not followed backwards any further
 PREIMAGES, CEILING = 64, 25.0 / 7.0
 # largest number of states of a cell, with their copies, whose preimages are computed; number of copies near each state;
 # largest distance of these copies, in τ and relative in v
@@ -48,18 +49,20 @@ STARTS, APART = 4, 1.0 / 32.0
 TAU_OFFSETS, V_OFFSETS = 8.0 ** -np.arange(3), 8.0 ** -np.arange(5)
 # first and last size of a pattern, relative in v and in forcing periods in τ
 FIRST_SCALE, LAST_SCALE = 2.0**-4, 2.0**-20
-# factor by which a pattern shrinks if it holds no slower state; a search is given up if the least speed that it found
-# exceeds the least speed of the cell by more than this many sizes of the pattern
+# SHRINK: factor by which a pattern shrinks if none of its states is slower. MOST_LAG: a search is given up if its least
+# speed exceeds the least speed found in the cell by more than this many sizes of the pattern.
 SHRINK, MOST_LAG = 1.0 / 16.0, 8.0
 MOST_PATTERNS = 60  # most patterns of one search
-# at strong damping, least and largest number of impacts for which states after the first set are followed
+# least and largest limit of impacts at strong damping for states after the first set; at weaker damping both limits are
+# `longer` times as large
 LEAST_IMPACTS, MOST_IMPACTS = 512, 4096
-# a later state is followed for this many times the largest number of impacts that a state of the first set took to
-# reach a periodic orbit; in cells whose unresolved samples count as chaotic, to reach a periodic orbit or quiet motion
+# States after the first set are followed for at most this factor times the largest number of impacts that a state of
+# the first set took to settle. A state has settled when it has reached a periodic orbit. In cells whose unresolved
+# samples count as chaotic, a state has also settled when it has become quiet.
 LIMIT_MULTIPLE = 2
 # at the end the slowest states that seem chaotic are followed for this many times the cell's limit of impacts
 CONFIRMING_FACTOR = 8
-# sets that are uniform in ln v begin at the capture speed, but at least at this speed, in natural speeds
+# states that are drawn uniformly in ln v have at least the capture speed, and at least this share of the natural speed
 LOWEST = 1e-6 / 7.0
 
 Array = NDArray[np.float64]
@@ -105,13 +108,14 @@ class _QuietCells:
     def __init__(self, delta: Array, epsilon: Array, beta: Array, v_max: Array) -> None:
         n = delta.size
         usual = highest_sampled_speeds(None, delta, epsilon, beta)
-        # the speed at which sets that are uniform in ln v begin: the capture speed, but at least LOWEST natural speeds
+        # least speed of the states that are drawn uniformly in ln v: the capture speed, but at least LOWEST times the
+        # natural speed
         self.floor = np.clip(capture_speeds(delta, epsilon, beta), LOWEST * usual, 0.5 * v_max)
         self.v_max, self.ceiling = v_max, CEILING * usual
         # factors by which the cells' limits of impacts are larger than at strong damping
         self.longer = most_impacts_until_quiet(delta) / LONGEST_REST
         self.tau, self.v = np.full((n, STARTS), np.nan), np.full((n, STARTS), np.inf)
-        self.balls = np.zeros(n, np.int64)  # number of capture regions whose preimages are already computed
+        self.balls = np.zeros(n, np.int64)  # number of the cell's capture regions whose preimages are already computed
         self.sampled = self.first_states(n)
         tau, v = (each.copy() for each in self.sampled)
         at = Parameters(ImpactingClassifier.model, delta, epsilon, beta)
@@ -206,7 +210,7 @@ class _QuietCells:
         regions that were found since the last call.
         """
         number = away.sum(axis=1)[:, None]
-        # one flagged state of every `every` is used in a cell, so that with their copies they are at most STATES
+        # every `every`-th flagged state of a cell is used, so that these states and their copies are at most STATES
         every = -(-number * (1 + COPIES) // STATES)
         some = np.flatnonzero(away & (np.cumsum(away, axis=1) % np.maximum(every, 1) == 0))
         near = sobol_points(1 + COPIES)[:, :, None] * NEAR

@@ -42,11 +42,11 @@ from rattle.impacting.map.impact_map import ImpactingPoint
 from rattle.numerics.compile import implement_for_type, inline, kernel
 from rattle.orbits.return_map import point_between, point_of_cell
 
-# number of flights between two checks, at first and for long trajectories; both are prime, so that the checks of a
-# periodic motion come at each of its impacts in turn
+# number of flights between two checks, at first and for long trajectories; both are prime, so that in nearly every
+# periodic motion the checks come at each impact of the period in turn
 CHUNK, LONG_CHUNK = 11, 37
-# numbers of flights between successive marks of a probe in its visited-cell bitmap, used in turn; a probe is checked
-# after all four, every 23 flights; 23 is prime, so that checks of a periodic motion come at each of its impacts in turn
+# A probe marks its visited-cell bitmap after each of these numbers of flights, in turn. It is checked after all four,
+# that is after every 23 flights. 23 is prime, so that checks of a periodic motion come at each of its impacts in turn.
 STRIDES = (6, 6, 6, 5)
 
 

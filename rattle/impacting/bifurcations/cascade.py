@@ -9,7 +9,7 @@ from rattle.impacting.bifurcations.branches import Branch, branch, doubled
 from rattle.impacting.bifurcations.events import Event
 from rattle.impacting.orbits.periodic import PeriodicOrbit
 
-MOST_DOUBLINGS = 8  # largest allowed number of doublings: each takes about six times as long as the one before
+MOST_DOUBLINGS = 8  # largest allowed number of doublings; each doubling takes about six times as long as the one before
 
 
 def cascade(

@@ -27,7 +27,7 @@ from rattle.impacting.bifurcations.starts import family_members
 from rattle.impacting.orbits import closed_form
 from rattle.numerics.complex_step import Array
 
-#: Least half-backlash. At smaller values rounding does not separate the points, which lie near δ = 4β/π.
+#: Least half-backlash. Below it, rounding no longer separates the codimension-two points, which lie near δ = 4β/π.
 LEAST_BACKLASH = 1e-6
 Residual = Callable[[float, float], float]
 

@@ -27,7 +27,8 @@ from rattle.numerics.complex_step import Array
 from rattle.orbits.periodic_motions import unknowns_counted_from_impact
 
 MOST_ACROSS = 1000  # largest allowed number of points of a curve across a window
-# starting points of a curve are also searched on both sides of each codimension-two point, this far away, relative in δ
+# starting points of a curve are also searched close to each codimension-two point, at dampings below and above its δ
+# that differ from it by this share
 NEIGHBOUR_DISTANCE = 1e-7
 REACH = 8.0  # every curve has points at dampings below this multiple of β; COD22 is near δ = 4β/π
 # a window must reach above this damping: below it the impact times of different motions differ by less than rounding

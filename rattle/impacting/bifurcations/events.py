@@ -186,7 +186,8 @@ def _values_of_test_functions(itinerary: Itinerary, line: ParameterLine, points:
     return np.column_stack([tangents[:, -1], flips, departures])
 
 
-# a test function: it takes the direction of the branch and a solution, and changes sign at an event of its kind
+# a test function: it takes the direction of the branch and a solution, and changes sign at every event
+# of one kind
 Test = Callable[[Array, Array], float]
 
 

@@ -17,8 +17,8 @@ from rattle.impacting.bifurcations.events import Event
 from rattle.impacting.orbits.equations import Itinerary
 from rattle.numerics.complex_step import Array
 
-# an event is on a curve if a starting point of the curve at the same damping differs from it by less than this,
-# relative in ε
+# an event counts as on a curve if, at the damping of the event, the ε of a starting point of the curve differs from the
+# event's ε by less than this share of it
 SAME_START = 0.01
 PAPER = "Mason and Piiroinen (2009)"
 

@@ -12,11 +12,11 @@ from rattle.impacting.orbits.equations import Itinerary
 from rattle.impacting.orbits.limits import epsilon_sine_of_single_impact, flip_formula, sn1_formula
 from rattle.numerics.complex_step import Array
 
-# number of members of the family that a refinement computes between the two neighbours of a zero; largest number of
-# refinements
+# number of members of the family that a refinement computes, from the member before a zero to the member after it;
+# largest number of refinements
 FINER, FINEST = 33, 12
-# a zero needs no further refinement if the members on either side of it differ by less than this, both in their impact
-# times (in forcing periods) and in ε (relative to ε)
+# a zero needs no further refinement if its two neighbours, members of the family on either side of it, differ by less
+# than this, both in their impact times (in forcing periods) and in ε (relative to ε)
 CLOSE = 0.02
 
 

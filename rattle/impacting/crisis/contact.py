@@ -21,14 +21,13 @@ from rattle.impacting.orbits.limits import sn1_formula
 from rattle.impacting.orbits.periodic import period_one_orbit
 from rattle.orbits.saddles import Array, LocalManifold, eigenvectors, local_manifold
 
-GRID, ZOOMS = 41, 13  # number of points of a grid in s; number of refinements of the grid around its minimum
+GRID, ZOOMS = 41, 13  # number of points of a grid in s on which a minimum is sought; number of ever finer grids
 # distance in s from the contact, relative to s, of the two points on either side whose itineraries are compared
 SAME = 1e-9
-# points of W^u(A) more than this number of impacts away from the local series are interpolated; number of nodes of the
-# interpolation
+# points of W^u(A) that are LONG impacts or more away from the local series are interpolated between NODES nodes
 LONG, NODES = 30, 16
 NEWTON = 4  # number of Newton steps to the position of a state along W^s(A)
-MOST_ROUNDS = 40  # most moves of an interval until it holds a root
+MOST_ROUNDS = 40  # an interval is moved at most this many times until it holds a root
 
 
 @dataclass(frozen=True)

@@ -26,12 +26,13 @@ from rattle.orbits.saddles import Array
 START = 0.98  # the curve is followed in both directions from this multiple of the δ of COD22, by default
 CLOSEST = 1e-5  # least ε − SN1 to which the curve is followed close to COD22, relative to SN1
 RATIO = 0.75  # ratio of successive ε − SN1 close to COD22
-# half-width of the window in which s is searched, relative to the guess of s; expected relative error of the guess of
-# the other unknown, which is ε − SN1 or, close to COD22, the distance in δ from COD22
+# WINDOW: half-width of the window in which s is searched, relative to the guess of s; four times as large if only one
+# crisis is known. BRACKET: expected relative error of the guess of the other unknown. This unknown is ε − SN1 or, close
+# to COD22, the distance in δ from COD22.
 WINDOW, BRACKET = 0.05, 0.01
 DOMAIN = 0.3  # largest half-width of the window of s, divided by the length of a fundamental domain, both in ln s
-# distance below the contact, relative to ε − SN1, at which no piece of W^u(A) may escape; number of samples per unit of
-# ln s with which W^u(A) is followed there
+# a crisis is checked at a slightly smaller ε, where no piece of W^u(A) may escape: decrease of ε, relative to ε − SN1;
+# number of samples of W^u(A) per unit of ln s in this check
 MARGIN, CHECK_DENSITY = 1e-3, 4000
 SMALLEST = 1e-4  # smallest step in δ, relative to the δ of COD22; the curve ends where it needs a smaller step
 WIDEST = 0.05  # widest range of δ without chaos that the curve crosses, relative to the δ of COD22
@@ -151,8 +152,8 @@ def contact_above_sn1(known: list[Crisis], gap: float, end: float) -> Crisis:
 
 def _follow_to_smaller_damping(start: Crisis, low: float, resolution: float, end: float) -> tuple[list[Crisis], str]:
     """Return the points of the crisis curve from `start` down to δ = `low`, and the reason why the curve ends."""
-    # `chaotic` is the index of the last point with a chaotic attractor; the curve also crosses short ranges of δ in
-    # which the motion is periodic
+    # `chaotic` is the index of the last point with a chaotic attractor. Later points may lie in a short range of δ in
+    # which the motion is periodic, and which the curve crosses.
     known, step, chaotic = [start], resolution, 0
     while known[-1].delta > low:
         step = min(step, resolution)

@@ -31,8 +31,8 @@ from rattle.parameters import Parameters
 Flags = NDArray[np.bool_]
 NEAREST = 1e-7  # distance in (τ, v) of the fundamental domain from A
 SAMPLES = 512  # number of samples of a fundamental domain
-# impacts on Σ⁺ that a sample may make between leaving A and crossing W^s(A), at strong damping: if it crosses at its
-# first return to A, and if it crosses at a later return
+# Number of impacts on Σ⁺ that a sample may make at strong damping between leaving A and crossing W^s(A). FIRST_RETURNS
+# is for samples that cross at their first return to A, RETURNS for samples that cross at a later return.
 FIRST_RETURNS, RETURNS = 64, 256
 # at strong damping, a parameter point is undecided if a sample may need more impacts than this to become quiet; at weak
 # damping the limit is larger, in proportion to `most_impacts_until_quiet`
@@ -44,9 +44,10 @@ CHAOS_SAMPLES = 32  # number of samples whose Lyapunov exponents are measured
 # distances below the crisis, relative to ε − SN1, at which chaos is tested; no narrow window of periodic motion holds
 # all these points
 BELOW = (1e-4, 1e-3, 1e-5)
-# distance above the crisis, relative to ε − SN1, at which chaos is tested; few chaotic transients last there
+# Distance above the crisis, relative to ε − SN1, at which chaos is tested. Few transients that are chaotic at this
+# distance last longer than TRANSIENT_IMPACTS impacts.
 ABOVE = 0.01
-CHAOTIC = 0.02  # least first Lyapunov exponent of chaos, per forcing period
+CHAOTIC = 0.02  # a sample is chaotic if its first Lyapunov exponent, per forcing period, is above this
 # W^u(A) counts as going to a chaotic attractor if the share of its samples that are chaotic exceeds
 # LEAST_CHAOTIC_SHARE just below a contact with W^s(A), or MOST_CHAOTIC_SHARE just above the contact
 LEAST_CHAOTIC_SHARE, MOST_CHAOTIC_SHARE = 0.2, 0.05

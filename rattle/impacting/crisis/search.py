@@ -31,13 +31,13 @@ LOWEST, SMALLEST = 0.5, 2e-5
 HIGHEST = 2.0
 # damping below which the search ends at the quiet limit; damping below which the search is refused
 WEAK, WEAKEST = 0.3, 0.1
-HALVINGS = 6  # number of bisections of a step in ε − SN1 in which W^u(A) begins to escape
-# numbers of samples per unit of ln s, where s is the position on W^u(A). BISECTION_DENSITY: to bisect the ε at which
-# W^u(A) begins to escape. PIECE_DENSITY: to find the piece that escapes first, and to check that no piece escapes below
-# the contact of W^u(A) with W^s(A)
+HALVINGS = 6  # number of bisections of the step in ε − SN1 within which W^u(A) begins to escape
+# Numbers of samples per unit of ln s, where s is the position on W^u(A). BISECTION_DENSITY is used for the bisection of
+# the ε at which W^u(A) begins to escape. PIECE_DENSITY is used for the search of the piece that escapes first, and for
+# the check that no piece escapes below the contact of W^u(A) with W^s(A).
 BISECTION_DENSITY, PIECE_DENSITY = 2000, 40000
 MARGIN = 1e-4  # distance below the crisis, relative to ε − SN1, at which no other piece of W^u(A) may escape
-MOST_PIECES = 6  # most contacts that are tried, each at a smaller ε than the one before
+MOST_PIECES = 6  # largest number of contacts that are tried, each at a smaller ε than the previous one
 MOST_RUNS = 4  # most runs of escaping samples whose contacts are tried in turn
 # an escaping orbit is followed for at most MOST_STEPS + 20/ln λ impacts on Σ⁺; λ is the unstable multiplier of A
 MOST_STEPS = 400

@@ -17,8 +17,8 @@ from rattle.flight.law import fold_phase
 from rattle.numerics.compile import kernel
 
 FIRST_POINTS = 256
-# no points are inserted between two times of touch that differ by less than this: if their states are still farther
-# apart than the spacing, Γ breaks there
+# No point is inserted between two points of Γ whose times of touch differ by less than this. If the states of these
+# points are still farther apart than the spacing, Γ breaks between them.
 CLOSEST = 1e-13
 FINEST = 1e-4  # least allowed spacing of points
 

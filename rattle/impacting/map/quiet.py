@@ -34,10 +34,10 @@ Array = NDArray[np.float64]
 # over phases can use vector instructions
 PHASES, ABREAST = 2048, 16
 SINES, COSINES = sampled_phases(PHASES)
-LARGEST_ETA = 0.5  # largest η (see the top of this file) for which the measured bound is used
+LARGEST_ETA = 0.5  # the bound 10 e^(−1.9/η), which was measured (see the top of this file), is used up to this η
 # the constants of 10 e^(−1.9/η), the measured bound of the change of ln I in a period (see the top of this file)
 KICK, DECAY_RATE = 10.0, 1.9
-# `most_impacts_until_quiet`: its value at strong damping; the damping below which it grows; its largest value
+# value of `most_impacts_until_quiet` at strong damping; damping below which this value grows; its largest value
 LONGEST_REST, STRONG, MOST_REST = 2048.0, 0.3, 2.0**18
 
 
@@ -66,7 +66,7 @@ def compiled_capture_invariant(delta, epsilon, beta, largest):
         return 0.0
     rate = max(math.pi, delta)
     for j in range(ABREAST):
-        largest[j] = 0.0  # becomes the maximum of (η/I^(1/3))³ over the phases number j, j + ABREAST, j + 2 ABREAST, …
+        largest[j] = 0.0  # becomes the maximum of η³/I over the phases with the indices j, j + ABREAST, …
     for i in range(0, PHASES, ABREAST):
         for j in range(ABREAST):
             cosine, sine = COSINES[i + j], SINES[i + j]

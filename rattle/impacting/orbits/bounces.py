@@ -15,9 +15,11 @@ from rattle.impacting.orbits.impact_times import MOST_IMPACTS, SECTIONS, solve_f
 from rattle.numerics.compile import kernel
 
 ALL_TRIED_UP_TO = 6  # every n up to this number is tried, because the flips of small n are not in the order of n
-# damping above which saddle-nodes are not in the order of n, and orbits are stable above the quiet limit too
+# damping above which the saddle-nodes of P(1, n, 0) do not come in the order of n, and P(1, n, 0) can be stable
+# above the quiet limit, too
 STRONG = 1.6
-# for damping above STRONG: largest n that is tried; least ε of stable orbits, in units of the quiet limit
+# for damping above STRONG: largest n for which P(1, n, 0) is sought; least ε, in units of the quiet limit, at which
+# P(1, n, 0) is sought
 MOST_AT_STRONG, LEAST_AT_STRONG = 24, 0.85
 # least contact force, in units of the mean force, for the rate of bounces; a smaller force counts as this force
 WEAKEST = 0.02

@@ -32,7 +32,8 @@ LEAST_COSINE = 0.9  # least cosine of the angle by which the curve turns in one 
 MOST_STEPS = 400
 # most refinements towards an extremum of the residual R_0; most halvings of a bracket around a zero of R_0
 MOST_ZOOMS, MOST_HALVINGS = 12, 24
-# length of a step, as a share of the first bracket, below which Newton's method on all equations takes over
+# the search for an orbit changes to Newton's method on all equations once a step along the circuit is shorter than this
+# share of the first bracket around the orbit
 NEAR = 0.02
 SAME_ORBIT = 1e-7  # largest difference in phase, and relative difference in speed, of equal orbits
 # how a walk along a circuit ends. LOST: it found no first point, or its steps became too many or too short; WOUND: the
@@ -166,8 +167,8 @@ def find_sign_change(work, n, hi, f_lo, slope_lo, f_hi, slope_hi, delta, epsilon
     for _ in range(MOST_ZOOMS):
         if not slope_lo * f_lo < 0.0 < slope_hi * f_hi:
             break
-        # on so short an interval R_0 counts as convex or concave, so it has no zero if the tangents at both ends meet
-        # before they reach 0
+        # On an interval shorter than half of the first one, R_0 counts as convex or concave. Then it has no zero if the
+        # tangents at both ends of the interval meet before they reach 0.
         if hi - lo < 0.5 * whole:
             s = (f_hi - f_lo + slope_lo * lo - slope_hi * hi) / (slope_lo - slope_hi)
             if (f_lo + slope_lo * (s - lo)) * f_lo > 0.0:

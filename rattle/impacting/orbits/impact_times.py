@@ -26,7 +26,7 @@ from rattle.flight.law import LONGEST_DECAY, decay_remainder64, fold_phase
 from rattle.numerics.compile import inline, kernel
 
 SAME_TIME = 1e-6  # largest difference of two times of flight, in forcing periods, that counts as the same flight
-SOLVED = 1e-11  # length of a Newton step, in forcing periods, after which the solution is exact to rounding
+SOLVED = 1e-11  # after a Newton step shorter than this, in forcing periods, the solution is exact to rounding
 # a Newton step shorter than this, in forcing periods, is also the last one if it is at least half as long as the step
 # before it: rounding then prevents a better solution
 NEARLY = 1e-7
@@ -35,12 +35,13 @@ SHARE_LEFT = 0.4  # least share of a flight's duration that remains after one st
 
 MOST_IMPACTS = 128  # largest number of impacts of a motion
 MOST_ORBITS = 160  # largest number of stable orbits of a cell
-SECTIONS = 32  # number of sections of half a period, in each of which the rate of bounces is taken as constant
+SECTIONS = 32  # number of equal sections of half a period; the rate of bounces is taken as constant in each section
 
-#: Fields of a motion: `times` of its impacts in order, with `sines` and `cosines` of 2πt. For each equation: its
-#: `residual`, and its derivatives with respect to the time of the impact `before`, `at` this impact and `after` it.
-#: After elimination: the `change` of the times that solves all equations but the first at a fixed first time, and the
-#: `response` of the times to a unit change of the first time.
+#: Fields of a motion: `times` of its impacts in order, with `sines` and `cosines` of 2πt. For the equation of each
+#: impact: its `residual`, and the derivatives `before`, `at` and `after` of the residual with respect to the times of
+#: the impact before, of the impact itself and of the impact after it. After elimination: the `change` of the times that
+#: solves all equations but the first at a fixed first time, and the `response` of the times to a unit change of the
+#: first time.
 _OF_MOTION = ("times", "sines", "cosines", "residual", "before", "at", "after", "change", "response")
 #: Fields of a walk along the curve of motions that satisfy all equations but the first: the times at its start, the
 #: times and the direction at its present point, and those after a step.

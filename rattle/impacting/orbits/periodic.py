@@ -17,10 +17,10 @@ from rattle.numerics.complex_step import Array
 from rattle.orbits.orbits_a_to_d import Orbit
 from rattle.orbits.periodic_motions import MOST_IMPACTS, PeriodicMotion, solve_at_parameters, with_shortest_period
 
-SAME_TIME = 1e-6  # largest difference of two times of flight, in forcing periods, that counts as the same flight
+SAME_TIME = 1e-6  # two flights count as the same if their durations, in forcing periods, differ by at most this
 GRAZING_SPEED = 1e-6  # largest impact speed, in units of `law.speed_unit`, that rounding may give to a graze
-# largest error that GRAZING_SPEED causes in the time of the impact, in forcing periods, and in the arrival speed, in
-# units of `law.speed_unit`
+# largest errors at a graze whose speed is at most GRAZING_SPEED: of its time, in forcing periods, and of its arrival
+# speed, in units of `law.speed_unit`
 GRAZING_TIME = 1e-4
 
 

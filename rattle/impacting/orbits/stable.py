@@ -77,8 +77,8 @@ def find_alternating_orbits(least, work, delta, epsilon, beta):
             how, zeros = walk_circuit(work, n, 1.0 / k, longest, delta, epsilon, beta)
             if how != LOST:
                 break
-        # whether, under the mean contact force alone and without damping, a motion of period 1/k exists that crosses
-        # the gap: it must arrive at Σ⁻ with a speed above 0
+        # whether a motion of period 1/k that crosses the gap exists under the mean contact force alone and without
+        # damping, so that it arrives at Σ⁻ with a speed above 0
         crosses = 4.0 * k * k * beta > math.pi * delta
         idle = idle + 1 if crosses and zeros == 0 else 0
         if idle == 2:  # no orbit for two successive k: motions with more crossings dissipate more, so none is expected
@@ -89,11 +89,11 @@ def find_alternating_orbits(least, work, delta, epsilon, beta):
 def find_orbits_with_single_impact(single, others, least, work, delta, epsilon, beta):
     """Add the stable orbits with one impact on the wall `single` and `others` on the other wall to `work.found`.
 
-    The impact times of these orbits lie on a curve (a circuit, see `circuits`), which closes around the times of one
-    motion. If `single` is Σ⁻, the single impact of this motion comes at the phase `least` of least contact force; if
-    `single` is Σ⁺, it comes half a period later. If the gap is small there are instead two curves that do not close:
-    along each, the time of the single impact grows by a period. One curve has short flights across the gap, the other
-    one long flights.
+    In the space of impact times these orbits lie on a closed curve (a circuit, see `circuits`). The walks along this
+    curve start near guessed motions. In each guess the single impact is at the phase `least` of least contact force if
+    `single` is Σ⁻, and half a period later if `single` is Σ⁺. If the gap is small, there are two curves instead, and
+    neither is closed: along each, the time of the single impact grows by a period. The motions on one curve have short
+    flights across the gap, and those on the other curve have long flights.
     """
     n = others + 1
     for crossing, solved in STARTS:
@@ -102,7 +102,7 @@ def find_orbits_with_single_impact(single, others, least, work, delta, epsilon, 
             work.walls[i] = single if i == 0 else -single
             work.times[i] = t
             t += crossing if i == 0 else (1.0 - 2.0 * crossing) / (others - 1)
-        # keep the orbit that Newton's method finds, because a walk that begins there may miss it
+        # keep the orbit that Newton's method finds, because the walk, which begins at this orbit, may miss it
         if solved and solve_for_impact_times(work, n, 0.3, delta, epsilon, beta)[0]:
             keep_orbit_if_stable(work, n, delta, epsilon, beta)
         how, _zeros = walk_circuit(work, n, 1.0, 0.1 * math.sqrt(n), delta, epsilon, beta)

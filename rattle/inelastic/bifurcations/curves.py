@@ -30,8 +30,8 @@ from rattle.inelastic.map.quiet import quiet_limit_with_phase
 from rattle.inelastic.orbits.equations import add_load_to_problem, unknowns_without_load
 from rattle.numerics.complex_step import Array
 
-SAME_EPSILON = 1e-9  # relative amount by which ε of a point on the curve may exceed the quiet limit, for rounding
-SAME_POINT = 1e-6  # largest difference in δ and in ε between the end of a curve and a codimension-two point there
+SAME_EPSILON = 1e-9  # rounding may raise ε of a point on the curve above the quiet limit by this, relative to the limit
+SAME_POINT = 1e-6  # a curve ends at a codimension-two point if δ and ε of its end are within this distance of the point
 
 
 def trace(

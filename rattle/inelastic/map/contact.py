@@ -26,7 +26,8 @@ from rattle.impacting.map.quiet import largest_eta
 from rattle.inelastic.map.harmonics import ORDER, force_at, forcing_derivative_bounds
 from rattle.numerics.compile import inline, kernel
 
-# factor of (1 − r) h²/max|g'| in the largest speed at which a chatter is certain to complete
+# a chatter is certain to complete if the speed after an impact is at most LEAST_SHARE (1 − r) h²/max|g'|; h is the
+# contact force at the impact (see the top of this file)
 LEAST_SHARE = 0.5 * SHARE * (1.0 - SHARE) ** 1.5
 PHASES = 64  # number of phases, per period of the fastest harmonic, at which the contact force is evaluated
 

@@ -20,7 +20,7 @@ from rattle.inelastic.map.harmonics import AMPLITUDE, ORDER, PHASE
 from rattle.numerics.compile import inline, kernel
 
 LONGEST_PIECE = 0.5  # longest piece of a flight that is searched at once, in forcing periods; longer pieces are cut
-FIRST_PIECE = 0.25  # length of the first piece, in forcing periods, if the force pulls the motion off its wall
+FIRST_PIECE = 0.25  # length of the first piece, in forcing periods, of a flight that is not a bounce
 FIRST_PIECE_FACTOR = 1.2  # length of the first piece of a bounce divided by the estimated flight time, 2|w|/|F''|
 # rows of the array `departure` (2, K): amplitude times cosine and sine of the phase of each harmonic at departure
 COSINE, SINE = range(2)
@@ -227,8 +227,8 @@ def first_impact_of_forced_flight(wall, tau, flight, piece, point, departure):
     s, f0, f1 = 0.0, 0.0, flight.w
     length, guess = FIRST_PIECE, math.nan
     outwards = wall * (flight.force - delta * flight.w)
-    # the flight is a bounce and its time can be estimated; not so after a contact phase, where w and the force are 0 up
-    # to rounding
+    # If this condition holds, the flight is a bounce, and its duration can be estimated. After a contact phase it does
+    # not hold, because w and the force are then 0 up to rounding.
     if outwards > 0.0 and wall * flight.w < 0.0:
         guess = -2.0 * wall * flight.w / outwards
         length = min(FIRST_PIECE_FACTOR * guess, LONGEST_PIECE)

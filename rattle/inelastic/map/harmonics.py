@@ -18,7 +18,8 @@ from rattle.numerics.compile import inline, kernel
 
 ORDER, AMPLITUDE, PHASE = range(3)  # rows of an array of harmonics (3, K)
 CLOSEST = 1e-9  # distance in phase below which two zeros of g may be missed or count as one
-MOST_INTERVALS = 64  # room for intervals to be searched: a halving adds one, and after 30 halvings CLOSEST is reached
+# largest number of intervals that wait to be searched: each halving adds one interval, and 30 halvings reach CLOSEST
+MOST_INTERVALS = 64
 
 
 class ForcingBounds(NamedTuple):

@@ -9,7 +9,7 @@ import numpy as np
 from rattle.flight.forcing import TWO_PI
 from rattle.inelastic.map.harmonics import ORDER, PHASE, forcing_derivative_bounds, forcing_shape
 
-PHASES = 64  # grid points per period of the fastest harmonic at which the force is first evaluated
+PHASES = 64  # the force is first evaluated on a grid with this many points per period of the fastest harmonic
 
 
 def quiet_limit(delta: float, drift: float, harmonics: Any = ()) -> float:

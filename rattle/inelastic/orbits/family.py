@@ -69,7 +69,7 @@ def family_numerators(sigma, delta, beta, r):
     ls, lr = -math.expm1(-xs), -math.expm1(-xr)
     es, er = 1.0 - ls, 1.0 - lr
     h = abs(sigma)
-    apart = math.copysign(-max(es, er) * math.expm1(-2.0 * delta * h), sigma)  # Er − Es
+    apart = math.copysign(-max(es, er) * math.expm1(-2.0 * delta * h), sigma)  # er − es, without cancellation
     f1, f2 = delta / ls, delta / lr
     c1 = DRIFT * departure_speed_over_drift(xs, ls) + 2.0 * beta * f1
     c2 = DRIFT * departure_speed_over_drift(xr, lr) - 2.0 * beta * f2

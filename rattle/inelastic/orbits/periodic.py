@@ -13,7 +13,8 @@ from rattle.orbits.orbits_a_to_d import multipliers_of
 from rattle.orbits.return_map import apply_return_map_power, fastest_point, find_fixed_point, least_return_period
 
 MOST_RETURNS = 4096  # largest number of impacts on Σ⁺ per period of a sought motion
-SAME_STATE = 1e-6  # largest difference (of v: relative) at which a motion with contact is back at its first state
+# a motion with contact is back at its first state if τ differs by less than this, and v by less than this share of v
+SAME_STATE = 1e-6
 
 
 class InelasticOrbit(NamedTuple):

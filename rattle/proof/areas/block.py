@@ -38,7 +38,7 @@ REGIONS = {
 ATTRACTING = {letter: f"{letter} attracts" for letter in "CD"}
 SADDLE = {letter: f"{letter} is a saddle" for letter in "CD"}
 ABSENT = {letter: f"{letter} is not there" for letter in "CD"}
-#: {claim: {letter: the state that the claim gives to this motion}}. A claim says nothing about other motions.
+#: {claim: {letter: state of the motion with this letter, by the claim}}. A claim says nothing about other motions.
 CLAIMS: dict[str, dict[str, ClaimedState]] = {
     **REGIONS,
     **{claim: {letter: _ATTRACTING} for letter, claim in ATTRACTING.items()},

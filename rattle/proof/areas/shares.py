@@ -11,7 +11,7 @@ from rattle.proof.areas.block import ABSENT, ATTRACTING, CAPTURED, LOUD, QUIET, 
 
 #: The statement that the region of a point, one of I to V, is proved. Blocks of all five regions count.
 REGION = "the region"
-#: {statement: (claims that prove it, claims that disprove it)}. Where no such claim is proved, the statement is open.
+#: {statement: (claims that prove it, claims that disprove it)}. Where neither is proved, the statement is open.
 _CLAIMS_BY_STATEMENT: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "A is there, a saddle": (("II", "III", "IV", "V"), ("I",)),
     "B is there, a saddle": (("III", "IV"), ("I", "II", "V")),

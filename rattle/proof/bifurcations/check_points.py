@@ -31,13 +31,13 @@ from rattle.proof.check import (
     sine_and_cosine,
 )
 
-#: Half-width, in times and parameters, of the box in which one zero is proved.
+#: Half-width, in times and parameters, of the box that is proved to contain exactly one zero.
 RADIUS = IV.mpf(10) ** -16
 #: Half-width of the box in velocities, divided by its half-width in times.
 VELOCITY_FACTOR = 1000
 #: Parameters that may be unknowns.
 POSSIBLE_UNKNOWNS = ("delta", "epsilon")
-#: Walls and grazing impact of P(1,1,0), of P(1,1,1), and of P(1,1,1) with a graze on Σ⁻.
+#: Walls, and index of the grazing impact (None: no graze), of P(1,1,0), P(1,1,1), and P(1,1,1) with a graze on Σ⁻.
 P11, P111, GRAZE = ([1], None), ([1, -1], None), ([1, -1], 1)
 #: {(kind, name): (walls, grazing impact)} of named curves and points. Any other certificate has its kind as its name.
 NAMED_MOTIONS = {

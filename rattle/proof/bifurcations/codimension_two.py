@@ -44,7 +44,7 @@ def _birth_residual(_delta: Series, x: Series, _s: Series, _decay: Series) -> Se
 
 Condition = Callable[[Series, Series, Series, Series], Series]
 #: {name of a point: the function of (δ, X, s, E), in the notation above, that is 0 at the point}. The equations of the
-#: graze hold there too.
+#: graze hold at each of the points, too.
 CONDITIONS: dict[str, Condition] = {
     "COD20": _flip_residual,
     "COD21": _double_multiplier_residual,

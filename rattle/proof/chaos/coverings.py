@@ -20,7 +20,7 @@ from rattle.proof.chaos.images import ImageOfSet, enclose_image
 from rattle.proof.flights import ModelPoint
 
 Pair = tuple[Fraction, Fraction]
-#: A set is cut into at most this number of parts, counting the parts that are cut further.
+#: A set is cut into at most this number of parts; parts that are cut further count too.
 MOST_SET_PARTS = 12_000
 #: Smallest half-width of a part, as a share of the half-width of its set.
 SMALLEST_PART = 2.0**-12

@@ -22,7 +22,7 @@ WIDENING = 1.25
 MOST_WIDENINGS = 6
 #: Number of Newton steps for the arrival time of the flight from the middle of a set.
 MOST_NEWTON = 3
-#: Most parts into which the time of a flight is bisected.
+#: Most parts of the time of a flight that are tested; a part that fails its test is bisected.
 MOST_PARTS = 200
 #: Largest error of the arrival time of the flight from the middle of a set, in forcing periods.
 ARRIVAL_ERROR = 1e-15
@@ -95,7 +95,7 @@ def enclose_arrival(point: ModelPoint, middle: tuple[arb, arb], sides: arb_mat, 
     """
     distance, name = point.beta * (target - wall), "a flight"
     time = _middle_arrival_time(point, middle, wall, target)
-    # Newton's interval method encloses the delays with which all flights end after the flight from the middle
+    # Newton's interval method encloses how much later the flights end than the flight from the middle
     bundle = FlightBundle(point, middle, sides)
     at_middle = bundle.middle_flight(time)
     by_t0, by_w0 = _flight_derivatives(at_middle, time)

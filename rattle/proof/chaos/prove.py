@@ -21,7 +21,7 @@ from rattle.proof.flights import ModelPoint
 
 #: Number of found horseshoes that are tried; the one with the largest entropy is kept.
 CANDIDATES_TRIED = 3
-#: The part of a set that contains its middle alone.
+#: The part of a set that consists of the middle of the set only.
 MIDDLE_PART = SetPart(0.0, 0.0, 0.0, 0.0)
 #: Unit to which the published entropy is rounded down.
 ENTROPY_UNIT = Fraction(1, 10**4)

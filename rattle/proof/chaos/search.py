@@ -34,14 +34,14 @@ MOST_MOTIONS, IMPACTS_PER_MOTION, CENTRE_INDEX = 400, 72, 36
 CENTRES_TRIED = 24
 #: Half sizes along the unstable direction of the parallelograms that are tried as hubs.
 HUB_SIZES = (0.03, 0.02, 0.01, 0.005, 0.002, 0.001, 5e-4, 2e-4, 1e-4)
-#: Ratios of the stable to the unstable half size of a hub.
+#: Ratios of the stable to the unstable half size of a hub that are tried.
 HUB_RATIOS = (0.5, 1.0, 2.0, 4.0, 8.0)
 #: Most impacts on Σ⁺ in a loop.
 MOST_STEPS = 16
-#: Loops of at most MOST_HUBS hubs are computed. For each hub at most MOST_WORDS words (sequences of numbers of impacts
-#: on Σ⁻) are used, and at most RETURNS_PER_WORD returns to the hub with the same word.
+#: Loops are sought for at most MOST_HUBS hubs. They consist of returns to the hub. The returns of a hub have at most
+#: MOST_WORDS different words (sequences of numbers of impacts on Σ⁻), and at most RETURNS_PER_WORD have the same word.
 MOST_HUBS, RETURNS_PER_WORD, MOST_WORDS = 100, 3, 40
-#: Number of hubs with the same centre that are tried before hubs with another centre.
+#: Hubs are used in rounds. In each round every centre has at most this many hubs, so that no centre uses up MOST_HUBS.
 HUBS_PER_CENTRE = 2
 #: Both ends of an image must reach beyond |ξ| = MARGIN_FACTOR in the next set. The height of the next set is
 #: MARGIN_FACTOR times that of the image.

@@ -42,7 +42,7 @@ from rattle.stiff.orbits.periodic import orbit_of
 #: For each fold curve, the letters of the two motions that meet there.
 FOLDS = {"SN1": "AC", "SN2": "BD", "G1": "BC", "G2": "AD"}
 FLIPS, QUIET = ("PD1", "PDC", "PD2"), "quiet_limit"
-BORN_WITH = ("A", "B")  # D is born in a fold, together with A at G2 or with B at SN2
+BORN_WITH = ("A", "B")  # motions that are born together with D in a fold: A at G2, B at SN2
 ONE_CONTACT_CURVES = ("SN1", "PDC")  # curves of P(1,1,0); all others belong to P(1,1,1)
 MEANINGS = {
     "SN1": "saddle-node at which A and C, P(1,1,0), are born as ε grows; goes on as G2 where they are born grazing",
@@ -173,7 +173,7 @@ def _flips_on_curve(name: str, family: StiffFamily) -> list[Array]:
             before, after = ("", *family.letters)[i], (*family.letters, "")[i + 1]
             turns = sorted({*(turns[:1] if before in BORN_WITH else ()), *(turns[-1:] if after in BORN_WITH else ())})
         elif name == "PD2":
-            # D gains stability as ε grows where `above`, which is negative beyond a flip, rises with ε
+            # `above` is negative beyond a flip, so D gains stability as ε grows where `above` rises with ε
             gained = np.diff(above) * np.diff(points[:, -1]) > 0.0
             turns = [k for k in turns if gained[k]]
         found += [_flip_by_bisection(points[k], points[k + 1], family.cycle, flip) for k in turns]

@@ -12,7 +12,7 @@ from rattle.orbits.periodic_motions import equivalent_unknowns, solve_at_paramet
 from rattle.stiff.orbits.equations import StiffItinerary
 from rattle.stiff.orbits.periodic import StiffOrbit, is_admissible_solution, orbit_of, trace_of_tangent_map
 
-EQUAL_HALVES = 1e-5  # a motion is a shorter one, run through twice, if its halves differ by less than this
+EQUAL_HALVES = 1e-5  # a motion whose halves differ by less than this counts as two periods of a shorter motion
 MOST_BRACKETS = 8  # number of times that the interval around a sought flip is made ten times wider
 
 
@@ -51,7 +51,7 @@ class MotionsOnLine:
             x = self.full_unknowns(y)
             with np.errstate(
                 divide="ignore", invalid="ignore"
-            ):  # if a flight has duration 0, the residuals are not finite, and Newton's method fails
+            ):  # if the duration of a flight is 0, the residuals are not finite, and then Newton's method fails
                 return any_softness.residual_at(x[..., :-1], x[..., -1:])
 
         return ContinuationProblem(equations, scale=line_scale(self.origin, self.direction))

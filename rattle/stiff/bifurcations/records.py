@@ -80,7 +80,7 @@ class StiffBranch(FollowedBranch):
     itinerary
         The walls that the motions meet, with the stiffness of the first point.
     unknowns : ndarray, (k, 2c + 3)
-        Times, durations in units of p, δ, ε and p = 1/√(2κ).
+        In each row: the times of the c contacts; their c durations, divided by p; then δ, ε and p, where p = 1/√(2κ).
     events
         Saddle-nodes and flips.
     grazes

@@ -144,7 +144,8 @@ def steady_contact_state(s, contact):
 def logarithmic_derivative_of_free_motion(s, delta, square, rate):
     """Return u'/u at the time s for the free motion u = e^(−δs/2) cos(rate · s), with cosh for cos if `square` > 0.
 
-    u is a depth without force that is positive around s = 0. square: δ²/4 − 2κ. rate: the square root of |square|.
+    u is the depth of a contact on which no external force acts; s counts from the middle of an interval on which u > 0.
+    square: δ²/4 − 2κ. rate: the square root of |square|.
 
     Returns
     -------
@@ -255,7 +256,7 @@ def find_contact_end(wall, tau, x0, w0, delta, epsilon, kappa, horizon):
             return STAYS, s, x, v, 0.0, 0.0
         if s > latest:
             break
-        # the depth of permanent contact falls at a rate of at most 2π times its amplitude
+        # the depth of permanent contact oscillates with the amplitude `swing`, so it falls at most at the rate 2π swing
         room = SAFETY_FACTOR * rest - reach
         ahead = math.inf if reach < SAFETY_FACTOR * least else max(room, 0.0) / (TWO_PI * swing) if swing > 0.0 else 0.0
         if ahead > longest:

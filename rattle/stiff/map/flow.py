@@ -16,7 +16,7 @@ from rattle.numerics.compile import inline, kernel
 from rattle.stiff.map.contact import ENDS, LASTS, STAYS, find_contact_end
 
 GAP = SIGMA_PLUS - SIGMA_PLUS  # 0 in the integer type of the walls: the motion is in the gap
-QUIET, STUCK = 3, 4  # status codes besides OK: contact never ends; the motion cannot be followed to its end
+QUIET, STUCK = 3, 4  # status codes besides OK. QUIET: a contact never ends; STUCK: the motion cannot be followed on
 MOST_PIECES = 1_000_000  # largest number of flights and contacts that one call follows
 
 

@@ -32,7 +32,8 @@ from rattle.stiff.map.contact import ENDS, contact_responses, find_contact_end, 
 SAME_TIME = 1e-6  # largest error of a flight's duration, in forcing periods, and of a contact's, in units of πp
 LEAST_CONTACT = 1e-6  # duration of a contact, in units of 1/√(2κ), below which the contact counts as a graze
 GRAZING = 1e-6  # speed, in units of `speed_unit`, below which rounding decides whether a flight meets a wall
-SAME_END = 1e-9  # added to the largest error of a contact's duration, in forcing periods, because of grazes
+# largest error of a contact's duration that is allowed in addition to SAME_TIME, in forcing periods, because of grazes
+SAME_END = 1e-9
 
 
 class ContactCycle(NamedTuple):

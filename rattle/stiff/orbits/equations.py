@@ -37,7 +37,7 @@ from rattle.numerics.compile import inline, kernel
 from rattle.numerics.complex_step import Array, reshape_like, to_complex_batch
 from rattle.orbits.periodic_motions import Equations
 
-SMALL = 0.5  # duration σ, or angle, below which a Taylor series is used
+SMALL = 0.5  # a Taylor series is used if |σ| (1 + |loss|), or an angle, is below this
 TERMS = 16  # number of terms of the series for a contact
 
 
@@ -162,7 +162,8 @@ def residuals_and_jacobian(x, p, signs, m, beta, multiplier, with_matrix):
                 continue
             after, later = (i + 1, 1.0 + 0j) if i < c - 1 else (0, multiplier)
             earlier = 1.0 + 0j if i else np.divide(1.0 + 0j, multiplier)
-            # ∂w₁/∂t₀ of the flight before contact i, and ∂w₀/∂t₁ of the flight after it, times growth over the period
+            # ∂w₁/∂t₀ of the flight before contact i, and ∂w₀/∂t₁ of the flight after it. If a flight joins two
+            # periods, the former is divided by the multiplier, and the latter is multiplied by it.
             from_start = flights[DECAY, j, before] * flights[PULL, j, before] * flights[W0, j, before] * earlier
             to_end = -flights[PULL, j, i] * flights[W1, j, i] * later
             of_depth = np.divide(x_u, duration), np.divide(x_t, duration), np.divide(v - depth, duration)

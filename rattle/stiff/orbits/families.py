@@ -48,13 +48,14 @@ from rattle.stiff.orbits.family_continuation import (
     solve_family_above_chord,
 )
 
-NO_LETTER = "P"  # name of a P(1,1,0) other than A and C, without a counterpart in the impacting model
+NO_LETTER = "P"  # name of a P(1,1,0) that is neither A nor C: the impacting model has no such orbit
 PLUS, PLUS_MINUS = np.array([1]), np.array([1, -1])  # walls of P(1,1,0) and of P(1,1,1)
-DURATIONS = 600  # number of durations of the contact at which P(1,1,0) is sought
-# P(1,1,1) is sought at this many values of the time from Σ⁺ to Σ⁻ below half a period, and at as many above
+DURATIONS = 600  # number of contact durations in each of the grids of durations at which P(1,1,0) is sought
+# P(1,1,1) is sought at this many values of the time from Σ⁺ to Σ⁻ below half a period, and at as many values above it
 TIMES = 40
 LEAST_SPAN = 1.0  # least range of ε in which families are followed, in units of `plane_scale`
-# duration, in units of 1/√(2κ), of the contact with Σ⁻ with which families of P(1,1,1) start at a graze
+# A family of P(1,1,1) that begins at a graze is followed from the member whose contact with Σ⁻ has this duration, in
+# units of 1/√(2κ).
 SHORT_CONTACT = 10.0 * LEAST_CONTACT
 BISECTIONS = 45  # halvings of the interval in which a graze is located
 
@@ -247,7 +248,8 @@ def families_without_letter(cycle: ContactCycle, span: float) -> list[StiffFamil
             continue
         if correct_in_hyperplane(guess, np.array([0.0, 1.0, 0.0]), cycle) and not is_on_family(guess, (*known, *found)):
             family = follow_family_through(guess, cycle, span)
-            # a family that breaks off is left out: if contact lasts almost a period, its equations are almost singular
+            # A family that breaks off is left out. Families break off where contact lasts almost a period, because the
+            # equations are almost singular there.
             if not family.motions_at_breaks:
                 found.append(replace(family, letters=(NO_LETTER,) * (family.folds.size + 1)))
     return found

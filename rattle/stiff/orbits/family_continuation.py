@@ -24,7 +24,8 @@ from rattle.numerics.compile import inline, kernel
 from rattle.numerics.secant import narrow_bracket
 from rattle.stiff.orbits.closure import LEAST_CONTACT, write_residuals
 
-# why a family ends: ε leaves its range; a contact vanishes; a flight vanishes; the family closes; no step succeeds
+# reasons why a family ends, in this order: ε leaves its range; a contact vanishes; a flight vanishes; the family
+# closes; no continuation step succeeds
 SPAN, LOST, FLIGHT, CLOSED, BROKEN = range(5)
 LONGEST_STEP = 0.1  # longest continuation step, in the unknowns
 STEP_SHARE = 0.3  # longest continuation step, as a share of the duration of the shortest contact

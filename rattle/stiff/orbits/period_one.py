@@ -86,7 +86,8 @@ def period_one(delta: ArrayLike, epsilon: ArrayLike, beta: ArrayLike, kappa: Arr
     cells = np.array([array.ravel() for array in arrays]).T
     exists = np.zeros((len(NAMES), len(cells)), np.bool_)
     tau, v, trace = (np.full(exists.shape, np.nan) for _ in range(3))
-    for i in np.lexsort(cells.T):  # in this order equal δ, β and κ are adjacent
+    # cells with equal δ, β and κ are adjacent in this order, so that `families` finds their families in its cache
+    for i in np.lexsort(cells.T):
         for member in find_family_members(*cells[i].tolist()):
             if member.name == NO_LETTER:
                 continue

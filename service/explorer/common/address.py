@@ -240,8 +240,10 @@ def _parse_machine(text: str) -> EnteredMachine:
     *numbers, drive, stiffness = parts[:UNNAMED_COUNT]
     inertia, drag, backlash, eccentricity, radius, rpm = map(float, numbers)
     more = {name: float(value) for name, _, value in (each.partition(":") for each in parts[UNNAMED_COUNT:])}
-    if not more.keys() <= set(EnteredMachine._fields[UNNAMED_COUNT:]):
-        raise ValueError(f"A number of the machine has an unknown name: {text!r}.")
+    known = EnteredMachine._fields[UNNAMED_COUNT:]
+    for name in more:
+        if name not in known:
+            raise ValueError(f"The machine has no number named {name!r}: use one of {', '.join(known)}.")
     rigid = float(stiffness) if stiffness else None
     found = EnteredMachine(inertia, drag, backlash, eccentricity, radius, rpm, drive, rigid, **more)
     found.machine.gear  # noqa: B018 - raises a ParameterError, which is a ValueError, if no gear is possible

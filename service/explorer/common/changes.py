@@ -17,7 +17,7 @@ import panel as pn
 from bokeh.document import Document
 from panel.io.state import set_curdoc
 
-Change = Callable[[], Any]  # a coroutine function, which Bokeh accepts although its type hints do not say so
+Change = Callable[[], Any]  # a coroutine function; the type is wider, as Bokeh's type hints exclude such functions
 
 log = logging.getLogger(__name__)
 
@@ -55,7 +55,8 @@ def change_document(document: Document, change: Callable[[], object]) -> None:
             _waiting[document].append(call_change)
             return
         with set_curdoc(document):
-            # all changes are sent together; otherwise Panel's own would be sent after later ones of Bokeh
+            # `hold` sends all changes together. Without it, a browser could get changes of Panel's widgets after later
+            # changes of Bokeh's models.
             document.hold("combine")
             try:
                 change()

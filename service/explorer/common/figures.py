@@ -11,8 +11,8 @@ from bokeh.plotting import figure
 #: Colours of the text, the background and the lines of each theme.
 INK = {"light": ("#1d2733", "#ffffff", "#c4ccd4"), "dark": ("#e4e9ee", "#171c22", "#47525e")}
 Limits = tuple[float, float]
-#: Style of a printed column of parts: as a block it may continue on the next sheet of paper after any part, while
-#: Chromium does not divide a flexible box between sheets.
+#: Style that makes a column a block when it is printed. A block may continue on the next sheet of paper after any of
+#: its parts; without this style the column is a flexible box, which Chromium does not divide between sheets.
 PRINTED = "@media print { :host { display: block !important; } }"
 LEAST_CONTRAST = 4.5  # least contrast of a thin line with a dark background, by the formula of WCAG 2
 LEFT_BORDER = 62  # pixels to the left of a figure's frame, the same in stacked figures, so that their axes are in line

@@ -18,7 +18,7 @@ from gear_rattle.service.errors import UnavailableError
 from gear_rattle.service.operations.surveys import list_jobs
 from gear_rattle.service.state import ApplicationState
 
-LISTED = 100  # most surveys in the list of a page: the newest ones
+LISTED = 100  # the list of a page shows at most this many surveys, the newest ones
 PAUSE_SECONDS = 0.5  # least seconds between two readings of the database; a new listener ends this pause early
 RATE_SECONDS = 20.0  # seconds over which the rate of a running survey is measured
 

@@ -121,7 +121,7 @@ class PageSession:
         task = asyncio.get_running_loop().create_task(self._run_and_report(work))
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)
-        # otherwise Python warns that the coroutine was never awaited, if the task is cancelled before it starts
+        # if the task is cancelled before it starts, Python would otherwise warn that the coroutine was never awaited
         task.add_done_callback(lambda _task: work.close())
         return task
 

@@ -22,14 +22,15 @@ from rattle.stiff import StiffOrbit, stiff_branch
 # most attractors of a point that are followed; most impacts of a periodic motion that is followed along its branch
 MOST_FOLLOWED, MOST_IMPACTS = 12, 64
 STEPS = 150  # steps of a sweep over the whole range of ε
-# A sweep of chaos follows STATES states of a trajectory, with RETURNS iterates of the return map from state to state.
+# A sweep of a chaotic attractor follows STATES states of one trajectory. Each state is RETURNS iterates of the return
+# map after the state before.
 STATES, RETURNS = 16, 37
-WINDOW_STEPS = 4  # a sweep of chaos passes periodic windows that are at most this many steps wide
+WINDOW_STEPS = 4  # a sweep of chaos continues beyond periodic windows that are at most this many steps wide
 # A sweep halves a step that loses the attractor. It stops halving in two cases: the step is at most SMALLEST_STEP of a
 # full step; or it is at most FINEST_STEP of a full step and at most NEAR_SHARE of the distance in ε from the gear.
 FINEST_STEP, NEAR_SHARE, SMALLEST_STEP = 1 / 32, 1 / 8, 1e-9
 
-#: Kinds of an end, see `ExtentEnd`: first the events of a branch, with the names of `rattle`; then all other kinds.
+#: Values of `ExtentEnd.kind`: first the events of a branch, with the names that `rattle` has for them; then the others.
 SADDLE_NODE, FLIP, GRAZING = "SN", "PD", "GR"
 CRISIS, QUIET_LIMIT, SWEPT, RANGE, LOST = "crisis", "quiet limit", "swept", "range", "lost"
 
@@ -155,8 +156,8 @@ def _branch_of(gear: AnyGear, attractor: rattle.Attractor, within: Pair) -> Any:
 
 def _extent_of_branch(branch: Any, within: Pair) -> MotionExtent:
     """Return the extent of the attracting part of a branch around the point from which the branch was followed."""
-    # Only branches of the stiff gear have `grazes`. Such a branch ends at a graze, so each graze lies before the first
-    # point (index −1) or after the last point.
+    # Only branches of the stiff gear have `grazes`. A graze ends such a branch: it lies after the last point, or before
+    # the first point. In the second case `after` is 0, and is replaced by −1, the index before that of the first point.
     grazes = [(each, each.after or -1) for each in getattr(branch, "grazes", ())]
     events = [(each, _index_of_point_before(each, branch)) for each in branch.events if each.admissible] + grazes
     attracts = branch.stable & branch.admissible

@@ -73,7 +73,8 @@ ABOUT = (
     "<p class=faint>Inertia, drag and base radius are numbers of the first gear. A field with a 2 is for the second "
     "gear; if the field is empty, the number of the first gear is used.</p>"
 )
-BASIC_NUMBERS = ("inertia", "drag", "backlash", "radius")  # names of the numbers that every machine must have
+# names of the numbers that every machine needs, without rpm and eccentricity, which are the axes of a survey
+BASIC_NUMBERS = ("inertia", "drag", "backlash", "radius")
 # names of numbers that describe the ratio and the second gear; a machine of two equal gears needs none of them
 TWO_GEAR_NUMBERS = ("teeth", "driven_teeth", "driven_inertia", "driven_drag", "driven_radius")
 SURVEY_NUMBERS = (*BASIC_NUMBERS, *TWO_GEAR_NUMBERS)  # names of the numbers of a survey's machine

@@ -25,7 +25,7 @@ from gear_rattle.workers.survey.stored_families import GROUP
 from gear_rattle.workers.survey.values.evaluate import FAILED
 from rattle.models import Model
 
-MOST_LISTED = 100  # families in the list: the first ones, which have the most cells
+MOST_LISTED = 100  # at most this many families are listed: those with the most cells
 NOT_ALONE = "Some cells have two of its attractors: continuation through other cells leads from one to the other."
 
 

@@ -84,7 +84,7 @@ class PanelBesideMap:
         at = view.point
 
         def read() -> SampledAttractors | None:
-            with suppress(RattleError):  # the error is raised while the survey has no numbers
+            with suppress(RattleError):  # reading raises this error while no values of the survey are stored
                 plane = self._shared.plane(job, view.variable, view.index, view.slice)
                 sample, cell = plane.request.initial_conditions, plane.cell_at(*at)
                 # True if the survey samples the whole default box of (τ, v), as a clicked point does

@@ -168,7 +168,7 @@ def family_name_positions(block: MapBlock, labels: Mapping[float, str], room: Ro
     least = max(LEAST_WIDTH * min(rows, columns), 1.5)
     large = [code for code in labels if 0 < code < OTHERS and (block.values == code).sum() > 3 * (least - 1) ** 2]
     named = {int(code): _short_family_name(labels[code]) for code in large}
-    # size of a name as shares of the map's width and height
+    # width and height of a name, as shares of the map's width and height
     long, tall = (pixels / max(size, 1) for pixels, size in zip(NAME_SIZE, room, strict=True))
     places: dict[str, Pair] = {}
     taken: list[Pair] = []

@@ -43,8 +43,8 @@ SHAPES = {"o": "circle", "s": "square", "D": "diamond", "^": "triangle"}
 #: DISC: half the side of the square that a pin takes.
 LETTER, ROW, REGION_LETTER, REGION_ROW, DISC = 9.0, 19.0, 9.0, 20.0, 11.0
 POINTER_MS, WINDOW_MS = 50, 200
-BAR_ROOM = 110  # pixels for the colour bar and its numbers: Bokeh does not measure numbers again when they change
-NARROW = 500  # width of a figure in pixels, below which the colour bar is below the map
+BAR_ROOM = 110  # width of the colour bar with its numbers, in pixels; fixed, because Bokeh does not measure new numbers
+NARROW = 500  # a figure narrower than this, in pixels, has its colour bar below the map instead of beside it
 LARGEST_ZOOM = 5000.0  # a survey wider than this many windows is not drawn, because browsers would misplace its cells
 
 

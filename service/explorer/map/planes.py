@@ -39,7 +39,8 @@ from gear_rattle.workers.survey.values.schema import CELL, Group
 
 # most maps in memory, and most cells of all these maps together; a cell takes 5 bytes
 MOST_MAPS, MOST_MAP_CELLS = 24, 24_000_000
-ENLARGED_POINTS = 200  # points along an axis of an enlarged window
+# a very narrow window is drawn at this many points along each axis; each point has the value of the cell around it
+ENLARGED_POINTS = 200
 SIDE = 512  # most cells that are drawn along an axis, unless the screen is known to have more pixels
 MOST_CELLS_AT_ONCE = 1 << 20  # most cells that are read at once, unless a single row of tiles has more
 READING_SECONDS = 1.0  # seconds after which reading pauses, so that the cells read so far are drawn

@@ -138,7 +138,7 @@ class MapView(SurveyMap):
     def show_error(self, error: RattleError) -> None:
         """Write why the map could not be drawn, or that the first cells of the survey are being computed."""
         job = self._store.job
-        # the state need not be running: the page's copy of the job may be older, and the survey may run by now
+        # any state that is not final counts, because the page's copy of the job may be old: the survey may run by now
         is_empty = job is not None and not State(job.state).is_final and not job.cells_done
         if is_empty and isinstance(error, MissingError):
             self.show_nothing(BEGINS)

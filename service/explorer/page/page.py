@@ -102,7 +102,7 @@ class Page:
             label="New survey from this view", stylesheets=[sheet], margin=(2, 8, 2, 0), css_classes=["save"]
         )
         on_press(save, self._open_form_for_view)
-        # The form has a column of its own, because Panel sets all children of a column anew when one is inserted.
+        # The form has a column of its own, because Panel replaces all children of a column when one is inserted.
         self._entering = pn.Column(sizing_mode="stretch_width", margin=0)
         self._side = pn.Column(
             self._new, self._entering, self._notice, self._list, sizing_mode="stretch_width", margin=0
@@ -174,7 +174,8 @@ class Page:
         """
         shown, jobs = self.store.view.survey, self.store.jobs
         is_first, self._has_list = not self._has_list, True
-        # a survey that was deleted may be in the list again for a moment, if its status was read before the deletion
+        # The list may contain a deleted survey for a moment, if its status was read before the deletion. Such a survey
+        # may have become the default survey, so each new list is checked.
         gone = shown == self._default_survey and shown not in jobs
         if (gone if shown else is_first) and (first := default_survey(each.job for each in jobs.values())):
             self._default_survey = first.id
@@ -270,8 +271,8 @@ class Page:
 
     def _cancel_or_delete(self, caller: Caller, survey_id: str, is_deletion: bool) -> None:
         ended = find_job(self._shared.front, survey_id).shown_status[0].is_final
-        # `remove_survey` cancels a survey that waits or runs, and deletes one that has ended; but "cancel" must not
-        # delete a survey that has just ended
+        # `remove_survey` cancels a survey that waits or runs, and deletes a survey that has ended. A request to cancel
+        # must not delete a survey that has ended since the request was made.
         if ended == is_deletion:
             remove_survey(self._shared.front, caller, survey_id)
 

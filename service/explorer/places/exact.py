@@ -1,7 +1,8 @@
-"""Maps that need no computed survey: the example that comes with the explorer, and closed forms of unfinished surveys.
+"""Maps that a page can show before a survey is computed.
 
-Regions and motions of period one are closed forms, also in the example. The example's other variables are read from a
-file.
+These are the maps of the example that comes with the explorer, and the maps of the regions and of the motions A to D of
+an unfinished survey, which are computed from closed forms. In the example, too, the regions and the motions A to D are
+computed from closed forms; its other variables are read from a file that comes with the explorer.
 """
 
 from __future__ import annotations
@@ -96,7 +97,8 @@ class UnfinishedSurveyPlane(ExactPlane):
         super().__init__(cells, _closed_form_dataset(cells, {variable}), variable, index)
         self.id, self.request, self._load_computed_map = survey_id, request, load_computed_map
         self._levels = possible_levels(cells.shape)
-        # keep copies, because `cells` holds every quantity that was evaluated, and these would fill the memory
+        # `cells` holds all quantities that it has evaluated, which would fill the memory. So this map keeps a copy of
+        # its own plane, and a copy of `cells` without evaluated quantities.
         self.plane, self._evaluated = self.plane.copy(), replace(cells)
 
     def cell_at(self, delta: float, epsilon: float) -> xr.Dataset | None:
@@ -206,7 +208,8 @@ def _closed_form_dataset(cells: Cells, names: Collection[str] = ()) -> xr.Datase
     quantities = [each for each in every if not names or each.name in names]
     dims = {dim for each in quantities for dim in each.dims[:-2]}
     labels = {dim: list(dimension_labels(dim, 1)) for dim in dims}
-    # the values of `status`, the only quantity without a group: each cell counts as computed
+    # values of `status`, the only variable here without a group; its evaluator is not called, and every cell counts as
+    # computed
     done = np.ones(cells.shape, np.int8)
     values = {
         each.name: (each.dims, np.asarray(each.evaluate(cells)) if each.group else done, each.attributes)

@@ -21,7 +21,7 @@ from rattle.plot import MANIFOLDS, Palette, legend_name
 
 MOST_NAMED = 24  # largest number of basins that the legend names
 GAMMA = "Γ"
-#: Colour and dashes of each line; both manifolds of a saddle have one colour.
+#: Colour and dashes of each line; both manifolds of a saddle have the same colour.
 STYLES = {
     GAMMA: ("#ffffff", "solid"),
     "Wˢ(A)": (MANIFOLDS["A"], "solid"),

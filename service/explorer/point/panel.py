@@ -61,7 +61,7 @@ class PointPanel:
 
     def __init__(self, theme: str, dispatch: Callable[[Event], None], profile_place: FigurePanel | None = None) -> None:
         self.theme, self._dispatch, self._profile_place = theme, dispatch, profile_place or FigurePanel()
-        self._open_point_stop = 0  # slider position of the open point; all others are other points of the diagram
+        self._open_point_stop = 0  # position of the slider that selects the open point; the others select other points
         self._watch = WidgetWatcher()
         self._texts = [self._create_text() for _ in range(18)]
         (

@@ -40,7 +40,7 @@ SPEED_MARGIN = 0.04  # margin above and below the speeds, relative to their rang
 DENSE, ALL = "dense", "all"  # choices of a viewer: the axis shows the dense range of speeds, or all speeds
 DENSE_EXCESS = 0.5  # a range of speeds is dense if its excess mass is larger than this, see `dense_speed_range`
 ROUNDING_STEPS = 1e-7, 1e-3  # parameter and speed of states are rounded to these steps; equal states count once
-# pixels: height of the figure, height of its speed axis, width that is assumed until a browser sends the true one
+# pixels: height of the figure, height of its speed axis, width that is assumed until a browser sends the true width
 HEIGHT, INNER, NARROW = 360, 270, 300
 # names of events: number of rows above the data; height of a row and width of a letter, in pixels; most names shown
 NAME_ROWS, ROW, LETTER, MOST_NAMES = 4, 15, 6.2, 12

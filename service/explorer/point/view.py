@@ -27,7 +27,7 @@ from rattle import Machine
 from rattle.models import Capability, Model, missing_capability_error, model_at
 
 COUNT = 1024  # number of initial conditions from which the basin fractions are estimated
-PAINT_SECONDS = 0.05  # seconds to wait, so that a browser shows the words before it lays out pictures
+PAINT_SECONDS = 0.05  # pause after the first texts of a point, so that a browser shows them before it lays out pictures
 OF_ONE_COSINE = "The motions A to D and their regions are defined for a forcing of one cosine only."
 FROM_SURVEY_CELL = ' <span class="faint">(from the survey\'s grid cell; the point itself is being computed)</span>'
 COMPILING = "Kernels are being compiled, once after the service was installed or updated. This takes a minute or so …"

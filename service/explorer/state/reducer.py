@@ -51,7 +51,7 @@ def reduce(view: View, event: Event) -> View:
             return replace(view, limits=limits, log=log)
         case events.MapDrawn(seen, limits):
             is_own = seen is not None and isinstance(view.limits, tuple) and view.limits == limits
-            # on a log scale, the least positive value has replaced a lower limit of 0 or less that a viewer entered
+            # on a log scale, the map replaces an entered lower limit of 0 or less by the least positive value
             drawn = seen.limits if is_own and seen is not None and seen.limits is not None else view.limits
             return replace(view, seen=seen, limits=drawn)
         case events.OverlaysChosen(overlays):

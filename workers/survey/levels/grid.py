@@ -19,7 +19,7 @@ LARGEST_SIDE = 2048
 #: Largest number of values of one variable in a block, for which a worker needs about 130 MB.
 BLOCK_NUMBERS = 1 << 24
 
-Pair = tuple[int, int]  # a number along each axis: (epsilon, delta)
+Pair = tuple[int, int]  # one number for each axis: (epsilon, delta)
 
 
 @dataclass(frozen=True)

@@ -28,7 +28,7 @@ from gear_rattle.workers.survey.values.schema import CELL, Quantity
 #: Dimensions of a level. Their names differ from those of the survey's dimensions, because their coordinates differ.
 LEVEL_CELL = ("level_epsilon", "level_delta")
 STATISTIC = "statistic"
-SHARE, OCCURS = "_share", "_occurs"  # a variable with codes has two more arrays, whose names end in these
+SHARE, OCCURS = "_share", "_occurs"  # endings of the names of two further arrays, which a variable with codes has
 #: Entry of the attribute `zarr_conventions` that names the convention for pyramid levels.
 MULTISCALES = {
     "schema_url": "https://raw.githubusercontent.com/zarr-conventions/multiscales/refs/tags/v1/schema.json",

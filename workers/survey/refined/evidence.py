@@ -14,12 +14,12 @@ from rattle.families import GridPiece, argsort_attractors, concat_tables, no_att
 
 #: Kinds of motion (undecided counts as one) that only samples show, because continuation follows periodic orbits only.
 SAMPLED_KINDS = (QUIET, CHAOTIC, UNDECIDED)
-#: Two cells certainly differ if at least this many samples go to a motion in one cell, and none in the other cell.
+#: Two cells certainly differ if in one cell at least this many samples go to a motion to which none goes in the other.
 CERTAIN_SAMPLES = 12
 #: Closed forms are computed for at most this many cells at once, sorted by column, because a column shares constants.
 CELLS_AT_ONCE = 65_536
-#: The samples of an audited cell may miss a motion of its leaf's edges by chance. The cell counts as wrong for this
-#: reason only if the probability of such a chance is below CHANCE_LIMIT.
+#: The samples of an audited cell may by chance miss a motion that the edges of the cell's leaf have. The cell counts as
+#: wrong because of a missing motion only if the probability of missing it by chance is below CHANCE_LIMIT.
 CHANCE_LIMIT = 1e-3
 
 

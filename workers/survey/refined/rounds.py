@@ -20,8 +20,8 @@ LAST_ROUND = 5  # number of the round that computes all remaining cells; the fir
 #: The kind of a leaf (a square of cells) is log2 of its size, plus CHAOTIC if its computed cells have chaotic or
 #: undecided samples. There are KINDS kinds.
 CHAOTIC, KINDS = 8, 16
-#: A round computes all leaves of some kinds as a whole. These are the kinds with the largest shares of wrong cells, so
-#: many that the expected share of wrong cells in all other leaves is at most this multiple of the bound.
+#: A round computes all cells of some leaves. Starting with the kind of leaf that has the largest share of wrong cells,
+#: kinds are added until the expected share of wrong cells in all other leaves is at most this multiple of the bound.
 WRONG_TARGET = 0.5
 MOST_AUDITED = 0.5  # a round that would have to audit more than this share of the filled cells computes all of them
 #: The first audit draws this many times the number of cells that suffices in the best case, in which all cells are

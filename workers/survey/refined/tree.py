@@ -57,9 +57,8 @@ class RefinementTree:
         """
         self._divide_until_uniform([self.blocks.undivided_leaves()])
         for number, (before, now) in enumerate(pairwise(self.rounds), start=1):
-            self._current_round = (
-                now  # `_are_leaves_uniform` is now False for leaves that this round computes as a whole
-            )
+            # From here on `_are_leaves_uniform` returns False for leaves of which this round computes all cells.
+            self._current_round = now
             self._divide_until_uniform(self._divide_failing_leaves(self._are_leaves_uniform))
             self._number = number
             self._chosen = (before.drawn <= self.draws) & (self.draws < now.drawn)

@@ -11,7 +11,7 @@ from gear_rattle.workers.survey.values.evaluate import Evaluate
 from rattle.models import MODELS, OTHERS, Capability
 
 CELL = ("epsilon", "delta")
-SLOT = "attractor"  # the dimension of slots
+SLOT = "attractor"  # name of the dimension along which a cell's attractors lie, one in each slot
 FIXED = OTHERS  # names of the parameters other than δ and ε, each of which has one value in a whole slice
 #: Variables that are meaningful for periodic attractors only. For other attractors they describe an arbitrary state.
 OF_PERIODIC = frozenset({"attractor_phase"})

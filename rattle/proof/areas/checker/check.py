@@ -28,14 +28,14 @@ REGIONS = {
     "IV": {"A": SADDLE, "B": SADDLE, "C": THERE, "D": SADDLE},
     "V": {"A": SADDLE, "B": NONE, "C": NONE, "D": THERE},
 }
-#: {claim: {letter: the state that the claim gives to this motion}}. A claim says nothing about other motions.
+#: {claim: {letter: state of the motion with this letter, by the claim}}. A claim says nothing about other motions.
 CLAIMS = REGIONS | {
     f"{letter} {words}": {letter: state}
     for letter in "CD" for words, state in (("attracts", ATTRACTING), ("is a saddle", SADDLE), ("is not there", NONE))
 }  # fmt: skip
 QUIET, CAPTURES = {"quiet is possible": True, "quiet is impossible": False}, "quiet captures"
 Ends = tuple[Fraction, Fraction]
-column = lru_cache(maxsize=64)(TwoImpactColumn)  # claims about the same δ and β share a Column, and so its cells
+column = lru_cache(maxsize=64)(TwoImpactColumn)  # claims about the same δ and β share a `TwoImpactColumn` and its cells
 
 
 def prove_claim(claim: str, beta: Fraction, delta: Ends, epsilon: Ends, depth: int = 0) -> None:

@@ -80,8 +80,9 @@ class TwoImpactColumn:
         BlockRefusal
             If ε²(s) at an end of the run is not proved to be below all these values, nor proved to be above them.
         """
-        # the parts next to the run have no motion with low ≤ ε² ≤ high, so at each end of the run ε² is outside this
-        # range at every δ, by continuity on the same side. So ε² is computed at one δ
+        # The parts next to the run have no motion with low ≤ ε² ≤ high. So at each end of the run ε² is outside this
+        # range at every δ of the block. As ε² is continuous in δ, it stays on one side of the range, and one δ shows
+        # which side that is.
         sides = []
         for s in (run[0][0], run[-1][1]):
             square = TwoImpactCell(interval_between(s, s), midpoint(self.d), self.beta).square.x

@@ -51,8 +51,8 @@ def stability_margins(t: EquationTerms, z: list[Jet]) -> list[Jet]:
     c0, s0, c1, s1 = t.cosine * z[1], t.sine * z[0], t.cosine * z[0], t.sine * z[1]
     top, bottom = force_of_phase(t.d, c0 + s0, c1 - s1) * 2, force_of_phase(t.d, c0 - s0, c1 + s1) * 2
     first, second = (1 - t.a) / t.d, (1 - t.b) / t.d
-    # `down` is v times the tangent map of the impact on Σ⁺ and the flight to Σ⁻; `up` is u times that of the impact on
-    # Σ⁻ and the flight back
+    # `down` is v times the tangent map of an impact on Σ⁺ followed by the flight to Σ⁻; `up` is u times the tangent map
+    # of an impact on Σ⁻ followed by the flight to Σ⁺
     down = first * top - v, -(first * v), t.a * top, -(t.a * v)
     up = -(second * bottom) - u, -(second * u), -(t.b * bottom), -(t.b * u)
     trace, one = up[0] * down[0] + up[1] * down[2] + up[2] * down[1] + up[3] * down[3], (1 + t.end) * u * v

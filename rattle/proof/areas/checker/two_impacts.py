@@ -105,7 +105,8 @@ class TwoImpactCell(ParameterBox):
             return False
         if not (self.solvable and is_less(ZERO, slope * self.square.s) and is_less(ZERO, self.v.x)):
             return None
-        # a motion needs u > 0: either all solutions have u > 0, or solutions with u ≤ 0 have ε² outside low … high
+        # Only solutions with u > 0 are motions. So it must be proved that all solutions in the cell have u > 0, or that
+        # those with u ≤ 0 have ε² < low or ε² > high.
         reaches = is_less(ZERO, self.u.x) or is_less(high, self.bound_square_plus_speed(1))
         if not (reaches or is_less(-low, self.bound_square_plus_speed(-1))):
             return None
