@@ -7,7 +7,7 @@ from typing import Any
 
 #: Seconds after which something hangs: a hundred times what the slowest wait takes on an idle machine. Less than the
 #: limit of a whole test (pyproject.toml), so that a wait says what it was for.
-HANG = 240.0
+HANG = 900.0
 POLL = 0.02
 #: A long wait is asked about more and more seldom, up to this: who asks often takes the time of what is waited for.
 SELDOM = 0.5
