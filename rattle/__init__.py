@@ -71,7 +71,7 @@ _MODULES_OF_LAZY_NAMES = {
     "convergence": "rattle.resilience.convergence",
     "EdgeState": "rattle.resilience.edges",
     "edge_state": "rattle.resilience.edges",
-    "Change": "rattle.resilience.path",
+    "FamilyChange": "rattle.resilience.path",
     "GlobalContinuation": "rattle.resilience.path",
     "global_continuation": "rattle.resilience.path",
     "LeastShock": "rattle.resilience.shocks",

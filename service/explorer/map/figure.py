@@ -120,6 +120,7 @@ class MapFigure:
             plot.on_change(side, handler_in_event_loop(lambda _attribute, _old, _new: self._position_names()))
         self._block_corners: list[tuple[str, float, float]] = []
         self._box_around_centre: Ranges | None = None
+        self._visible_delta: Pair | None = None
         self._frame: tuple[np.ndarray, Ranges] | None = None
         self._listen_to_browser(name)
 
@@ -206,13 +207,13 @@ class MapFigure:
         if self._leader is self and window != self._window:
             self._window = window
             self._axes.show_window(*window)
-        self._hide_enlarged_cells(window[0])
+        self._visible_delta = window[0]
+        self._hide_enlarged_cells()
         self._position_names()
 
-    def _hide_enlarged_cells(self, delta: Pair) -> None:
-        self._fits = self._box_around_centre is None or (
-            self._box_around_centre[0][1] - self._box_around_centre[0][0]
-        ) < LARGEST_ZOOM * (delta[1] - delta[0])
+    def _hide_enlarged_cells(self) -> None:
+        box, visible = self._box_around_centre, self._visible_delta
+        self._fits = box is None or visible is None or box[0][1] - box[0][0] < LARGEST_ZOOM * (visible[1] - visible[0])
         self._show_scale()
 
     def _show_scale(self) -> None:
@@ -237,6 +238,7 @@ class MapFigure:
     def draw_cells(self, block: MapBlock, colours: Colouring) -> None:
         """Draw the cells of a survey in these colours, and the names of regions or families."""
         self._box_around_centre, where = block.box, image_position(block.box)
+        self._hide_enlarged_cells()  # the address of a page may have a narrow window before there are cells
         self._apply_colours(colours)
         shown = np.where(colours.reasons == 0, block.values, np.float32(np.nan))
         places = list(colours.names.values())

@@ -12,6 +12,7 @@ from pydantic import ValidationError
 
 from gear_rattle.service.access.keys import Caller
 from gear_rattle.service.database.tables import Scope
+from gear_rattle.service.errors import KernelsNotReadyError
 from gear_rattle.service.explorer.common.address import Ranges
 from gear_rattle.service.explorer.common.changes import handler_in_event_loop
 from gear_rattle.service.explorer.common.viewer import PageSession
@@ -262,11 +263,19 @@ class SurveyForm:
         size = f"{request.n_cells:,} cells"
         self._show_cost(f"{size}: the cost is being estimated …")
         try:
-            found = await estimate(self._viewer.front, request)
+            while (found := await self._estimate_unless_compiling(request)) is None:
+                self._show_cost(f"{size}; their cost is estimated when the kernels are compiled, once after an update")
+                await asyncio.sleep(ESTIMATE_DELAY)
         except RattleError as error:
             self._show_cost(f"{size}; {error}")
         else:
             self._show_cost(f"{size}, {cost_in_words(found)}")
+
+    async def _estimate_unless_compiling(self, request: SurveyRequest) -> CostEstimate | None:
+        try:
+            return await estimate(self._viewer.front, request)
+        except KernelsNotReadyError:  # after the longest wait of a request, which a compilation may exceed
+            return None
 
     async def _submit(self) -> None:
         def submit(caller: Caller) -> str:

@@ -10,12 +10,15 @@ import pytest
 from bokeh.document import Document
 from pydantic import ValidationError
 from service_support import BODY, no_cluster
+from waiting import eventually
 
 import rattle
 from gear_rattle.service.access.keys import Caller
 from gear_rattle.service.app import create_app
+from gear_rattle.service.errors import KernelsNotReadyError
 from gear_rattle.service.explorer.common.address import Ranges
 from gear_rattle.service.explorer.common.viewer import PageSession
+from gear_rattle.service.explorer.page import form as form_module
 from gear_rattle.service.explorer.page.form import (
     CELLS,
     FINENESS,
@@ -29,6 +32,7 @@ from gear_rattle.service.explorer.page.form import MACHINE as IN_MACHINE
 from gear_rattle.service.explorer.page.rows import machine_rows
 from gear_rattle.service.explorer.places.example import REQUEST as EXAMPLE
 from gear_rattle.service.explorer.state.store import window_of_request
+from gear_rattle.service.operations.estimate import CostEstimate
 from gear_rattle.service.settings import Settings
 from gear_rattle.workers import SurveyRequest
 from gear_rattle.workers.survey.refined.asked import RefineOptions
@@ -121,6 +125,30 @@ def test_every_field_has_a_tooltip(tmp_path: Path) -> None:
                 assert isinstance(each, pn.widgets.Button) or each.description, each.label
 
     with_form(tmp_path, body)
+
+
+def test_the_cost_follows_when_the_kernels_are_compiled(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    compiling, estimated = asyncio.Event(), CostEstimate(90.0, 2, "measured")
+
+    async def estimate(*_: object) -> CostEstimate:
+        if not compiling.is_set():
+            compiling.set()
+            raise KernelsNotReadyError
+        return estimated
+
+    monkeypatch.setattr(form_module, "estimate", estimate)
+
+    async def main() -> None:
+        app = create_app(Settings(data=tmp_path, preload=False, explorer=False), no_cluster)
+        async with app.router.lifespan_context(app):
+            viewer = PageSession(app.state.front, Caller(), Document())
+            monkeypatch.setattr(viewer, "change", lambda do: do())  # the document of no browser
+            form = SurveyForm(viewer, lambda _: None, "")
+            await eventually(lambda: "when the kernels are compiled" in form.cost.object)
+            await eventually(lambda: "about 90 s on 2 workers (measured)" in form.cost.object)
+            viewer.end()
+
+    asyncio.run(main())
 
 
 def _is_shown(form: SurveyForm, widget: Any) -> bool:

@@ -33,7 +33,7 @@ from gear_rattle.service.explorer.map.colouring import Colouring, colouring
 from gear_rattle.service.explorer.map.controls import FEATURED, MapControls
 from gear_rattle.service.explorer.map.figure import MapFigure
 from gear_rattle.service.explorer.map.overlays import map_key_entries
-from gear_rattle.service.explorer.map.planes import MapCache, MapPlane, maps_of
+from gear_rattle.service.explorer.map.planes import ENLARGED_POINTS, MapCache, MapPlane, maps_of
 from gear_rattle.service.explorer.map.readout import cell_position
 from gear_rattle.service.explorer.map.shared import SharedState, default_variable, is_closed_form_map
 from gear_rattle.service.explorer.map.survey_map import map_block_of_frame
@@ -306,6 +306,20 @@ def test_the_scale_of_own_limits_is_switched_and_wrong_limits_are_told(tmp_path:
         assert shown.view.limits[1] == 5.0
 
     with_map(tmp_path, body, variable="orbit_velocity", limits=(1.5, 5.0))
+
+
+def test_a_page_that_opens_in_a_deep_window_is_not_white(tmp_path: Path) -> None:
+    async def body(front: ApplicationState, shown: Shown) -> None:
+        shown.choose(done(front, REGIONS))
+        await eventually(lambda: cells(shown))
+        figure = shown.map.figure
+        await eventually(lambda: figure.select_one({"name": "fine0"}).data_source.data["image"])
+        (image,) = figure.select_one({"name": "fine0"}).data_source.data["image"]
+        assert image.shape == (ENLARGED_POINTS, ENLARGED_POINTS)
+        assert np.isfinite(image).all()
+        assert not figure.select_one({"name": "cells0"}).visible  # browsers would misplace cells so large
+
+    with_map(tmp_path, body, delta=(0.6, 0.6 + 1e-6), epsilon=(0.1, 0.1 + 1e-6))
 
 
 def test_a_deep_window_is_read_counted_and_never_white(tmp_path: Path) -> None:
