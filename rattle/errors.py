@@ -91,7 +91,7 @@ def require_one_of(what: str, name: object, known: Iterable[str]) -> None:
         )
 
 
-def real_array(name: str, value: ArrayLike) -> NDArray[np.float64]:
+def require_real_array(name: str, value: ArrayLike) -> NDArray[np.float64]:
     """Return value as a float64 array; raise ParameterError unless it holds real numbers (no text, bool or mask)."""
     if isinstance(value, np.ma.MaskedArray) and np.ma.is_masked(value):
         raise ParameterError(f"{name} has masked elements: leave them out, or fill them")
@@ -122,7 +122,7 @@ def require_integer(name: str, value: int, low: int, high: int) -> int:
 
 def require_finite(name: str, value: float) -> float:
     """Return value as a float; raise ParameterError unless it is one finite real number (no text, no bool)."""
-    array = real_array(name, value)
+    array = require_real_array(name, value)
     require(array.ndim == 0, f"{name} must be one number, got an array of shape {array.shape}")
     number = float(array)
     require(math.isfinite(number), f"{name} must be finite, got {number}")
@@ -141,7 +141,7 @@ def require_number(name: str, value: float, *, positive: bool = False) -> float:
 
 def require_pair(name: str, value: ArrayLike) -> tuple[float, float]:
     """Return value as two floats; raise ParameterError unless it is a pair of finite real numbers."""
-    array = real_array(name, value)
+    array = require_real_array(name, value)
     require(array.shape == (2,) and bool(np.isfinite(array).all()), f"{name} must be a pair of numbers, got {value!r}")
     return float(array[0]), float(array[1])
 
@@ -166,7 +166,7 @@ def broadcast_parameters(
     """
     named = {"delta": delta, "epsilon": epsilon, "beta": beta, **others}
     try:
-        arrays = np.broadcast_arrays(*(real_array(name, value) for name, value in named.items()))
+        arrays = np.broadcast_arrays(*(require_real_array(name, value) for name, value in named.items()))
     except ParameterError:
         raise
     except ValueError as error:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rattle.attractors.chaos import pool_exponents, write_attractor_numbers
-from rattle.attractors.classify import empty_probe_record
+from rattle.attractors.classify import allocate_probe_record
 from rattle.attractors.recurrence import assign_orbits_to_recurrent_samples, mark_states_in_bitmaps
 from rattle.attractors.speeds import SampleSpec
 from rattle.families.join import join_attractors
@@ -75,7 +75,7 @@ def kernel_steps_for_surveys(name: str) -> Steps:
 
     def compile_rare_cases() -> None:
         # the samples of the example cells may not need the kernels below, so these are called with empty arrays
-        none, nothing, seen = np.zeros(0, np.int64), np.zeros(0), empty_probe_record(0)
+        none, nothing, seen = np.zeros(0, np.int64), np.zeros(0), allocate_probe_record(0)
         states = np.zeros((delta.size, 1)), np.full((delta.size, 1), 5.0)
         of = model.classify_states(model.parameters_at(delta, epsilon), *states)
         assign_orbits_to_recurrent_samples(none, of.cells, of.samples, of.orbits, of.balls, of.grown)

@@ -35,9 +35,9 @@ from gear_rattle.service.state import ApplicationState
 from gear_rattle.service.web import problems
 from gear_rattle.service.web.conditional import AnyTagMiddleware
 from gear_rattle.service.web.documents import documents_app
-from gear_rattle.service.web.head import HeadMiddleware
+from gear_rattle.service.web.head import HeadRequestMiddleware
 from gear_rattle.service.web.prefix import PrefixMiddleware, public_path
-from gear_rattle.service.web.queries import refuse_unknown_queries
+from gear_rattle.service.web.queries import refuse_unknown_query_parameters
 from rattle.numerics import remove_working_directory_from_path
 
 if TYPE_CHECKING:
@@ -91,7 +91,7 @@ def create_app(settings: Settings | None = None, cluster: Cluster | None = None)
         swagger_ui_parameters={"validatorUrl": None},  # no validator of another host gets our OpenAPI document
     )
     app.add_middleware(AnyTagMiddleware)
-    app.add_middleware(HeadMiddleware)
+    app.add_middleware(HeadRequestMiddleware)
     app.add_middleware(RequestBodyLimitMiddleware, max_body_size=settings.max_body_bytes)
     app.add_middleware(problems.ProblemMiddleware)
     app.add_middleware(AccessMiddleware, settings=settings)
@@ -100,11 +100,11 @@ def create_app(settings: Settings | None = None, cluster: Cluster | None = None)
     app.add_middleware(RequestLogMiddleware, metrics=metrics)
     app.add_middleware(PrefixMiddleware, root_path=settings.root_path, trusted=settings.behind_proxy)
     problems.install_error_handlers(app)
-    app.include_router(health.router, dependencies=[Depends(refuse_unknown_queries)])
+    app.include_router(health.router, dependencies=[Depends(refuse_unknown_query_parameters)])
     for router in ROUTERS:
         app.include_router(
             router,
-            dependencies=[Depends(caller_of), Depends(refuse_unknown_queries)],
+            dependencies=[Depends(caller_of), Depends(refuse_unknown_query_parameters)],
             responses=problems.declare_problems(401),
         )
     if (documents := documents_app(DOCUMENTS, SOURCES)) is not None:

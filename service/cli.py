@@ -130,7 +130,7 @@ app.add_typer(key.app, name="key", rich_help_panel="Service", epilog="Example: r
 def main() -> None:
     """Run a command. An error of this project is printed as a sentence without traceback; the exit status is then 2."""
     status: list[int] = []
-    atexit.register(_end_process, status)  # registered first, so that it is called last
+    atexit.register(_end_process_with_busy_threads, status)  # registered first, so that it is called last
     atexit.register(gc.freeze)  # the garbage collection at exit would scan all modules, which is slow
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, TextIOWrapper):
@@ -143,7 +143,7 @@ def main() -> None:
         raise
 
 
-def _end_process(status: list[int]) -> None:
+def _end_process_with_busy_threads(status: list[int]) -> None:
     """End the process at once if a thread still computes or compiles, because Python would wait for this thread.
 
     status: a list with the exit status, or empty if the command failed with an unexpected error.

@@ -260,18 +260,18 @@ class Job:
         """The state of the job at the last request: accepted, running, successful, failed or dismissed."""
         return str(self.document["state"])
 
-    def _link(self, name: str) -> str:
+    def _path_of_link(self, name: str) -> str:
         """Return the path of a link of the job, such as "events", relative to the address of the service."""
         return str(self.document["links"][name]).removeprefix(urlsplit(self._client.url).path)
 
     @property
     def store_url(self) -> str:
         """The address of the results, for ``xr.open_zarr``."""
-        return self._client.url + self._link("store")
+        return self._client.url + self._path_of_link("store")
 
     def refresh(self) -> Self:
         """Read the present state of the job from the service."""
-        self.document = self._client.document("GET", self._link("self"))
+        self.document = self._client.document("GET", self._path_of_link("self"))
         return self
 
     def _repr_html_(self) -> str:
@@ -349,7 +349,7 @@ class Job:
             Number and data of an event, or `seen` and the job's document.
         """
         if deadline == math.inf:
-            yield from self._client.events(self._link("events"), after=seen)
+            yield from self._client.events(self._path_of_link("events"), after=seen)
         else:
             time.sleep(max(0.0, min(RECONNECT_SECONDS, deadline - time.monotonic())))
             yield seen, self.document
@@ -383,11 +383,11 @@ class Job:
         ServiceError
             The population is not successful, or the service cannot be reached.
         """
-        return self._client.document("GET", f"{self._link('self')}/answers")
+        return self._client.document("GET", f"{self._path_of_link('self')}/answers")
 
     def verify(self) -> Self:
         """Let the service check every tile, and compute damaged or missing tiles again; `wait` waits for the end."""
-        self.document = self._client.document("POST", f"{self._link('self')}/verify")
+        self.document = self._client.document("POST", f"{self._path_of_link('self')}/verify")
         return self
 
     def describe(self, name: str | None = None, notes: str | None = None) -> Self:
@@ -404,12 +404,12 @@ class Job:
             The survey was submitted with another key.
         """
         given = {field: text for field, text in (("name", name), ("notes", notes)) if text is not None}
-        self.document = self._client.document("PATCH", self._link("self"), json=given)
+        self.document = self._client.document("PATCH", self._path_of_link("self"), json=given)
         return self
 
     def delete(self) -> None:
         """Dismiss a waiting or running job, or delete a job that has ended, together with its store."""
-        self._client.call("DELETE", self._link("self"))
+        self._client.call("DELETE", self._path_of_link("self"))
 
 
 def _request_body(request: AnyRequest | Mapping[str, Any] | None, fields: Mapping[str, Any]) -> Document:

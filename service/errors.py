@@ -61,7 +61,7 @@ class WaitTimeoutError(ServiceError, TimeoutError):
     code = "wait_timeout"
 
 
-class MissingError(ServiceError):
+class MissingPartError(ServiceError):
     """A survey or population exists, but its requested part does not, or the requested format cannot be written."""
 
     code = "not_in_survey"
@@ -73,7 +73,7 @@ class NoKeysError(ServiceError):
     code = "unsafe_access"
 
 
-class AddressError(ServiceError):
+class ListenAddressError(ServiceError):
     """The service cannot listen at the address and port of its settings."""
 
     code = "address_unavailable"

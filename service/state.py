@@ -19,7 +19,7 @@ from fastapi import Depends, Request
 from gear_rattle.service.access.revocation import RevocationWatcher
 from gear_rattle.service.database import Database
 from gear_rattle.service.database.tables import JobKind, JobRow, State
-from gear_rattle.service.errors import MissingError, UnavailableError
+from gear_rattle.service.errors import MissingPartError, UnavailableError
 from gear_rattle.service.jobs.broadcast import SurveyEventBroadcaster
 from gear_rattle.service.jobs.directory import DataDirectory
 from gear_rattle.service.jobs.manager import JobManager
@@ -27,7 +27,7 @@ from gear_rattle.service.kernels import KernelCompiler
 from gear_rattle.service.limiter import PriorityLimiter
 from gear_rattle.service.observability.metrics import Metrics
 from gear_rattle.service.settings import Settings
-from gear_rattle.workers import Bucket
+from gear_rattle.workers import StoreInBucket
 
 
 @dataclass(frozen=True)
@@ -51,12 +51,12 @@ class ApplicationState:
     revocations: RevocationWatcher
     _interruptible: set[CancelScope] = field(default_factory=set)
 
-    def job_and_store(self, survey_id: str, kind: JobKind = JobKind.SURVEY) -> tuple[JobRow, Path | Bucket]:
+    def job_and_store(self, survey_id: str, kind: JobKind = JobKind.SURVEY) -> tuple[JobRow, Path | StoreInBucket]:
         """Return the row of a survey or a population, and the location of its store. This call blocks: use a thread.
 
         Returns
         -------
-        tuple[JobRow, Path | Bucket]
+        tuple[JobRow, Path | StoreInBucket]
             The row, and the location.
 
         Raises
@@ -68,32 +68,32 @@ class ApplicationState:
         """
         return self.database.job(survey_id, kind), self.directory.store(survey_id)
 
-    def job_with_results(self, survey_id: str) -> tuple[JobRow, Path | Bucket]:
+    def find_job_and_existing_store(self, survey_id: str) -> tuple[JobRow, Path | StoreInBucket]:
         """Return the row of a survey and the location of its store, if the store exists. The call blocks: use a thread.
 
         Returns
         -------
-        tuple[JobRow, Path | Bucket]
+        tuple[JobRow, Path | StoreInBucket]
             The row, and the location.
 
         Raises
         ------
         UnknownSurveyError, DirectoryMissingError
             See `job_and_store`.
-        MissingError
+        MissingPartError
             The survey has no stored values, or its store is gone.
         """
         job, place = self.job_and_store(survey_id)
         if place.exists():
             return job, place
         if job.cells_done or job.state == State.SUCCESSFUL:
-            raise MissingError(
+            raise MissingPartError(
                 f"The store of survey {survey_id} is gone: it was moved or deleted. Restore it, or compute it "
                 f"again with POST /v1/surveys/{survey_id}/verify."
             )
         if State(job.state).is_final:
-            raise MissingError(f"Survey {survey_id} is {job.state} and has no stored values. Submit it again.")
-        raise MissingError(
+            raise MissingPartError(f"Survey {survey_id} is {job.state} and has no stored values. Submit it again.")
+        raise MissingPartError(
             f"Survey {survey_id} is {job.state} and has no stored values yet. Try again when its first tile is done."
         )
 

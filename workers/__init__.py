@@ -21,7 +21,7 @@ from gear_rattle.workers.kinds import (
 )
 from gear_rattle.workers.populations.request import PopulationRequest
 from gear_rattle.workers.run import run_survey
-from gear_rattle.workers.storage.bucket import Bucket
+from gear_rattle.workers.storage.bucket import StoreInBucket
 from gear_rattle.workers.storage.integrity import StoreIntegrity, examine
 from gear_rattle.workers.storage.location import Place, StoreDirectory, place_of
 from gear_rattle.workers.storage.store import create_store, finish_store, open_survey, tiles_done
@@ -53,7 +53,6 @@ __all__ = [
     "QUANTITIES",
     "AnyRequest",
     "Axis",
-    "Bucket",
     "ClusterLostError",
     "Group",
     "InitialConditions",
@@ -64,6 +63,7 @@ __all__ = [
     "StoppedError",
     "StorageError",
     "StoreDirectory",
+    "StoreInBucket",
     "StoreIntegrity",
     "SurveyError",
     "SurveyRequest",

@@ -39,7 +39,7 @@ def read_finished_population(where: str | Path | Place) -> Population:
     place = place_of(where)
     manifest = manifest_of(place)
     is_whole = manifest is None or read_undamaged_root(place, manifest) is not None  # old stores have no manifest
-    request = _request_of(read_unchecked_attributes(place) if is_whole else {}, str(place))
+    request = _read_population_request(read_unchecked_attributes(place) if is_whole else {}, str(place))
     with report_damage(f"the gears of {place}"):
         group = zarr.open_group(place.zarr(), mode="r")
         return _require_complete_population(request, lambda name: np.asarray(group[name]), str(place))
@@ -58,12 +58,12 @@ def read_population_in_dataset(dataset: "xr.Dataset", name: str) -> Population:
     SurveyError
         There is no population, it is not finished, or it is damaged.
     """
-    request = _request_of(dataset.attrs, name)
+    request = _read_population_request(dataset.attrs, name)
     with report_damage(f"the gears of {name}"):
         return _require_complete_population(request, lambda column: np.asarray(dataset[column]), name)
 
 
-def _request_of(attributes: Any, name: str) -> PopulationRequest:
+def _read_population_request(attributes: Any, name: str) -> PopulationRequest:
     """Return the request in a store's attributes. Raises SurveyError if the store has no readable population."""
     try:
         request = parse_request_document(json.loads(attributes["request"])) if "request" in attributes else None

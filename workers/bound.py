@@ -13,9 +13,9 @@ import numpy as np
 import zarr
 
 from gear_rattle.workers.errors import report_damage, storage_error
-from gear_rattle.workers.storage.added import RunForEach, run_in_process
+from gear_rattle.workers.storage.added import RunForEach, run_in_this_process
 from gear_rattle.workers.storage.location import Place, place_of
-from gear_rattle.workers.storage.manifest import read_root_attributes, set_attributes, tile_recorder
+from gear_rattle.workers.storage.manifest import read_root_attributes, set_store_attributes, tile_recorder
 from gear_rattle.workers.storage.store import write_tile
 from gear_rattle.workers.survey.refined.audit import AUDIT, AUDIT_ATTRIBUTES, DISAGREED, LEAF, ROUNDS, SOURCE_LEVEL
 from gear_rattle.workers.survey.refined.rounds import (
@@ -23,7 +23,7 @@ from gear_rattle.workers.survey.refined.rounds import (
     AuditCounts,
     AuditRound,
     next_audit_round,
-    wrong_share_upper,
+    upper_bound_of_wrong_share,
 )
 from gear_rattle.workers.survey.request import SurveyRequest
 from gear_rattle.workers.survey.tiles import Tile, compute_tile, first_audit_round, tiles_of
@@ -41,13 +41,13 @@ def lacks_wrong_cell_bound(request: SurveyRequest, where: str | Path | Place) ->
     bool
         False for a survey without such a bound.
     """
-    return request.has_bound and AUDIT_ATTRIBUTES[-1] not in read_root_attributes(place_of(where))
+    return request.has_wrong_share_bound and AUDIT_ATTRIBUTES[-1] not in read_root_attributes(place_of(where))
 
 
 def audit_until_bound_is_met(
     request: SurveyRequest,
     where: str | Path | Place,
-    each: RunForEach = run_in_process,
+    each: RunForEach = run_in_this_process,
     at_once: int = 1,
     should_pause: Callable[[], bool] = lambda: False,
 ) -> bool:
@@ -60,7 +60,7 @@ def audit_until_bound_is_met(
     Parameters
     ----------
     each : RunForEach
-        Function that runs a task for each of several items, such as `run_in_process`.
+        Function that runs a task for each of several items, such as `run_in_this_process`.
     at_once : int
         Number of tiles in a group; each tile is one task.
     should_pause : Callable[[], bool]
@@ -102,7 +102,9 @@ def audit_until_bound_is_met(
         later = (*later, more)
         _write_attributes(place, {ROUNDS: json.dumps(later)})
     told = (int(x.sum()) for x in (counts.filled, counts.audited, counts.disagreed))
-    _write_attributes(place, dict(zip(AUDIT_ATTRIBUTES, (*told, wrong_share_upper(counts, len(later))), strict=True)))
+    _write_attributes(
+        place, dict(zip(AUDIT_ATTRIBUTES, (*told, upper_bound_of_wrong_share(counts, len(later))), strict=True))
+    )
     return True
 
 
@@ -166,7 +168,7 @@ def _add_counts(first: AuditCounts, second: AuditCounts) -> AuditCounts:
 
 def _write_attributes(place: Place, attributes: Mapping[str, str | int | float]) -> None:
     try:
-        set_attributes(place, attributes)
+        set_store_attributes(place, attributes)
     except OSError as error:
         refusal = storage_error(f"{place} cannot be written", error)
         raise refusal from error

@@ -167,7 +167,7 @@ def certify_survey(
     """
     claims = claims_of(survey)
     try:
-        radii = _open_or_create(survey, out)
+        radii = _open_or_create_certificates(survey, out)
         left = [claim for claim in claims if claim.place not in radii]
         through = len(claims) - len(left)
         on_done(through, len(claims))
@@ -196,7 +196,7 @@ def certify_survey(
                 for name in (ROOT, CERTIFICATES, REFUSED, *found.variables)
                 for path in _files_below(out / str(name))
             ]
-            files = _checksums(out, sorted(path.relative_to(out).as_posix() for path in ours))
+            files = _compute_checksums(out, sorted(path.relative_to(out).as_posix() for path in ours))
             (out / CHECKSUMS_FILE).write_text(
                 json.dumps({IDENTITY_ATTRIBUTE: _survey_identity(survey), "files": files})
             )
@@ -206,7 +206,7 @@ def certify_survey(
         raise refusal from error
 
 
-def _open_or_create(survey: xr.Dataset, out: Path) -> dict[AttractorPlace, float]:
+def _open_or_create_certificates(survey: xr.Dataset, out: Path) -> dict[AttractorPlace, float]:
     """Open a store of certificates, or create it empty. A damaged store is emptied.
 
     Returns
@@ -225,7 +225,7 @@ def _open_or_create(survey: xr.Dataset, out: Path) -> dict[AttractorPlace, float
     import xarray as xr  # imported here, because it takes half a second to load
 
     identity, files = _read_checksums_file(out)
-    is_damaged = identity == _survey_identity(survey) and files != _checksums(out, files)
+    is_damaged = identity == _survey_identity(survey) and files != _compute_checksums(out, files)
     if is_damaged:  # it is not known which documents are damaged, so all attractors are proved again
         for key in files:
             (out / key).unlink(missing_ok=True)
@@ -268,10 +268,10 @@ def lacks_certificates(request: SurveyRequest, where: str | Path | Location) -> 
         return False
     out = certificates_path(where)
     known, files = _read_checksums_file(out)
-    return known != request.content_hash() or files != _checksums(out, files)
+    return known != request.content_hash() or files != _compute_checksums(out, files)
 
 
-def prove_survey(
+def write_certificates_of_survey(
     request: SurveyRequest,
     where: str | Path | Location,
     each: RunForEach,
@@ -281,7 +281,7 @@ def prove_survey(
 ) -> None:
     """Prove the periodic attractors of a survey with `certify_survey`, and store the certificates beside the survey.
 
-    each: a function that runs a task for each of several items, such as `run_in_process`.
+    each: a function that runs a task for each of several items, such as `run_in_this_process`.
     at_once, on_done, should_stop: as in `certify_survey`.
     """
 
@@ -357,7 +357,7 @@ def examine_certificates(out: Path, ended: bool = False) -> CertificatesIntegrit
     if not known:
         known = str(read_unchecked_attributes(StoreDirectory(out)).get(IDENTITY_ATTRIBUTE, ""))
         return CertificatesIntegrity(out, known, 0, (CHECKSUMS_FILE,) if complete else (), complete)
-    found = _checksums(out, files)
+    found = _compute_checksums(out, files)
     lost = tuple(key for key, of in files.items() if found.get(key) != of)
     return CertificatesIntegrity(out, known, len(files), lost, complete)
 
@@ -402,7 +402,7 @@ def _files_below(path: Path) -> list[Path]:
     return [path] if path.is_file() else [each for each in path.rglob("*") if each.is_file()]
 
 
-def _checksums(out: Path, files: Iterable[str]) -> dict[str, str]:
+def _compute_checksums(out: Path, files: Iterable[str]) -> dict[str, str]:
     """Return {key: checksum} of files. Files that cannot be read are left out."""
     found: dict[str, str] = {}
     for key in files:

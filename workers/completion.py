@@ -6,11 +6,11 @@ from collections.abc import Callable
 from pathlib import Path
 
 from gear_rattle.workers.bound import audit_until_bound_is_met, lacks_wrong_cell_bound
-from gear_rattle.workers.certificates import lacks_certificates, prove_survey
+from gear_rattle.workers.certificates import lacks_certificates, write_certificates_of_survey
 from gear_rattle.workers.families.join import join_attractors_of_survey, lacks_families
 from gear_rattle.workers.kinds import AnyRequest
 from gear_rattle.workers.overviews import build_pyramid_levels, lacks_levels
-from gear_rattle.workers.storage.added import RunForEach, run_in_process
+from gear_rattle.workers.storage.added import RunForEach, run_in_this_process
 from gear_rattle.workers.storage.location import Place
 from gear_rattle.workers.survey.request import SurveyRequest
 
@@ -32,7 +32,7 @@ def is_incomplete(request: AnyRequest, where: str | Path | Place) -> bool:
 def complete(
     request: AnyRequest,
     where: str | Path | Place,
-    each: RunForEach = run_in_process,
+    each: RunForEach = run_in_this_process,
     at_once: int = 1,
     on_proved: Callable[[int, int], None] = lambda _done, _number: None,
     should_pause: Callable[[], bool] = lambda: False,
@@ -45,7 +45,7 @@ def complete(
     Parameters
     ----------
     each : RunForEach
-        Function that runs a task for each of several items, such as `run_in_process`.
+        Function that runs a task for each of several items, such as `run_in_this_process`.
     at_once : int
         Number of tasks in a group; the results of a group are stored together.
     on_proved : Callable[[int, int], None]
@@ -73,4 +73,4 @@ def complete(
     if lacks_levels(request, where):  # levels are built after families are joined, because the join changes slots
         build_pyramid_levels(request, where, each)
     if lacks_certificates(request, where):  # last, because certificates name slots, and joining families changes slots
-        prove_survey(request, where, each, at_once, on_proved, should_pause)
+        write_certificates_of_survey(request, where, each, at_once, on_proved, should_pause)

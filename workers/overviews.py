@@ -14,11 +14,17 @@ from zarr.abc.buffer import Buffer
 from zarr.storage import MemoryStore
 
 from gear_rattle.workers.errors import report_damage, storage_error
-from gear_rattle.workers.storage.added import RunForEach, run_in_process
+from gear_rattle.workers.storage.added import RunForEach, run_in_this_process
 from gear_rattle.workers.storage.location import Place, place_of
 from gear_rattle.workers.storage.store import add_to_store, has_added_node
 from gear_rattle.workers.survey.levels import reduce
-from gear_rattle.workers.survey.levels.grid import GROUP, LevelBlock, level_blocks, levels_of, reduction_steps
+from gear_rattle.workers.survey.levels.grid import (
+    GROUP,
+    LevelBlock,
+    coarsening_factors_of_levels,
+    level_blocks,
+    stored_levels_of_shape,
+)
 from gear_rattle.workers.survey.levels.template import (
     code_meanings,
     create_level_array,
@@ -35,10 +41,12 @@ from rattle.attractors import PERIODIC
 
 def lacks_levels(request: SurveyRequest, where: str | Path | Place) -> bool:
     """Return whether a survey is large enough for levels and has none. Tiles and families must be complete."""
-    return bool(levels_of(request.shape)) and not has_added_node(where, GROUP)
+    return bool(stored_levels_of_shape(request.shape)) and not has_added_node(where, GROUP)
 
 
-def build_pyramid_levels(request: SurveyRequest, where: str | Path | Place, each: RunForEach = run_in_process) -> None:
+def build_pyramid_levels(
+    request: SurveyRequest, where: str | Path | Place, each: RunForEach = run_in_this_process
+) -> None:
     """Build and store the levels of a survey whose tiles are final.
 
     The caller holds the lock of the store. The result depends on the cells alone, not on the shape or order of tiles. A
@@ -66,7 +74,7 @@ def build_level_block(request: SurveyRequest, path: str, block: LevelBlock) -> d
     found: dict[str, str] = {}
     status = _read_array(place, block, "status")
     for quantity in level_variables(request):
-        values = _read_values(place, block, quantity)
+        values = _read_values_of_block(place, block, quantity)
         known = status > 0 if quantity.name == "status" else (status > 0) & (status != FAILED)
         if quantity.name in OF_PERIODIC:
             known = known & (_read_array(place, block, "attractor_kind") == PERIODIC)
@@ -82,7 +90,7 @@ def _read_array(place: Place, block: LevelBlock, name: str) -> np.ndarray:
         return np.asarray(array[block.selection])
 
 
-def _read_values(place: Place, block: LevelBlock, quantity: Quantity) -> np.ndarray:
+def _read_values_of_block(place: Place, block: LevelBlock, quantity: Quantity) -> np.ndarray:
     """Read the values of a variable in a block. A complex variable is represented by its moduli."""
     parts = [_read_array(place, block, part.name) for part in quantity.parts]
     found: np.ndarray = np.hypot(*parts) if len(parts) > 1 else parts[0]
@@ -101,7 +109,7 @@ def _chunks_of_levels(
     tuple[str, bytes]
         Key and content of a chunk.
     """
-    levels = levels_of(request.shape)
+    levels = stored_levels_of_shape(request.shape)
     arrays = describe_level_arrays(quantity)
     beside = values.shape[:-2]
     found: list[list[tuple[np.ndarray, ...]]] = [[] for _ in levels]  # for each level, the arrays of all maps
@@ -122,7 +130,7 @@ def _reduce_to_level_arrays(
     quantity: Quantity, values: np.ndarray, known: np.ndarray, request: SurveyRequest
 ) -> Iterator[tuple[np.ndarray, ...]]:
     """Reduce one map of a variable. Yield for each level its arrays, in the order of `describe_level_arrays`."""
-    steps = reduction_steps(levels_of(request.shape))
+    steps = coarsening_factors_of_levels(stored_levels_of_shape(request.shape))
     if words := code_meanings(quantity):
         yield from reduce.reduced_codes(values, known, steps, len(words))
     else:

@@ -94,12 +94,12 @@ def _run_and_open(
     done = tiles_done(request, place)
     missing = [tile for tile in tiles_of(request) if tile.index not in done]
     if missing or is_incomplete(request, place):
-        _compute_and_complete(request, place, missing, cluster, progress)
+        _compute_and_complete_survey(request, place, missing, cluster, progress)
     finish_store(place)
     return open_survey(place)
 
 
-def _compute_and_complete(
+def _compute_and_complete_survey(
     request: SurveyRequest,
     place: Place,
     missing: list[Tile],

@@ -153,11 +153,11 @@ def find_radii_one_by_one(centres, cells):
             tau, v = state_on_ellipse(centres, i, direction, centres.radius[i])
             direction += 1
             if not is_contracting_at(tau, v, i, centres, point):
-                centres.radius[i], direction = next_radius(centres.radius[i]), 0
+                centres.radius[i], direction = next_capture_radius(centres.radius[i]), 0
 
 
 @inline
-def next_radius(radius):
+def next_capture_radius(radius):
     """Return half the radius, or 0 below the smallest radius to try."""
     return 0.5 * radius if 0.5 * radius > SMALLEST else 0.0
 
@@ -228,7 +228,7 @@ def centres_of_new_regions(grown: NDArray[np.int64], orbits: KnownOrbits, cells:
 
 
 @kernel
-def append_balls(centres, balls):
+def append_capture_regions(centres, balls):
     """Append the capture regions of these centres to the tables of their cells, which must have room."""
     for i in range(centres.radius.size):
         radius = centres.radius[i]

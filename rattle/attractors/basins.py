@@ -27,7 +27,7 @@ from rattle.attractors.table import (
 from rattle.errors import require_integer, require_number, require_one_of
 from rattle.flight.law import speed_unit, wrap_phase_difference
 from rattle.notebook import Columns, Dataset, TabularResult, dataset_of
-from rattle.numerics.states import state_box_ranges
+from rattle.numerics.states import require_state_box
 from rattle.parameters import Parameters
 
 Array = NDArray[np.float64]
@@ -346,7 +346,7 @@ def basins(
     """Return the basins of attraction on a grid of states (τ, v); `rattle.Gear.basins` explains the arguments."""
     n = require_integer("resolution", resolution, 1, MOST_CELLS_PER_AXIS)
     v_max = require_number("v_max", v_max, positive=True)
-    phases, speeds = state_box_ranges((0.0, 1.0) if tau is None else tau, (0.0, v_max) if v is None else v)
+    phases, speeds = require_state_box((0.0, 1.0) if tau is None else tau, (0.0, v_max) if v is None else v)
     box = PhaseSpeedBox(*phases, *speeds)
     impacts = require_integer("impacts", impacts, 1, MOST_IMPACTS)
     require_one_of("method", method, METHODS)

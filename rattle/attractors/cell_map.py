@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rattle.flight.contact_phase import is_captured
+from rattle.flight.contact_phase import is_bounce_captured
 from rattle.flight.forcing import DRIFT, contact_force, sine_cosine_at
 from rattle.numerics.compile import kernel
 
@@ -36,7 +36,7 @@ def find_cell_numbers(tau, v, n, box, delta, epsilon, capture, cell):
     for i in range(tau.size):
         sine, cosine = sine_cosine_at(tau[i])
         speed = v[i]
-        if is_captured(speed, contact_force(sine, cosine, delta, epsilon, DRIFT), capture):
+        if is_bounce_captured(speed, contact_force(sine, cosine, delta, epsilon, DRIFT), capture):
             cell[i] = n * n
         elif not (box.v_low <= speed < box.v_high and box.tau_low <= tau[i] < box.tau_high):
             cell[i] = -1

@@ -17,7 +17,7 @@ from typing import Any, ClassVar, NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from rattle.attractors.ball import BALLS_PER_ORBIT, CaptureCentres, append_balls, centres_of_new_regions
+from rattle.attractors.ball import BALLS_PER_ORBIT, CaptureCentres, append_capture_regions, centres_of_new_regions
 from rattle.attractors.chaos import BATCHES, are_chaotic, count_unresolved, write_attractor_numbers
 from rattle.attractors.recurrence import assign_orbits_to_recurrent_samples, mark_states_in_bitmaps
 from rattle.attractors.samples import (
@@ -26,7 +26,7 @@ from rattle.attractors.samples import (
     SampleSets,
     Trajectories,
     copy_with_double_capacity,
-    empty_orbit_tables,
+    create_orbit_tables,
 )
 from rattle.numerics.compile import compile_in_subprocess
 from rattle.parameters import Parameters
@@ -119,7 +119,7 @@ class Classifier(ABC):
         self.weak = self.damping(cells) < WEAK
         cell = np.repeat(np.arange(n_cells), self.count)
         self.samples = create_trajectories(cell, tau.ravel(), v.ravel(), self.impact_limit(FIRST, cell))
-        self.orbits, self.balls = empty_orbit_tables(n_cells, ROOM, BALLS_PER_ORBIT)
+        self.orbits, self.balls = create_orbit_tables(n_cells, ROOM, BALLS_PER_ORBIT)
         self.grown = np.zeros(n_cells, np.int64)  # number of the cell's orbits that have capture regions
         self.chaos: dict[int, list[ChaoticSet]] = {}
         self.stage = np.zeros(n_cells, np.int64)
@@ -225,7 +225,7 @@ class Classifier(ABC):
             left, leaks = count_unresolved(pending, self.status, self.impacts, FIRST * self.longer)
             some = left > 0
             pending, left, leaks = pending[some], left[some], leaks[some]
-            leaks &= self.cells_with_deferred_probes(pending)
+            leaks &= self.flag_cells_with_deferred_probes(pending)
             leaks |= (self.stage[pending] == 0) & (left < self.count) | self.unclear[pending]
             decided = np.zeros(pending.size, np.bool_)
             decided[~leaks] = self.judge_by_probes(pending[~leaks])
@@ -304,7 +304,7 @@ class Classifier(ABC):
             self.grow_capture_regions()
             room = self.orbits.m.shape[1]
             if which.size and (self.orbits.n[samples.cell[which]] == room).any():
-                self.make_room(2 * room)
+                self.make_room_for_orbits(2 * room)
 
     def grow_capture_regions(self) -> None:
         """Grow capture regions around points of the orbits that have no capture regions yet."""
@@ -312,10 +312,10 @@ class Classifier(ABC):
             return
         centres = centres_of_new_regions(self.grown, self.orbits, self.cells)
         self.find_capture_radii(centres)
-        append_balls(centres, self.balls.to_kernel_tuple())
+        append_capture_regions(centres, self.balls.to_kernel_tuple())
         self.grown[:] = self.orbits.n
 
-    def make_room(self, most: int) -> None:
+    def make_room_for_orbits(self, most: int) -> None:
         """Double the room for orbits in each cell until each cell has room for at least `most` orbits."""
         while self.orbits.m.shape[1] < most:
             self.orbits, self.balls = copy_with_double_capacity(self.orbits), copy_with_double_capacity(self.balls)
@@ -369,7 +369,7 @@ class Classifier(ABC):
         """
         return np.asarray(self.weak[cells] | self.cell_has_quiet_motion[cells] | (self.count < ENOUGH_SAMPLES))
 
-    def cells_with_deferred_probes(self, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
+    def flag_cells_with_deferred_probes(self, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
         """Return flags (k,) of the cells whose probes are not measured while samples still reach attractors.
 
         The probes of a flagged cell are measured as soon as `count_unresolved` expects that none of the cell's
@@ -388,8 +388,8 @@ class Classifier(ABC):
         Chaotic sets that lose samples slowly are frequent at weak damping and in cells with a quiet motion, and twelve
         probes do not reveal the loss. Therefore all unresolved samples of the cells are followed, for as many impacts
         as the probe with the most impacts. At weak damping, and if cells have fewer samples than ENOUGH_SAMPLES,
-        neighbours of these samples are followed too (`neighbours_stay_unresolved`). For a cell without a flag the
-        chaotic sets that its probes had shown are removed from `chaos`.
+        neighbours of these samples are followed too (`flag_cells_with_unresolved_neighbours`). For a cell without a
+        flag the chaotic sets that its probes had shown are removed from `chaos`.
 
         Returns
         -------
@@ -409,11 +409,11 @@ class Classifier(ABC):
         weak = self.weak[cells]
         for first, last in pairwise((0, *NEIGHBOUR_TEST_STATES)):
             crowd = lasted & weak
-            lasted[crowd] = self.neighbours_stay_unresolved(cells[crowd], first, last)
+            lasted[crowd] = self.flag_cells_with_unresolved_neighbours(cells[crowd], first, last)
         if self.count < ENOUGH_SAMPLES:
             for cell_has_quiet_motion, states in ((True, STATES_OF_SMALL_CELL), (False, MOST_PROBES)):
                 crowd = lasted & ~weak & (self.cell_has_quiet_motion[cells] == cell_has_quiet_motion)
-                lasted[crowd] = self.neighbours_stay_unresolved(cells[crowd], 0, states)
+                lasted[crowd] = self.flag_cells_with_unresolved_neighbours(cells[crowd], 0, states)
         for cell, all_left in zip(cells, lasted, strict=True):
             found = self.chaos.pop(int(cell))
             if all_left:
@@ -422,7 +422,9 @@ class Classifier(ABC):
                 ]
         return lasted
 
-    def neighbours_stay_unresolved(self, cells: NDArray[np.int64], first: int, last: int) -> NDArray[np.bool_]:
+    def flag_cells_with_unresolved_neighbours(
+        self, cells: NDArray[np.int64], first: int, last: int
+    ) -> NDArray[np.bool_]:
         """Return flags of the cells where neighbours of the unresolved samples stay unresolved too (neighbour test).
 
         The states of a cell are numbered as in `neighbouring_trajectories`: first its unresolved samples, then their
@@ -503,7 +505,7 @@ class Classifier(ABC):
         tuple[ProbeRecord, NDArray[np.bool_]]
             The observations, and flags of samples that are unresolved and chaotic.
         """
-        seen, chaotic = empty_probe_record(which.size), np.zeros(which.size, np.bool_)
+        seen, chaotic = allocate_probe_record(which.size), np.zeros(which.size, np.bool_)
         samples = self.samples
         pace = samples.time / np.maximum(samples.impacts, 1)
         todo = np.flatnonzero(samples.impacts[which] < self.budget)
@@ -517,7 +519,7 @@ class Classifier(ABC):
             longer = np.maximum(self.longer[samples.cell[now]], factor) * 2**extension
             most, room = MOST_PROBE_IMPACTS * longer, self.budget - samples.impacts[now]
             samples.limit[now] = samples.impacts[now] + np.minimum(most, room).astype(np.int64)
-            part, before = empty_probe_record(todo.size), samples.time[now]
+            part, before = allocate_probe_record(todo.size), samples.time[now]
             self.follow_with_tangent(
                 now, np.full(todo.size, float(LEAST_PROBE_IMPACTS * 2**extension)), PERIODS * longer, part
             )
@@ -645,6 +647,6 @@ def create_trajectories(
     )
 
 
-def empty_probe_record(count: int) -> ProbeRecord:
+def allocate_probe_record(count: int) -> ProbeRecord:
     """Return a record of zeros for the observations of `count` probes."""
     return ProbeRecord(np.zeros((count, BATCHES, 3)), np.zeros((count, GRID), np.uint64))

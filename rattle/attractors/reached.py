@@ -14,7 +14,7 @@ from rattle.attractors.measures import Uncertainty, uncertainty
 from rattle.attractors.samples import Outcome
 from rattle.attractors.speeds import MOST_SAMPLES, SampleSpec, SpeedLimit
 from rattle.attractors.table import Attractor, attractors_of_cell, attractors_of_samples
-from rattle.errors import ParameterError, real_array, require, require_number
+from rattle.errors import ParameterError, require, require_number, require_real_array
 from rattle.orbits.iterates import fold_phases
 from rattle.orbits.orbits_a_to_d import GearWithOrbits, notebook_html_of_gear
 from rattle.parameters import Parameters
@@ -39,10 +39,12 @@ class ReachedAttractors:
     impacts: NDArray[np.int64]
 
 
-def check_states(tau: ArrayLike, v: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64], tuple[int, ...]]:
+def check_and_flatten_states(
+    tau: ArrayLike, v: ArrayLike
+) -> tuple[NDArray[np.float64], NDArray[np.float64], tuple[int, ...]]:
     """Check and broadcast phases and speeds; return them as flat arrays, phases in [0, 1), with their common shape."""
     try:
-        phases, speeds = np.broadcast_arrays(real_array("tau", tau), real_array("v", v))
+        phases, speeds = np.broadcast_arrays(require_real_array("tau", tau), require_real_array("v", v))
     except ParameterError:
         raise
     except ValueError as error:
@@ -56,7 +58,7 @@ def check_states(tau: ArrayLike, v: ArrayLike) -> tuple[NDArray[np.float64], NDA
 
 def reached(plane: StatePlane, tau: ArrayLike, v: ArrayLike) -> ReachedAttractors:
     """Return the attractors that given states of this plane go to; see `rattle.Gear.reached`."""
-    phases, speeds, shape = check_states(tau, v)
+    phases, speeds, shape = check_and_flatten_states(tau, v)
     table, rows, impacts = classify_plane_states(plane, phases, speeds)
     count = np.bincount(rows, minlength=table.kind.size)
     order = np.lexsort((np.arange(count.size), -count))

@@ -21,7 +21,7 @@ from rattle.flight.law import speed_unit, wrap_phase_difference
 from rattle.numerics.compile import inline, kernel
 from rattle.orbits.return_map import (
     apply_return_map_power,
-    fastest_point,
+    fastest_departure,
     find_fixed_point,
     least_return_period,
     log_multipliers,
@@ -118,7 +118,7 @@ def find_stable_orbit(tau, v, gap, most, point):
     first, second = log_multipliers(a00 + a11, log_det)
     if not first < 0.0 or not is_approaching_orbit(tau, v, star_tau, star_v, k, most, point):
         return nothing
-    star_tau, star_v = fastest_point(star_tau, star_v, k, point)
+    star_tau, star_v = fastest_departure(star_tau, star_v, k, point)
     m = int(np.rint(time))
     return True, m, k, n_minus, star_tau, star_v, first / m, second / m
 

@@ -49,7 +49,7 @@ def attractor_index_in_cell(kind, which, orbits):
 
 
 @kernel
-def fill_rows(kind, which, impacts, time, known, orbits, scratch, integers, watched, row):
+def fill_attractor_rows(kind, which, impacts, time, known, orbits, scratch, integers, watched, row):
     """Fill the columns of `AttractorRows`, and write the row of each sample to `row`.
 
     kind, which, impacts, time, known: as in `attractor_rows`. orbits: the largest number of orbits of a cell. scratch
@@ -125,5 +125,5 @@ def attractor_rows(
         np.zeros(most),
         np.zeros((2, 2 + orbits + sets), np.int64),
     )
-    n = fill_rows(kind, which, impacts, time, known, orbits, scratch, integers, watched, row)
+    n = fill_attractor_rows(kind, which, impacts, time, known, orbits, scratch, integers, watched, row)
     return AttractorRows._make([*integers[:, :n], watched[:n]])

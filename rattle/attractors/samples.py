@@ -9,7 +9,7 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from rattle.flight.forcing import DRIFT, largest_slope
+from rattle.flight.forcing import DRIFT, largest_forcing_slope
 from rattle.flight.law import wrap_phase_difference
 from rattle.numerics.compile import inline
 from rattle.numerics.struct_of_arrays import StructOfArrays, define_kernel_columns
@@ -161,7 +161,7 @@ OrbitColumns = define_kernel_columns("OrbitColumns", KnownOrbits, __name__)
 BallColumns = define_kernel_columns("BallColumns", CaptureRegions, __name__)
 
 
-def empty_orbit_tables(n_cells: int, room: int, balls_per_orbit: int) -> tuple[KnownOrbits, CaptureRegions]:
+def create_orbit_tables(n_cells: int, room: int, balls_per_orbit: int) -> tuple[KnownOrbits, CaptureRegions]:
     """Return empty tables of orbits and of capture regions, with room for `room` orbits in each cell."""
     shape, balls = (n_cells, room), (n_cells, room * balls_per_orbit)
     orbits = KnownOrbits(
@@ -196,7 +196,7 @@ def find_capturing_orbit(tau, v, cell, balls):
 @inline
 def bitmap_top_speed(epsilon, unit):
     """Return the speed at which a visited-cell bitmap ends. unit: the unit of speed differences (`speed_unit`)."""
-    return min(DRIFT + largest_slope(epsilon), HIGHEST_BITMAP_SPEED * unit)
+    return min(DRIFT + largest_forcing_slope(epsilon), HIGHEST_BITMAP_SPEED * unit)
 
 
 @inline

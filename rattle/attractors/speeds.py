@@ -10,7 +10,7 @@ from rattle.attractors.classify import BUDGET
 from rattle.errors import ParameterError, require_integer, require_number
 from rattle.flight.law import natural_speed
 from rattle.numerics.sampling import initial_conditions
-from rattle.numerics.states import state_box_ranges
+from rattle.numerics.states import require_state_box
 from rattle.parameters import Parameters
 
 NATURAL: Literal["natural"] = "natural"
@@ -73,7 +73,7 @@ class SampleSpec:
         """Return phases and speeds (n, count) of the initial conditions of cells (n,). Raises ParameterError."""
         highest = self.highest_speeds(parameters)
         if (*self.tau, self.v_min) != WHOLE_BOX and parameters.size:
-            state_box_ranges(self.tau, (self.v_min, float(highest.min())))
+            require_state_box(self.tau, (self.v_min, float(highest.min())))
         cells = parameters.delta, parameters.epsilon, parameters.beta
         return initial_conditions(*cells, self.count, highest, self.seed, self.tau, self.v_min)
 

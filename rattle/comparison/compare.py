@@ -22,7 +22,7 @@ from rattle.comparison.walls import (
 from rattle.errors import require_finite, require_integer, require_number
 from rattle.flight.law import speed_unit
 from rattle.intensity.intensity import Intensity
-from rattle.models import AnyGear, model_at
+from rattle.models import AnyGear, model_of_gear
 
 #: Default of the argument `tolerance` of `compare`.
 TOLERANCE = 0.05
@@ -148,13 +148,15 @@ def compare(
     tolerance = require_number("tolerance", tolerance, positive=True)
     offset = None if offset is None else require_finite("offset", offset)
     point = gear.delta, gear.epsilon, gear.beta
-    fitting = FitProblem(measured, gear, float(speed_unit(*point)), model_at(gear).contact_duration)
+    fitting = FitProblem(measured, gear, float(speed_unit(*point)), model_of_gear(gear).contact_duration)
     attractors = gear.attractors(count, NATURAL, seed)
     followed = [_follow_attractor(each, gear, bins) for each in attractors if each.kind != "undecided"]
     if offset is not None:
         given = fit_at_offset(fitting, offset)
-        return _compare_fit(measured, given, followed, bins, tolerance)
-    found = [(_compare_fit(measured, each, followed, bins, tolerance), each) for each in find_fits(fitting)]
+        return _compare_fit_with_attractors(measured, given, followed, bins, tolerance)
+    found = [
+        (_compare_fit_with_attractors(measured, each, followed, bins, tolerance), each) for each in find_fits(fitting)
+    ]
     best, chosen = min(found, key=lambda each: _misfit_plus_distance(each[0]))
     most = _misfit_plus_distance(best) + FIT_MARGIN[1]
     near = [each for one, each in found if one is not best and _misfit_plus_distance(one) <= most]
@@ -209,7 +211,7 @@ def _follow_attractor(attractor: Attractor, gear: AnyGear, bins: int) -> _Attrac
     return _AttractorImpacts(attractor, gear.intensity(attractor), phases, rate, _phase_histograms(phases, rate, bins))
 
 
-def _compare_fit(
+def _compare_fit_with_attractors(
     measured: MeasuredImpacts, fit: WallFit, attractors: list[_AttractorImpacts], bins: int, tolerance: float
 ) -> Comparison:
     """Compare measured impacts, which have the walls and the offset of a fit, with the attractors of the gear."""
@@ -223,7 +225,7 @@ def _compare_fit(
             each.attractor,
             each.intensity,
             each.histogram,
-            sum(_phase_distance(a, rate, b, each.rate) for a, b in zip(here, each.phases, strict=True)),
+            sum(_earth_mover_distance_of_phases(a, rate, b, each.rate) for a, b in zip(here, each.phases, strict=True)),
         )
         for each in attractors
     ]
@@ -261,7 +263,7 @@ def _phase_histograms(phases: list[Array], rate: float, bins: int) -> Array:
     return np.array([rate * np.histogram(each, bins, (0.0, 1.0))[0] for each in phases])
 
 
-def _phase_distance(a: Array, rate_a: float, b: Array, rate_b: float) -> float:
+def _earth_mover_distance_of_phases(a: Array, rate_a: float, b: Array, rate_b: float) -> float:
     """Return how far the impacts of one forcing period must be shifted to turn the phases `a` into the phases `b`.
 
     a, b: phases in rising order. rate_a, rate_b: the weight of each phase, in impacts per forcing period.

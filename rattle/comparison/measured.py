@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rattle.errors import real_array, require
+from rattle.errors import require, require_real_array
 from rattle.numerics.tables import read_columns
 
 #: Least number of measured impacts.
@@ -78,7 +78,7 @@ def measured(time: ArrayLike, speed: ArrayLike | None = None, wall: ArrayLike | 
     ParameterError
         If an argument is outside its domain.
     """
-    times = real_array("time", time)
+    times = require_real_array("time", time)
     require(times.ndim == 1, f"time must be a list of times, got an array of shape {times.shape}")
     require(times.size >= LEAST_IMPACTS, f"{times.size} impacts are too few: give at least {LEAST_IMPACTS}")
     require(
@@ -92,14 +92,14 @@ def measured(time: ArrayLike, speed: ArrayLike | None = None, wall: ArrayLike | 
     )
     speeds, walls = None, None
     if speed is not None:
-        speeds = real_array("speed", speed)
+        speeds = require_real_array("speed", speed)
         require(speeds.shape == times.shape, f"give a speed for each of the {times.size} impacts, or none")
         require(
             bool((np.isfinite(speeds) & (speeds >= 0)).all()),
             "speed must be finite and at least 0: give the size of each velocity",
         )
     if wall is not None:
-        given = real_array("wall", wall)
+        given = require_real_array("wall", wall)
         require(given.shape == times.shape, f"give a wall for each of the {times.size} impacts, or none")
         require(bool((np.abs(given) == 1).all()), "wall must be 1 (Σ⁺) or -1 (Σ⁻) for each impact")
         walls = given.astype(np.int64)

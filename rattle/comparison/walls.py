@@ -125,7 +125,7 @@ def find_fits(fitting: FitProblem) -> list[WallFit]:
     rough = []
     for unit, phases in ((few.unit, PHASES), (few.unit / FINER, FINER_PHASES)):
         sharper = few._replace(unit=unit)
-        lowest = _lowest_minima(_find_best_walls(sharper, np.arange(phases) / phases)[0])
+        lowest = _indices_of_lowest_minima(_find_best_walls(sharper, np.arange(phases) / phases)[0])
         rough += _fits_within_margin(
             [fit_at_offset(sharper, _refine_offset(sharper, i / phases, 1.0 / phases)) for i in lowest], ROUGH_MARGIN
         )
@@ -135,7 +135,7 @@ def find_fits(fitting: FitProblem) -> list[WallFit]:
     offsets = [each.offset for each in sharp]
     for each in [found for found in sharp if found.misfit < POOR][:MOST_SCANNED]:
         costs = _impact_costs(few, each.wall, np.arange(SCAN_OFFSETS) / SCAN_OFFSETS).sum(axis=1)
-        for offset in _lowest_minima(costs) / SCAN_OFFSETS:
+        for offset in _indices_of_lowest_minima(costs) / SCAN_OFFSETS:
             if all(abs(wrap_phase_difference(offset - other)) > 2.0 / SCAN_OFFSETS for other in offsets):
                 offsets.append(float(offset))
                 sharp.append(
@@ -148,7 +148,7 @@ def find_fits(fitting: FitProblem) -> list[WallFit]:
     return found
 
 
-def _lowest_minima(costs: Array) -> NDArray[np.int64]:
+def _indices_of_lowest_minima(costs: Array) -> NDArray[np.int64]:
     """Return the indices of at most MOST_REFINED local minima of costs around a circle, the lowest minimum first."""
     found = np.flatnonzero((costs <= np.roll(costs, 1)) & (costs <= np.roll(costs, -1)))
     return found[np.argsort(costs[found], kind="stable")][:MOST_REFINED]

@@ -158,7 +158,7 @@ def solve_on_curve(problem: ContinuationProblem, x: Array, constraint: Array) ->
         except np.linalg.LinAlgError:
             return None
         last, size = size, float((np.abs(step) / (scale + np.abs(x))).max())
-        if _diverges(i, size, last):
+        if _has_diverged(i, size, last):
             return None
         x += step
         if _has_converged(size, last):
@@ -166,7 +166,7 @@ def solve_on_curve(problem: ContinuationProblem, x: Array, constraint: Array) ->
     return None
 
 
-def _diverges(i: int, size: Any, last: Any) -> Any:
+def _has_diverged(i: int, size: Any, last: Any) -> Any:
     """Return whether Newton's method diverges at correction number i.
 
     size, last: the sizes of this correction and of the previous correction; arrays for several solutions at once.
@@ -209,7 +209,7 @@ def solve_all_with_fixed_unknown(problem: ContinuationProblem, guesses: Array, i
         scale = np.stack([np.broadcast_to(problem.scale(each), each.shape) for each in at])
         size = (np.abs(step) / (scale + np.abs(at))).max(axis=-1)
         x[active] += step
-        good = np.isfinite(size) & ~_diverges(i, size, last)
+        good = np.isfinite(size) & ~_has_diverged(i, size, last)
         done = good & _has_converged(size, last)
         found[active[done]] = x[active[done]]
         active, last = active[good & ~done], size[good & ~done]
@@ -276,7 +276,7 @@ def solve_beside_chord(problem: ContinuationProblem, a: Array, b: Array, share: 
 
 
 @dataclass(frozen=True)
-class Bound:
+class BoundsOfUnknown:
     """Bounds of one unknown: low ≤ x[index] ≤ high."""
 
     index: int
@@ -346,7 +346,7 @@ class CurveFollower:
     """
 
     problem: ContinuationProblem
-    bounds: Sequence[Bound]
+    bounds: Sequence[BoundsOfUnknown]
     is_admissible: Callable[[Array], bool]
     longest: Callable[[Array], float]
     equivalent_unknowns: Callable[[Array, Array], Array] = lambda start, _: start[None]

@@ -318,7 +318,7 @@ def _find_unsampled_pieces(
             label = search.branches[piece.branch].label
             match = _find_known_attractor(sweeps.known[step], label, phases, speeds, JUMP, unit)
             if match is None:
-                orbit = search.stable_orbit(piece.branch, float(position[step]))
+                orbit = search.find_stable_motion(piece.branch, float(position[step]))
                 if orbit is None:
                     continue
                 upper = np.array(orbit.walls) > 0

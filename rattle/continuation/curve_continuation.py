@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from rattle.continuation.arclength import (
     CLOSED,
     MOST_POINTS,
-    Bound,
+    BoundsOfUnknown,
     ContinuationProblem,
     CurveFollower,
     OneWayPath,
@@ -245,9 +245,9 @@ class PlaneWindow:
         return " and ".join(f"{name} from {low:g} to {high:g}" for name, (low, high) in ranges)
 
     @property
-    def bounds(self) -> tuple[Bound, Bound]:
+    def bounds(self) -> tuple[BoundsOfUnknown, BoundsOfUnknown]:
         """The bounds of the last two unknowns, δ and ε."""
-        return Bound(-2, *self.delta), Bound(-1, *self.epsilon)
+        return BoundsOfUnknown(-2, *self.delta), BoundsOfUnknown(-1, *self.epsilon)
 
     def reason_outside_window(self, x: Array) -> str | None:
         """Return the side of the window beyond which a point x lies, in words; None if x is inside the window."""
@@ -411,7 +411,7 @@ def _why_path_ends(path: OneWayPath, reason_outside_window: Test) -> str:
     return reason_outside_window(path.outside) or "the edge of its existence"
 
 
-def trace_problem(
+def trace_curve_of_problem(
     name: str,
     beta: float,
     problem: ContinuationProblem,
@@ -443,7 +443,7 @@ def trace_problem(
     return build_curve(name, beta, problem, found, [[describe(x) for x in piece.points] for piece in found])
 
 
-def interior_points(low: float, high: float) -> Array:
+def evenly_spaced_numbers_between(low: float, high: float) -> Array:
     """Return STARTS evenly spaced numbers between low and high, without low and high."""
     return np.linspace(low, high, 2 * STARTS + 1)[1::2]
 
@@ -461,7 +461,7 @@ def trace_quiet_limit(
 ) -> Curve:
     """Return the quiet limit as a `Curve`. The unknowns are the phase at which contact is lost, δ and ε."""
     nothing = np.full(2, complex(np.nan, np.nan))
-    return trace_problem(
+    return trace_curve_of_problem(
         QUIET_LIMIT,
         beta,
         problem,

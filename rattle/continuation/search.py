@@ -88,11 +88,11 @@ class BranchSearch:
             if event.kind is EventKind.FLIP:
                 self._add_doubled_branch(event)
 
-    def branch_number(self, motion: Motion) -> int | None:
+    def known_branch_index(self, motion: Motion) -> int | None:
         """Return the number of the known branch that a motion is on; None if it is on none."""
         return next((i for i in range(len(self.branches)) if self._is_on_branch(i, motion)), None)
 
-    def stable_orbit(self, i: int, position: float) -> PeriodicMotion | None:
+    def find_stable_motion(self, i: int, position: float) -> PeriodicMotion | None:
         """Return the stable motion of branch number i at a position along the segment; None if there is none."""
         path, stable = self.paths[i], self.branches[i].stable
         d = path[:, -1] - position
@@ -143,7 +143,7 @@ class BranchSearch:
         if 1 not in motion[0].walls:  # the motion never meets Σ⁺, so it is not an orbit of the impact map Π
             return
         itinerary, x = motion_from_impact(motion, motion[0].walls.index(1))
-        if self.branch_number((itinerary, x)) is None and self._is_within_limits(itinerary):
+        if self.known_branch_index((itinerary, x)) is None and self._is_within_limits(itinerary):
             self._add_branch(self.model.follow_branch((itinerary, x), self._span_around(x[itinerary.n :])))
 
     def _add_doubled_branch(self, event: Any) -> None:
@@ -151,7 +151,7 @@ class BranchSearch:
         if not self._is_within_limits(event.itinerary.with_doubled_period()):
             return
         found = self.model.follow_doubled_branch(event, self._span_around(event.unknowns[event.itinerary.n :]))
-        if len(found) > 2 and self.branch_number(found.motion(len(found) // 2)) is None:
+        if len(found) > 2 and self.known_branch_index(found.motion(len(found) // 2)) is None:
             self._add_branch(found)
 
     def _add_branch(self, found: Any) -> None:

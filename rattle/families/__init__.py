@@ -3,7 +3,7 @@
 from rattle.families.family_table import tabulate_families
 from rattle.families.join import argsort_attractors, concat_tables, join_attractors
 from rattle.families.pieces import GridPiece, connect_attractors, continue_into_piece, no_attractors
-from rattle.families.spread import Rectangle
+from rattle.families.spread import CellRectangle
 from rattle.families.sums import (
     NO_FAMILY,
     QUIET_FAMILY,
@@ -16,9 +16,9 @@ from rattle.families.sums import (
 __all__ = [
     "NO_FAMILY",
     "QUIET_FAMILY",
+    "CellRectangle",
     "ComponentSums",
     "GridPiece",
-    "Rectangle",
     "add_sums",
     "argsort_attractors",
     "assign_family_numbers",

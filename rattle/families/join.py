@@ -12,14 +12,14 @@ from rattle.attractors.classify import Classifier
 from rattle.attractors.samples import Outcome
 from rattle.attractors.speeds import SampleSpec
 from rattle.attractors.table import AttractorTable, attractors_of_samples
-from rattle.errors import real_array, require, require_number
+from rattle.errors import require, require_number, require_real_array
 from rattle.families.family_table import Families, tabulate_families
 from rattle.families.footprints import pairs_with_overlapping_footprints
 from rattle.families.spread import (
     NOWHERE,
     ORBIT_COLUMNS,
+    CellRectangle,
     LinkedOrbits,
-    Rectangle,
     continue_orbits_into_neighbours,
     write_arrivals,
 )
@@ -36,7 +36,7 @@ STEPS = 64
 
 def check_axis(name: str, values: ArrayLike) -> NDArray[np.float64]:
     """Return the values of an axis as an array. Raises ParameterError unless they are rising or falling numbers."""
-    array = real_array(name, values)
+    array = require_real_array(name, values)
     require(
         array.ndim == 1 and array.size > 0,
         f"{name} must be a list of numbers, the values of an axis, got shape {array.shape}",
@@ -121,7 +121,7 @@ def _join_with_sums(
     table: AttractorTable, shape: tuple[int, int], cells: Any
 ) -> tuple[AttractorTable, NDArray[np.bool_], NDArray[np.int64], ComponentSums]:
     """Return the results of `join_into_families`, and the sums from which `tabulate_families` makes its table."""
-    orbits, n = continue_orbits(table, shape[1], Rectangle(0, shape[0], 0, shape[1]), cells)
+    orbits, n = continue_orbits(table, shape[1], CellRectangle(0, shape[0], 0, shape[1]), cells)
     periodic = np.flatnonzero(table.kind == Outcome.PERIODIC)
     attractors = concat_tables(table, table_of_continued_orbits(orbits, periodic.size, n))
     # row[i] is the row of orbit i in attractors
@@ -191,7 +191,7 @@ def assign_component_numbers(
 
 
 def continue_orbits(
-    table: AttractorTable, columns: int, inside: Rectangle, cells: Any, first: int = 0
+    table: AttractorTable, columns: int, inside: CellRectangle, cells: Any, first: int = 0
 ) -> tuple[LinkedOrbits, int]:
     """Continue the periodic orbits of a table into the cells of a rectangle, until nothing new is found.
 
@@ -201,7 +201,7 @@ def continue_orbits(
         The attractors; rows of the same cell follow each other.
     columns : int
         The number of columns of the grid.
-    inside : Rectangle
+    inside : CellRectangle
         The cells into which orbits are continued.
     first : int
         The number of the first periodic orbit to continue; the orbits before it were continued already.
@@ -223,7 +223,7 @@ def continue_orbits(
 
 
 def continue_orbits_until_complete(
-    next_orbit: int, n: int, columns: int, inside: Rectangle, cells: Any, orbits: LinkedOrbits
+    next_orbit: int, n: int, columns: int, inside: CellRectangle, cells: Any, orbits: LinkedOrbits
 ) -> tuple[LinkedOrbits, int]:
     """Continue the orbits number `next_orbit` to n − 1, and all new orbits that are found, from cell to cell.
 

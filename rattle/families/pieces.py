@@ -18,7 +18,7 @@ from rattle.families.join import (
     enlarge_orbit_arrays,
     table_of_continued_orbits,
 )
-from rattle.families.spread import ORBIT_COLUMNS, Rectangle, add_new_orbits
+from rattle.families.spread import ORBIT_COLUMNS, CellRectangle, add_new_orbits
 
 no_attractors = AttractorTable.empty
 
@@ -48,7 +48,7 @@ class GridPiece:
             self.orbits = enlarge_orbit_arrays(self.orbits)
         columns = (getattr(table, name) for name in ORBIT_COLUMNS)
         n = int(add_new_orbits(*columns, before, self._cells, self.orbits, which))
-        inside = Rectangle(0, self.shape[0], 0, self.shape[1])
+        inside = CellRectangle(0, self.shape[0], 0, self.shape[1])
         self.orbits, self.n = continue_orbits_until_complete(before, n, self.shape[1], inside, self._cells, self.orbits)
         self.samples = np.append(self.samples, np.full(self.n - before, -1))
         self.samples[which] = table.samples
@@ -59,7 +59,7 @@ def continue_into_piece(
     outside: AttractorTable,
     inside_is_continued: bool,
     columns: int,
-    piece: Rectangle,
+    piece: CellRectangle,
     cells: Any,
 ) -> AttractorTable:
     """Continue orbits from cell to cell into a rectangle of a grid, and return the orbits that are new in its cells.
@@ -73,7 +73,7 @@ def continue_into_piece(
         Whether an earlier call continued the orbits of `inside`; then only those of `outside` are continued.
     columns : int
         The number of columns of the grid.
-    piece : Rectangle
+    piece : CellRectangle
         The rectangle.
     cells : NamedTuple of ndarray
         The cells of the grid as kernels take them.
@@ -102,5 +102,5 @@ def connect_attractors(table: AttractorTable, shape: tuple[int, int], cells: Any
         The numbers (rows,): rows of the table with the same number are one motion in several cells. Quiet motion has
         the number QUIET_FAMILY, the row for a cell's undecided samples has NO_FAMILY.
     """
-    orbits, _n = continue_orbits(table, shape[1], Rectangle(0, shape[0], 0, shape[1]), cells)
+    orbits, _n = continue_orbits(table, shape[1], CellRectangle(0, shape[0], 0, shape[1]), cells)
     return assign_component_numbers(table, np.flatnonzero(table.kind == Outcome.PERIODIC), orbits, shape, cells)

@@ -11,7 +11,7 @@ from rattle.flight.law import wrap_phase_difference
 from rattle.numerics.compile import inline, kernel
 from rattle.orbits.return_map import (
     apply_return_map_power,
-    fastest_point,
+    fastest_departure,
     find_fixed_point,
     least_return_period,
     log_multipliers,
@@ -25,7 +25,7 @@ from rattle.orbits.return_map import (
 FARTHEST = 0.2
 #: Smallest step of continuation, as a share of the way from a cell to the next.
 LEAST_STEP = 2.0**-6
-#: `solve_from_rounded_state` rounds τ, and v in units of `speed_unit_at`, to multiples of this number.
+#: `solve_orbit_from_rounded_state` rounds τ, and v in units of `speed_unit_at`, to multiples of this number.
 ROUNDING = 2.0**-26
 #: Takes the place of an orbit's number where there is no orbit.
 NOWHERE = -1
@@ -33,7 +33,7 @@ NOWHERE = -1
 ROWS, COLUMNS = (1, 0, -1, 0), (0, 1, 0, -1)
 
 
-class Rectangle(NamedTuple):
+class CellRectangle(NamedTuple):
     """The cells of a grid in rows top ≤ i < bottom and columns left ≤ j < right."""
 
     top: int
@@ -121,7 +121,7 @@ def check_stability_and_label(tau, v, k, orbits, point):
 
 
 @kernel
-def solve_from_rounded_state(tau, v, n_plus, point):
+def solve_orbit_from_rounded_state(tau, v, n_plus, point):
     """Solve for an orbit's state again from rounded τ and v, so that its last bits hardly depend on the first guess.
 
     tau, v: the state that was found from the first guess. point: the parameters of the gear.
@@ -140,7 +140,7 @@ def solve_from_rounded_state(tau, v, n_plus, point):
 
 
 @kernel
-def follow_orbit(k, here, there, orbits):
+def continue_orbit_to_point(k, here, there, orbits):
     """Follow orbit k from one parameter point to another.
 
     A step is halved if Newton's method fails or finds a distant state, or if the orbit found there is unstable or has
@@ -180,7 +180,7 @@ def continue_orbit(k, cell, n, orbits, cells):
         The orbit's number in that cell: n if it was not known there and was added, NOWHERE if it cannot be continued.
     """
     point, n_plus = point_of_cell(cell, cells), np.int64(orbits.n_plus[k])
-    found, tau, v = follow_orbit(k, point_of_cell(orbits.cell[k], cells), point, orbits)
+    found, tau, v = continue_orbit_to_point(k, point_of_cell(orbits.cell[k], cells), point, orbits)
     if not found:
         return NOWHERE
     unit = speed_unit_at(point)
@@ -198,8 +198,8 @@ def continue_orbit(k, cell, n, orbits, cells):
         if known != NOWHERE:
             return known
         _status, t, w, _time, _below = step(t, w, point)
-    tau, v = fastest_point(tau, v, n_plus, point)
-    tau, v = solve_from_rounded_state(tau, v, n_plus, point)
+    tau, v = fastest_departure(tau, v, n_plus, point)
+    tau, v = solve_orbit_from_rounded_state(tau, v, n_plus, point)
     is_stable, first, second = check_stability_and_label(tau, v, k, orbits, point)
     if not is_stable:
         return NOWHERE

@@ -3,14 +3,15 @@
 In contact Φ' = 0 on a wall, and the contact force presses on the wall. This module alone decides where a motion enters
 contact:
 
-- `is_captured`: the bounces on Σ⁺ are certain to die out, though they never end. This is quiet motion, the only contact
+- `is_bounce_captured`: the bounces on Σ⁺ are certain to die out, though they never end. This is quiet motion, the only
+contact
   that a motion with elastic impacts enters. It has no release, because the contact force never changes sign.
 - `stays_in_contact`: the speed into the gap is 0, and the force presses. Elastic impacts lead there only if the motion
   starts on the wall with speed 0, or if a speed underflows.
 
 If chatter completes under the impact law (`ImpactLaw.chatter_completes`), the motion enters contact in finite time. It
 is released with speed 0 at the phase where the contact force turns away from the wall. On Σ⁺ this is the beginning of
-`forcing.negative_arc`, on Σ⁻ the end of this arc.
+`forcing.find_negative_force_arc`, on Σ⁻ the end of this arc.
 
 In a contact of the stiff gear the teeth are compressed. `rattle.stiff.map.flow.is_contact_over` decides when such a
 contact is over; a contact that is never over is quiet motion.
@@ -33,7 +34,7 @@ LARGEST_CLEAR_BOUNCE = 2.0 * (1.0 - SHARE) ** 2
 
 
 @inline
-def is_captured(speed, force, largest_invariant):
+def is_bounce_captured(speed, force, largest_invariant):
     """Return whether a bounce on Σ⁺ with this speed, under this contact force, is certain to become quiet.
 
     It is certain if speed³/force ≤ `largest_invariant`, the limit that `rattle.impacting.map.quiet` computes.

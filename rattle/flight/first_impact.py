@@ -10,15 +10,15 @@ import numpy as np
 from numba.core.types import NamedUniTuple, Tuple, float64, int64
 from numpy import float32 as f32
 
-from rattle.flight.forcing import advance_sine_and_cosine, negative_arc, short_versines
+from rattle.flight.forcing import advance_sine_and_cosine, find_negative_force_arc, short_versine_and_sine
 from rattle.flight.guess import (
     convert_flight_to_single_precision,
     estimate_minimum,
     guess_time_of_turn_or_arrival,
+    height_at_next_wall,
     refine_time,
-    step_to_level,
     taylor_coefficients,
-    wall_level,
+    time_step_to_level,
 )
 from rattle.flight.law import (
     Flight,
@@ -98,7 +98,7 @@ def state_after_step(u, f1, lost, sin1, cos1, flight):
     f2 = second_derivative(lost, sin1, cos1, flight)
     f3 = third_derivative(lost, sin1, cos1, flight)
     f4 = fourth_derivative(lost, sin1, cos1, flight)
-    step, x = short_versines(u), flight.delta * u
+    step, x = short_versine_and_sine(u), flight.delta * u
     w1 = f1 + u * (f2 + u * (0.5 * f3 + u * f4 * (1.0 / 6.0)))
     sin2, cos2 = advance_sine_and_cosine(step, sin1, cos1)
     lost += (1.0 - lost) * x * (1.0 - x * (0.5 - x * (1.0 / 6.0)))
@@ -123,13 +123,13 @@ def guess_first_impact(wall, tau, flight, beta):
     series = taylor_coefficients(s, short)
     lowest, minimum = estimate_minimum(s, series, short)
     falls = wall > 0 and lowest < -gap
-    level_ = wall_level(wall_, falls, gap)
-    s += step_to_level(not falls, level_, series)
-    s += step_to_level(not falls, level_, taylor_coefficients(s, short))
+    level_ = height_at_next_wall(wall_, falls, gap)
+    s += time_step_to_level(not falls, level_, series)
+    s += time_step_to_level(not falls, level_, taylor_coefficients(s, short))
     s, step, speed = refine_time(s, level_, short)
     proved = is_within_one_step(s, step, speed, short)
     proved &= clears_the_gap(wall_, not falls, s, minimum, gap, short)
-    arc = convert_arc_to_single_precision(negative_arc(flight.delta, flight.epsilon))
+    arc = convert_arc_to_single_precision(find_negative_force_arc(flight.delta, flight.epsilon))
     proved &= has_at_most_one_turn(wall_, not falls, f32(tau), s, minimum.time, short, arc)
     level = -2.0 * beta if falls else (0.0 if wall > 0 else 2.0 * beta)
     close = np.float64(s)
@@ -271,7 +271,7 @@ def search_crossing(tau, flight, lower, upper):
     tuple
         (status, +1 for the upper or −1 for the lower level, time); status is OK, or NO_IMPACT if there is no crossing.
     """
-    arc = negative_arc(flight.delta, flight.epsilon)
+    arc = find_negative_force_arc(flight.delta, flight.epsilon)
     s, f0, f1 = 0.0, 0.0, flight.w
     while s < LONGEST:
         e = end_of_piece(s, PIECE, tau, arc)

@@ -9,8 +9,8 @@ take both sine and cosine of a phase, because a sum of harmonics needs both. `ad
 a number, because the order of operations decides the stored bits. Code outside kernels uses `Forcing`.
 
 These modules are valid for a forcing of one cosine only: A to D in closed form and their limits
-(`rattle.impacting.orbits.closed_form`, `limits`), the single arc of negative contact force (`negative_arc`, and the
-proofs of a first impact in `proof` that use it), contacts with stiff walls, which respond to one frequency
+(`rattle.impacting.orbits.closed_form`, `limits`), the single arc of negative contact force (`find_negative_force_arc`,
+and the proofs of a first impact in `proof` that use it), contacts with stiff walls, which respond to one frequency
 (`rattle.stiff.map.contact`), and `rattle.proof`.
 """
 
@@ -58,7 +58,7 @@ def sine_defect64(q):
 
 
 @inline
-def versine32(q):
+def versine_quotient32(q):
     """Return (1 − cos z)/z² for q = z², |z| ≤ π, in single precision."""
     return evaluate_degree_5(coefficients.VERSINE_32, q)
 
@@ -140,7 +140,7 @@ def _build_flight_functions(dtype, versine, sine_defect):
 
 IN_DOUBLE, IN_SINGLE = (
     _build_flight_functions(np.float64, versine64, sine_defect64),
-    _build_flight_functions(np.float32, versine32, sine_defect32),
+    _build_flight_functions(np.float32, versine_quotient32, sine_defect32),
 )
 versines, sine_change_and_new_cosine = IN_DOUBLE.versines, IN_DOUBLE.sine_change_and_new_cosine
 drop_below_tangent_line, slope_loss_from_sine_change = (
@@ -164,14 +164,14 @@ def sine_cosine_by_math_library(tau):
     return math.sin(angle), math.cos(angle)
 
 
-def sampled_phases(count: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def sines_cosines_of_spaced_phases(count: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return sines and cosines (count,) of equally spaced phases that begin at 0."""
     angle = 2 * np.pi * np.arange(count) / count
     return np.sin(angle), np.cos(angle)
 
 
 @inline
-def short_versines(u):
+def short_versine_and_sine(u):
     """Return 1 − cos 2πu and sin 2πu for a short time u, by Taylor series with errors below 1e-15 for u up to 1e-4."""
     y = TWO_PI * u
     return y * y * (0.5 - y * y * (1.0 / 24.0)), y * (1.0 - y * y * (1.0 / 6.0))
@@ -179,7 +179,7 @@ def short_versines(u):
 
 @inline
 def advance_sine_and_cosine(step, sine, cosine):
-    """Return the sine and cosine of a phase after a short time. step: the result of `short_versines` for this time."""
+    """Return the sine and cosine of a phase after a short time; step: `short_versine_and_sine` of this time."""
     omc, siny = step
     cosine1 = cosine - (siny * sine + omc * cosine)
     return sine + (siny * cosine - omc * sine), cosine1
@@ -204,7 +204,7 @@ def slope_loss(sin0, cos0, sin1, cos1, epsilon):
 
 
 @inline
-def derivatives_by_departure(f_w, decay, sin0, cos0, sin1, cos1, epsilon):
+def height_derivatives_by_departure_time(f_w, decay, sin0, cos0, sin1, cos1, epsilon):
     """Return the derivatives of a flight's height F and of F' by the time of departure, for a fixed duration.
 
     ∂F/∂t₀ = e'(t₁) − e'(t₀) − f_w e''(t₀) and ∂F'/∂t₀ = e''(t₁) − decay e''(t₀), with f_w = ∂F/∂w₀ and decay = ∂F'/∂w₀.
@@ -219,7 +219,7 @@ def derivatives_by_departure(f_w, decay, sin0, cos0, sin1, cos1, epsilon):
 
 
 @inline
-def largest_slope(epsilon):
+def largest_forcing_slope(epsilon):
     """Return the largest |e'|, e' the derivative of the forcing."""
     return TWO_PI * epsilon
 
@@ -301,7 +301,7 @@ def force_integral(duration, mean, a, b):
 
 
 @kernel
-def negative_arc(delta, epsilon):
+def find_negative_force_arc(delta, epsilon):
     """Return the arc of phases where the contact force is negative. For one cosine there is at most one.
 
     g = δq − 2πε (2π cos θ + δ sin θ) < 0 means cos(θ − φ) > δq / (2πε √(4π² + δ²)) with φ = atan2(δ, 2π).
@@ -342,35 +342,35 @@ def add_mean_acceleration32(x, mean_cosine, epsilon):
 
 
 @inline
-def third_derivative32(sine, cosine, epsilon):
+def forcing_third_derivative32(sine, cosine, epsilon):
     """Return the third derivative of the forcing, in single precision."""
     return W3 * epsilon * sine
 
 
 @inline
-def fourth_derivative32(sine, cosine, epsilon):
+def forcing_fourth_derivative32(sine, cosine, epsilon):
     """Return the fourth derivative of the forcing, in single precision."""
     return W4 * epsilon * cosine
 
 
 @inline
-def minus_fifth_derivative32(sine, cosine, epsilon):
+def minus_forcing_fifth_derivative32(sine, cosine, epsilon):
     """Return minus the fifth derivative of the forcing, in single precision."""
     return W5 * epsilon * sine
 
 
 @inline
-def change_bound32(s):
+def forcing_remainder_bound32(s):
     """Return an upper bound of |e(t + s) − e(t) − s e'(t)|/ε, e the forcing. Bounds of rounding errors of F use it."""
     y = W1 * s
     return min(y * y * (f32(0.5) + y * f32(1 / 6)), y + f32(3.0))
 
 
 @inline
-def coarse_change_bound32(s, epsilon):
+def coarse_forcing_remainder_bound32(s, epsilon):
     """Return an upper bound of |e(t + s) − e(t) − s e'(t)|, e the forcing.
 
-    ε times `change_bound32` is a closer bound, but takes longer to compute.
+    ε times `forcing_remainder_bound32` is a closer bound, but takes longer to compute.
 
     Returns
     -------
@@ -454,7 +454,7 @@ def add_analytic_acceleration(x, sine, cosine, epsilon):
 
 
 @inline
-def analytic_force_coefficients(sign, sin0, cos0, delta, epsilon):
+def force_fourier_coefficients_of_complex_phase(sign, sin0, cos0, delta, epsilon):
     """Return mean, a and b of the force on a wall, mean + a cos 2πs + b sin 2πs; the time s counts from a phase.
 
     `force_fourier_coefficients` returns the same numbers for a real phase. sign: the wall, ±1. sin0, cos0: complex sine
@@ -504,7 +504,7 @@ class Forcing:
     def spectral_lines(self, delta: float) -> list[tuple[float, complex]]:
         """Return (frequency, size) of each term of the contact force Σ size e^(i frequency t); the mean is first."""
         size = self.epsilon * complex(-0.5 * TWO_PI**2, 0.5 * TWO_PI * delta)
-        return [(0.0, complex(mean_force(delta))), (TWO_PI, size), (-TWO_PI, size.conjugate())]
+        return [(0.0, complex(mean_contact_force(delta))), (TWO_PI, size), (-TWO_PI, size.conjugate())]
 
     def quiet_limit_residuals(self, time: NDArray, delta: NDArray) -> NDArray:
         """Return g/2π and g'/4π²ε at times (…), g the contact force: the two residuals of the quiet limit.
@@ -522,7 +522,7 @@ class Forcing:
 
 
 @inline
-def mean_force(delta: Any) -> Any:
+def mean_contact_force(delta: Any) -> Any:
     """Return the mean contact force δq, which balances the impulses of a periodic motion over each period."""
     return delta * DRIFT
 

@@ -4,7 +4,7 @@ Double precision improves the guess, and `proof` proves that it is the first imp
 straight-line code on float32 numbers, run for one flight or in a loop over a block of lanes. docs/kernel.md derives
 each inequality. Two margins bound float32 rounding:
 
-- A value of a flight's height F has an error below ERROR times `sum_of_height_terms`, the sum of the sizes of its
+- A value of a flight's height F has an error below ERROR times `sum_of_height_term_sizes`, the sum of the sizes of its
 terms.
   (ERROR is 100 units of float32 rounding; the evaluation takes fewer than 30 operations on inputs rounded once, and its
   polynomials are good to 3e-7.)
@@ -22,14 +22,14 @@ from rattle.flight.forcing import (
     Q,
     add_mean_acceleration32,
     add_slope32,
-    change_bound32,
-    coarse_change_bound32,
+    coarse_forcing_remainder_bound32,
+    forcing_fourth_derivative32,
+    forcing_remainder_bound32,
     forcing_slope_range32,
-    fourth_derivative32,
+    forcing_third_derivative32,
     largest_sixth_coefficient32,
     mean_cosine32,
-    minus_fifth_derivative32,
-    third_derivative32,
+    minus_forcing_fifth_derivative32,
 )
 from rattle.flight.law import LONGEST_DECAY, Flight, evaluate32
 from rattle.numerics.compile import inline
@@ -115,7 +115,7 @@ def improve_guess_by_newton_step(s, wall, gap, flight):
 
 
 @inline
-def wall_level(wall, falls, gap):
+def height_at_next_wall(wall, falls, gap):
     """Return the height F at which a flight meets the next wall: −gap if it falls from Σ⁺ to Σ⁻, 0 or gap on Σ⁺.
 
     F is measured from the departure, so F is 0 on Σ⁺ after a departure from Σ⁺, and `gap` after one from Σ⁻.
@@ -135,17 +135,17 @@ def taylor_coefficients(s, flight):
     f0, f1, f2, lost, sin1, cos1 = evaluate32(s, flight)
     delta, epsilon = flight.delta, flight.epsilon
     b = delta * flight.a * (f32(1.0) - lost)  # the decaying part of F''
-    c3 = (third_derivative32(sin1, cos1, epsilon) - delta * b) * f32(1 / 6)
-    c4 = (fourth_derivative32(sin1, cos1, epsilon) + delta * delta * b) * f32(1 / 24)
-    c5 = (minus_fifth_derivative32(sin1, cos1, epsilon) + delta * delta * delta * b) * f32(-1 / 120)
+    c3 = (forcing_third_derivative32(sin1, cos1, epsilon) - delta * b) * f32(1 / 6)
+    c4 = (forcing_fourth_derivative32(sin1, cos1, epsilon) + delta * delta * b) * f32(1 / 24)
+    c5 = (minus_forcing_fifth_derivative32(sin1, cos1, epsilon) + delta * delta * delta * b) * f32(-1 / 120)
     return f0, f1, f32(0.5) * f2, c3, c4, c5
 
 
 @inline
-def sum_of_height_terms(s, flight):
+def sum_of_height_term_sizes(s, flight):
     """Return the sum of the sizes of the terms of F at s; the rounding error of F is below ERROR times this sum."""
     w, a, _sin0, _cos0, delta, epsilon = flight
-    forced = change_bound32(s)
+    forced = forcing_remainder_bound32(s)
     return s * (abs(w) + abs(a) * min(f32(0.5) * delta * s, f32(1.0))) + epsilon * forced
 
 
@@ -197,14 +197,14 @@ def estimate_minimum(s, series, flight):
     left_out = m6 * r2 * r2
     tilt = abs(taylor_slope(u, c1, c2, c3, c4, c5)) + ERROR * sum_of_slope_terms(flight) + f32(6.0) * reach * left_out
     end = s + reach
-    rounding = end * (abs(w) + abs(a) * (f32(0.5) * delta * end)) + coarse_change_bound32(end, epsilon)
+    rounding = end * (abs(w) + abs(a) * (f32(0.5) * delta * end)) + coarse_forcing_remainder_bound32(end, epsilon)
     good = (delta * reach < f32(0.3)) & (reach < s)
     bound = lowest - ERROR * rounding - left_out * r2 if good else UNBOUNDED
     return lowest, FlightMinimum(bound, tilt, s + u)
 
 
 @inline
-def step_to_level(rising, level, series):
+def time_step_to_level(rising, level, series):
     """Return the step to F = level: the root of a parabola (three terms), improved by a Newton step with all terms."""
     f0, c1, c2, c3, c4, c5 = series
     c0 = f0 - level

@@ -29,13 +29,13 @@ def velocity_before_reflection(w):
 
 
 @inline
-def reflected_change(change):
+def velocity_change_after_elastic_impact(change):
     """Return the change after an elastic impact of a velocity that changes by `change` before it; r is not in it."""
     return -change
 
 
 @inline
-def arrival_term(w):
+def arrival_term_of_mismatch(w):
     """Return the term of `impact_mismatch` that holds the arrival velocity w. It is linear: w may be a derivative."""
     return w
 
@@ -43,7 +43,7 @@ def arrival_term(w):
 @inline
 def impact_mismatch(before, after):
     """Return the departure velocity minus the velocity that the law requires after this arrival; 0 at a true impact."""
-    return after + arrival_term(before)
+    return after + arrival_term_of_mismatch(before)
 
 
 @inline
@@ -82,7 +82,7 @@ class ImpactLaw:
         """Return the determinant e^(−δ time) of the tangent map of a motion, the product of its multipliers."""
         return np.exp(-delta * time)
 
-    def exponent_sum(self, delta: Any, impacts_per_period: Any) -> Any:  # noqa: ARG002
+    def lyapunov_exponent_sum(self, delta: Any, impacts_per_period: Any) -> Any:  # noqa: ARG002
         """Return the sum λ₁ + λ₂ of the Lyapunov exponents, per forcing period; −δ for elastic impacts."""
         return -delta
 
@@ -108,7 +108,7 @@ class RestitutionLaw(ImpactLaw):
         """Return the determinant e^(−δ time) r^(2 impacts) of the tangent map of a motion."""
         return np.exp(-delta * time) * self.restitution ** (2 * impacts)
 
-    def exponent_sum(self, delta: Any, impacts_per_period: Any) -> Any:
+    def lyapunov_exponent_sum(self, delta: Any, impacts_per_period: Any) -> Any:
         """Return the sum λ₁ + λ₂ of the Lyapunov exponents, per forcing period."""
         return 2.0 * math.log(self.restitution) * impacts_per_period - delta
 

@@ -21,7 +21,7 @@ from rattle.flight.forcing import (
     add_acceleration,
     add_slope,
     drop_below_tangent_line,
-    largest_slope,
+    largest_forcing_slope,
     sine_cosine_at,
     slope_loss,
     versines,
@@ -70,7 +70,7 @@ def natural_speed(delta, epsilon, beta):
     """
     # separate roots, because the product of δ and β may overflow
     across = 6.0 * math.sqrt(math.pi) * np.sqrt(delta) * np.sqrt(beta)
-    return np.minimum(across + largest_slope(np.minimum(epsilon, FASTEST)), FASTEST)
+    return np.minimum(across + largest_forcing_slope(np.minimum(epsilon, FASTEST)), FASTEST)
 
 
 @inline

@@ -1,7 +1,8 @@
 """The proof that an impact is the first of its flight: the flight touches no wall before (compiled).
 
-The arc is the interval of phases in which the contact force is negative (`rattle.flight.forcing.negative_arc`), if
-there is one. The next arc is the first one that ends after the departure.
+The arc is the interval of phases in which the contact force is negative
+(`rattle.flight.forcing.find_negative_force_arc`), if there is one. The next arc is the first one that ends after the
+departure.
 """
 
 from numpy import float32 as f32
@@ -14,7 +15,7 @@ from rattle.flight.forcing import (
     largest_slope_loss32,
     sine_changes_to_arc32,
 )
-from rattle.flight.guess import EQUAL_WITHIN, ERROR, LONGEST_DECAY32, sum_of_height_terms, sum_of_slope_terms
+from rattle.flight.guess import EQUAL_WITHIN, ERROR, LONGEST_DECAY32, sum_of_height_term_sizes, sum_of_slope_terms
 from rattle.flight.law import decay_remainder32, evaluate32
 from rattle.numerics.compile import inline
 
@@ -43,7 +44,7 @@ def is_within_one_step(s, step, speed, flight):
         False means that the impact has to be located in another way.
     """
     near = (abs(step) < LARGEST_STEP * s) & (flight.delta * s < LONGEST_DECAY32)
-    return near & (sum_of_height_terms(s, flight) < STEEPEST * s * abs(speed))
+    return near & (sum_of_height_term_sizes(s, flight) < STEEPEST * s * abs(speed))
 
 
 @inline
@@ -182,7 +183,7 @@ def clears_wall_with_two_minima(wall, rising, tau, s, minimum, gap, flight, arc)
     f_entry, g_entry, _f2, lost_entry, _s, _c = evaluate32(to_entry, flight)
     f_exit, g_exit, _f2, lost_exit, _s, _c = evaluate32(to_exit, flight)
     _f, g_end, _f2, lost_end, _s, _c = evaluate32(s, flight)
-    slack, low = ERROR * sum_of_slope_terms(flight), f32(4.0) * ERROR * sum_of_height_terms(s, flight)
+    slack, low = ERROR * sum_of_slope_terms(flight), f32(4.0) * ERROR * sum_of_height_term_sizes(s, flight)
     turned = (g_entry > slack) & (g_exit < -slack) & (not inside)
     up, down = g_entry + slack, g_exit - slack
     decay_entry, decay_exit, decay_end = f32(1.0) - lost_entry, f32(1.0) - lost_exit, f32(1.0) - lost_end

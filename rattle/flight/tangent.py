@@ -1,7 +1,7 @@
 """The tangent of one flight and of the impact at its end (compiled)."""
 
-from rattle.flight.forcing import derivatives_by_departure
-from rattle.flight.impact_law import determinant_of_impact, reflected_change
+from rattle.flight.forcing import height_derivatives_by_departure_time
+from rattle.flight.impact_law import determinant_of_impact, velocity_change_after_elastic_impact
 from rattle.flight.law import second_derivative
 from rattle.numerics.compile import inline
 
@@ -18,7 +18,7 @@ def flight_derivatives(lost, sin0, cos0, sin1, cos1, inverse_delta, epsilon):
         The three derivatives.
     """
     f_w = lost * inverse_delta
-    f_t, v_t = derivatives_by_departure(f_w, 1.0 - lost, sin0, cos0, sin1, cos1, epsilon)
+    f_t, v_t = height_derivatives_by_departure_time(f_w, 1.0 - lost, sin0, cos0, sin1, cos1, epsilon)
     return f_w, f_t, v_t
 
 
@@ -39,7 +39,12 @@ def flight_tangent(w1, lost, sin1, cos1, flight):
     f_w, f_t, v_t = flight_derivatives(lost, sin0, cos0, sin1, cos1, inverse_delta, flight.epsilon)
     bend = second_derivative(lost, sin1, cos1, flight)
     s_t, s_w = -f_t / w1, -f_w / w1
-    return 1.0 + s_t, s_w, reflected_change(bend * s_t + v_t), reflected_change(bend * s_w + decay)
+    return (
+        1.0 + s_t,
+        s_w,
+        velocity_change_after_elastic_impact(bend * s_t + v_t),
+        velocity_change_after_elastic_impact(bend * s_w + decay),
+    )
 
 
 @inline
@@ -64,4 +69,8 @@ def carry_tangent_over_flight(t, w, w1, bend, lost, sin0, cos0, sin1, cos1, inve
     inverse = 1.0 / w1
     dt = -(f_t * t + f_w * w) * inverse
     determinant = (w1 * decay - f_w * bend - f_t * decay + f_w * v_t) * inverse
-    return t + dt, reflected_change(bend * dt + v_t * t + decay * w), determinant_of_impact(determinant)
+    return (
+        t + dt,
+        velocity_change_after_elastic_impact(bend * dt + v_t * t + decay * w),
+        determinant_of_impact(determinant),
+    )

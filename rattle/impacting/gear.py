@@ -20,7 +20,7 @@ from rattle.impacting.map import impact_map
 from rattle.impacting.map.departure import departure
 from rattle.impacting.map.gamma import GammaPiece, gamma
 from rattle.impacting.map.iterate import iterate
-from rattle.impacting.map.quiet import capture_invariant, capture_speed
+from rattle.impacting.map.quiet import capture_invariant_limit, capture_speed
 from rattle.impacting.map.trajectory import trajectory
 from rattle.impacting.orbits.limits import quiet_limit
 from rattle.impacting.orbits.period_one import flip, orbits_at, regions, sn1
@@ -172,7 +172,7 @@ class Gear(SampledGear, RattlingGear):
             If there is no next impact.
         """
         require(require_finite("wall", wall) in (1, -1), f"wall must be +1 or -1, got {wall!r}")
-        tau = _fold_phase(phase)
+        tau = _require_folded_phase(phase)
         speed = -wall * require_finite("velocity", velocity)
         require(speed > 0, f"velocity must point into the gap (below 0 at wall +1, above 0 at wall -1), got {velocity}")
         status, time, next_wall, w1, *_ = first_impact.first_impact(
@@ -200,7 +200,7 @@ class Gear(SampledGear, RattlingGear):
         """
         v = require_number("v", v, positive=True)
         found = impact_map.apply_impact_map_with_tangent(
-            _fold_phase(tau), v, self.delta, self.epsilon, self.beta, forcing.DRIFT, False
+            _require_folded_phase(tau), v, self.delta, self.epsilon, self.beta, forcing.DRIFT, False
         )
         status, tau1, v1, time, n_minus, j00, j01, j10, j11, _ = found
         _raise_for_status(status)
@@ -216,7 +216,7 @@ class Gear(SampledGear, RattlingGear):
         """
         v = require_number("v", v, positive=True)
         status, tau0, v0, time, n_minus = impact_map.inverse_impact(
-            _fold_phase(tau), v, self.delta, self.epsilon, self.beta
+            _require_folded_phase(tau), v, self.delta, self.epsilon, self.beta
         )
         _raise_for_status(status)
         forward = self.impact(tau0, v0)
@@ -242,7 +242,7 @@ class Gear(SampledGear, RattlingGear):
             If a flight before the departure has no impact that can be computed.
         """
         position, velocity = require_finite("position", position), require_finite("velocity", velocity)
-        return departure(self.delta, self.epsilon, self.beta, _fold_phase(phase), position, velocity)
+        return departure(self.delta, self.epsilon, self.beta, _require_folded_phase(phase), position, velocity)
 
     def iterate(self, tau: ArrayLike, v: ArrayLike, n: ArrayLike) -> Iterates:
         """Return Π^n of arrays of states; tau, v > 0 and n ≥ 0 broadcast.
@@ -278,7 +278,7 @@ class Gear(SampledGear, RattlingGear):
         RattleError
             If the motion makes too many impacts, or cannot be followed.
         """
-        tau = _fold_phase(tau)
+        tau = _require_folded_phase(tau)
         return trajectory(self.delta, self.epsilon, self.beta, tau, v, periods, points, self.capture_speed)
 
     def orbits(self) -> tuple[Orbit, ...]:
@@ -349,7 +349,7 @@ class Gear(SampledGear, RattlingGear):
 
     @property
     def _point(self) -> impact_map.ImpactingPoint:
-        captured = capture_invariant(self.delta, self.epsilon, self.beta)
+        captured = capture_invariant_limit(self.delta, self.epsilon, self.beta)
         return impact_map.ImpactingPoint(self.delta, self.epsilon, self.beta, captured)
 
     def gamma(self, spacing: float = 0.02) -> tuple[GammaPiece, ...]:
@@ -371,7 +371,7 @@ class Gear(SampledGear, RattlingGear):
         return gamma(self.delta, self.epsilon, self.beta, spacing, self._highest_speed(None) / PAPER_SPEED)
 
 
-def _fold_phase(phase: float) -> float:
+def _require_folded_phase(phase: float) -> float:
     """Return a phase shifted by whole periods into [0, 1). Raises ParameterError if the phase is not finite."""
     return float(law.fold_phase(require_finite("phase", phase)))
 

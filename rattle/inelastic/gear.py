@@ -19,7 +19,7 @@ from rattle.inelastic.attractors.classifier import InelasticClassifier
 from rattle.inelastic.given import Harmonics, check_inelastic_parameters, checked_harmonics
 from rattle.inelastic.map import bounce  # noqa: F401 registers the kernels of impacts and of their sums for this gear
 from rattle.inelastic.map.cells import make_inelastic_point
-from rattle.inelastic.map.flight import first_impact_of_forced_flight, forced_flight
+from rattle.inelastic.map.flight import first_impact_of_forced_flight, prepare_forced_flight
 from rattle.inelastic.map.impact_map import InelasticPoint, force_piece_number, step_with_tangent
 from rattle.inelastic.map.iterate import iterate
 from rattle.inelastic.map.quiet import quiet_limit
@@ -137,9 +137,9 @@ class InelasticGear(SampledGear, RattlingGear):
         require(require_finite("wall", wall) in (1, -1), f"wall must be +1 or -1, got {wall!r}")
         speed = -wall * require_finite("velocity", velocity)
         require(speed > 0, f"velocity must point into the gap (below 0 at wall +1, above 0 at wall -1), got {velocity}")
-        point, tau = self._point, _fold_phase(phase)
+        point, tau = self._point, _require_folded_phase(phase)
         departure = np.empty((2, point.harmonics.shape[1]))
-        flight = forced_flight(tau, float(velocity), self.delta, point.drift, point.harmonics, departure)
+        flight = prepare_forced_flight(tau, float(velocity), self.delta, point.drift, point.harmonics, departure)
         piece = force_piece_number(tau, point.zeros)
         status, time, target, w1, *_ = first_impact_of_forced_flight(
             np.int64(wall), tau, flight, piece, point, departure
@@ -165,7 +165,7 @@ class InelasticGear(SampledGear, RattlingGear):
             If the motion becomes quiet, or its next impact on Σ⁺ cannot be computed; the message names possible causes.
         """
         v = require_number("v", v, positive=True)
-        step = step_with_tangent(_fold_phase(tau), v, self._point)
+        step = step_with_tangent(_require_folded_phase(tau), v, self._point)
         status, tau1, v1, time, n_minus, *tangent, _det, _plus, _minus = step
         _raise_for_status(status)
         return Impact(tau1, v1, n_minus, np.array(tangent).reshape(2, 2), time)
@@ -185,7 +185,7 @@ class InelasticGear(SampledGear, RattlingGear):
         Trajectory
             Times, Φ and Φ' (points,), and all impacts during this time.
         """
-        return trajectory(self._point, _fold_phase(tau), v, periods, points)
+        return trajectory(self._point, _require_folded_phase(tau), v, periods, points)
 
     def orbits(self) -> tuple[Orbit, ...]:
         """Return the admissible motions A to D; if the forcing has harmonics, instead all P(1,1,0), named "P"."""
@@ -213,7 +213,7 @@ class InelasticGear(SampledGear, RattlingGear):
         InelasticOrbit
             The label, fastest impact and multipliers of the motion.
         """
-        return inelastic_orbit(self._point, _fold_phase(tau), v, n_plus)
+        return inelastic_orbit(self._point, _require_folded_phase(tau), v, n_plus)
 
     def saddle(self, orbit: Orbit) -> NoReturn:
         """Raise RattleError: manifolds need the inverse map, which does not exist after contact phases."""
@@ -247,7 +247,7 @@ class InelasticGear(SampledGear, RattlingGear):
         return repr(self)
 
 
-def _fold_phase(phase: float) -> float:
+def _require_folded_phase(phase: float) -> float:
     """Return a phase modulo 1, in [0, 1). Raises ParameterError unless it is a finite number."""
     return float(fold_phase(require_finite("phase", phase)))
 

@@ -18,7 +18,7 @@ from rattle.intensity.motions import (
     require_closed_orbit,
     require_full_observation,
 )
-from rattle.intensity.visit import Impacts, list_impacts
+from rattle.intensity.visit import Impacts, write_impacts_of_motion
 from rattle.orbits.iterates import MOST_IMPACTS
 
 ROOM, GROWTH = 1024, 8  # first length of the arrays, and factor by which they grow when they are full
@@ -58,7 +58,7 @@ def _impacts_of_period(motion: Motion, point: Any) -> Impacts:
 
 
 def _list_impacts_at_point(point: Any, tau: float, v: float, returns: int, periods: float, arrays: Impacts) -> Any:
-    return list_impacts(tau, v, returns, periods, point, arrays)
+    return write_impacts_of_motion(tau, v, returns, periods, point, arrays)
 
 
 def collect_impacts(
@@ -69,9 +69,10 @@ def collect_impacts(
     Parameters
     ----------
     tau, v, returns, periods
-        The arguments of `rattle.intensity.visit.list_impacts`.
+        The arguments of `rattle.intensity.visit.write_impacts_of_motion`.
     lister : callable
-        The kernel `list_impacts`, bound to a point or a cell. It takes these four arguments and the arrays to fill.
+        The kernel `write_impacts_of_motion`, bound to a point or a cell. It takes these four arguments and the arrays
+        to fill.
 
     Returns
     -------

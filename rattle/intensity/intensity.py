@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from rattle.attractors.chaos import BATCHES, T_95
 from rattle.errors import require_number
-from rattle.flight.forcing import mean_force
+from rattle.flight.forcing import mean_contact_force
 from rattle.intensity.forces import spectral_lines_of_force
 from rattle.intensity.impacts import impacts_of
 from rattle.intensity.motions import (
@@ -116,7 +116,7 @@ class Intensity:
 
 def natural_energy(delta: Any) -> Any:
     """Return the energy per forcing period of A and C, with one impact of speed 2πδ, as a reference for levels."""
-    return 0.5 * (0.5 * mean_force(delta)) ** 2
+    return 0.5 * (0.5 * mean_contact_force(delta)) ** 2
 
 
 UNDECIDED = Intensity(math.nan, math.nan, math.nan, math.nan, math.nan, math.nan, math.nan, UNKNOWN)

@@ -141,7 +141,8 @@ def require_closed_orbit(motion: Motion, status: int, tau: float, v: float, fast
 def require_full_observation(status: int, time: float, periods: float) -> None:
     """Check that a motion was followed for `periods` forcing periods.
 
-    status: the status with which `sum_impacts` or `list_impacts` ended. time: the forcing periods until then.
+    status: the status with which `sum_impacts` or `write_impacts_of_motion` ended. time: the forcing periods until
+    then.
 
     Raises
     ------

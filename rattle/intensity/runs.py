@@ -24,7 +24,7 @@ from rattle.intensity.visit import (
     SQUARE,
     TIME,
     Impacts,
-    list_impacts,
+    write_impacts_of_motion,
 )
 from rattle.numerics.compile import kernel
 from rattle.orbits.return_map import point_of_cell
@@ -35,7 +35,7 @@ def list_impacts_in_cell(
     cell: int, tau: float, v: float, returns: int, periods: float, cells: Any, impacts: Impacts
 ) -> tuple[int, float, float, int]:
     """Follow a motion in the cell with the number `cell`, and write its impacts to `impacts`."""
-    return list_impacts(tau, v, returns, periods, point_of_cell(cell, cells), impacts)
+    return write_impacts_of_motion(tau, v, returns, periods, point_of_cell(cell, cells), impacts)
 
 
 def _list_impacts_of_cell(

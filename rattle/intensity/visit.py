@@ -106,7 +106,7 @@ def sum_impacts(tau, v, returns, periods, most, point, sums):
 
 
 @kernel
-def list_impacts(tau, v, returns, periods, point, impacts):
+def write_impacts_of_motion(tau, v, returns, periods, point, impacts):
     """Follow the motion that leaves Σ⁺ at (τ, v), and write its impacts one by one to the arrays of `impacts`.
 
     The motion is followed for `returns` further departures from Σ⁺ or `periods` forcing periods, whichever ends first,

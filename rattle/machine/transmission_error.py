@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rattle.errors import real_array, require, require_integer
+from rattle.errors import require, require_integer, require_real_array
 from rattle.numerics.tables import read_columns
 from rattle.parameters import HIGHEST_ORDER, MOST_HARMONICS
 
@@ -84,7 +84,7 @@ def transmission_error(angle: ArrayLike, error: ArrayLike, orders: int = 40) -> 
     ParameterError
         If the curve is no transmission error over whole revolutions, or has too few points.
     """
-    turn, e = real_array("angle", angle), real_array("error", error)
+    turn, e = require_real_array("angle", angle), require_real_array("error", error)
     orders = require_integer("orders", orders, 1, HIGHEST_ORDER)
     require(
         turn.ndim == 1 and turn.shape == e.shape,

@@ -119,7 +119,7 @@ def with_harmonics(model: Model, harmonics: Sequence[Harmonic]) -> Model:
     return replace(taking, harmonics=tuple(harmonics))
 
 
-def model_at(gear: AnyGear) -> Model:
+def model_of_gear(gear: AnyGear) -> Model:
     """Return the model of a gear."""
     return model_at_point(gear.parameters)
 
@@ -169,9 +169,9 @@ __all__ = [
     "Stiff",
     "gear_at",
     "missing_capability_error",
-    "model_at",
     "model_at_point",
     "model_of",
+    "model_of_gear",
     "model_of_parameter",
     "model_with_parameters",
     "require_capability",

@@ -7,7 +7,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rattle.errors import real_array, require
+from rattle.errors import require, require_real_array
 
 GOLDEN_INCREMENT = np.array([0x9E3779B97F4A7C15], np.uint64)  # increment of the random number generator SplitMix64
 SOBOL_BITS = 32  # number of bits of a coordinate of a Sobol point
@@ -128,7 +128,7 @@ def wilson_interval(
     tuple[NDArray[np.float64], NDArray[np.float64]]
         Lower and upper ends.
     """
-    n, k = real_array("count", count), real_array("successes", successes)
+    n, k = require_real_array("count", count), require_real_array("successes", successes)
     require(bool(np.all((n > 0) & (k >= 0) & (k <= n))), "successes must be from 0 to count, and count above 0")
     p = k / n
     z2 = z * z

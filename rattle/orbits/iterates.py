@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rattle.errors import ParameterError, RattleError, real_array, require, require_integer, require_number
+from rattle.errors import ParameterError, RattleError, require, require_integer, require_number, require_real_array
 from rattle.flight.first_impact import OK
 
 # largest allowed number of forcing periods, of points and of impacts of a sampled motion
@@ -108,7 +108,7 @@ def check_states_and_parameters(
     named = {"delta": delta, "epsilon": epsilon, "tau": tau, "v": v, "beta": beta, **more}
     steps = np.asarray(n)
     try:
-        arrays = [real_array(name, value) for name, value in named.items()]
+        arrays = [require_real_array(name, value) for name, value in named.items()]
         d, e, phases, speeds, b, *others, steps = np.broadcast_arrays(*arrays, steps)
     except ParameterError:
         raise

@@ -68,7 +68,7 @@ class Equations(ABC):
         """Return the itinerary of the motion that makes all impacts except impact number `impact`."""
         return self.with_walls(self.walls[:impact] + self.walls[impact + 1 :])
 
-    def with_impact(self, impact: int, wall: int) -> Self:
+    def with_added_impact(self, impact: int, wall: int) -> Self:
         """Return the itinerary with one more impact, which becomes number `impact`."""
         return self.with_walls((*self.walls[:impact], wall, *self.walls[impact:]))
 

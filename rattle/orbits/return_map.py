@@ -121,7 +121,7 @@ def least_return_period(tau, v, k, point):
 
 
 @kernel
-def fastest_point(tau, v, k, point):
+def fastest_departure(tau, v, k, point):
     """Return (τ, v) after the fastest of the k impacts on Σ⁺ of a periodic orbit; this state identifies the orbit."""
     best_tau, best_v = tau, v
     for _ in range(k):

@@ -159,7 +159,7 @@ def finding_on_contact_force() -> Finding:
 
 def finding_on_factor_three() -> Finding:
     """Return the finding on the change of speed in a small bounce, which the paper prints three times too large."""
-    orders = formulas.measure_orders()
+    orders = formulas.measure_error_orders()
     rate, periods = formulas.bounce_speed_decay_rate(0.02, 1_500_000)
     third, printed = (formulas.decay_rate_by_formula(factor, 0.005, 2.0) for factor in (1 / 3, 1.0))
     damping = formulas.DELTA
@@ -216,7 +216,7 @@ def finding_on_extremes_of_f() -> Finding:
 
 def formula_statements() -> tuple[Statement, ...]:
     """Return the correct formulas of the paper's section 3.1.1, and its (4.1), as statements with evidence."""
-    orders = formulas.measure_orders()
+    orders = formulas.measure_error_orders()
     delta = np.linspace(0.4, 0.77, 38)
     sn1 = np.abs(2 - delta / np.tanh(delta / 2))
     below, above = (rattle.period_one(delta, sn1 * (1 + side)).exists[[0, 2]] for side in (-1e-9, 1e-9))

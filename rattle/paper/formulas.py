@@ -67,7 +67,7 @@ class ErrorOrders(NamedTuple):
     third: float
 
 
-def measure_orders() -> ErrorOrders:
+def measure_error_orders() -> ErrorOrders:
     """Measure the orders of the errors of the paper's formulas at (DELTA, EPSILON).
 
     Each order follows from two errors: of (3.6) and (3.7) at two times since the departure, of the other formulas at

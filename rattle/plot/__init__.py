@@ -34,7 +34,7 @@ from rattle.plot.paper_figures import (
     stiff_request,
 )
 from rattle.plot.paper_ranges import BETA, FIGURE_4, FIGURE_5, FIGURE_6, FIGURE_7, FIGURE_8, FIGURE_9
-from rattle.plot.plane import MARKERS, STYLES, draw_curve, draw_line, draw_points, polyline
+from rattle.plot.plane import MARKERS, STYLES, draw_curve, draw_line, mark_codimension_two_points, polyline
 from rattle.plot.restitution import (
     RestitutionPlane,
     codimension_two_figure,
@@ -74,13 +74,13 @@ __all__ = [
     "draw",
     "draw_curve",
     "draw_line",
-    "draw_points",
     "draw_restitution_figure",
     "gamma_line",
     "impact_curves_along_branch",
     "impacts_at_event",
     "legend_name",
     "manifold_line",
+    "mark_codimension_two_points",
     "new_figure",
     "panels",
     "parameter_axis",

@@ -61,7 +61,7 @@ def largest_drawn_speed(gear: AnyGear) -> float:
     return highest_sampled_speed(None, gear.delta, gear.epsilon, gear.beta)
 
 
-def fold_line(tau: Array, v: Array, v_max: float) -> Array:
+def fold_line_at_phase_ends(tau: Array, v: Array, v_max: float) -> Array:
     """Return a line of the (τ, v) plane with its phases folded into [0, 1], without its parts above speed v_max.
 
     Returns
@@ -99,7 +99,7 @@ def draw_basins(axes: Axes, basins: Basins, palette: Palette) -> None:
 
 def gamma_line(gear: Any, v_max: float, spacing: float = SPACING) -> Array:
     """Return the grazing curve Γ of a gear as a line (k, 2) with phases in [0, 1]; it is empty if there is no Γ."""
-    return _join_lines([fold_line(piece.tau, piece.v, v_max) for piece in gear.gamma(spacing)])
+    return _join_lines([fold_line_at_phase_ends(piece.tau, piece.v, v_max) for piece in gear.gamma(spacing)])
 
 
 def draw_gamma(axes: Axes, gear: Any, width: float, v_max: float) -> Array:
@@ -326,7 +326,7 @@ def manifold_line(
             why = f"a side of the {kind} manifold of {name} is left out: {error}"
             continue
         for start, end in _connected_ranges(grown.pieces, grown.gap):
-            sides.append(fold_line(grown.tau[start:end], grown.v[start:end], v_max))
+            sides.append(fold_line_at_phase_ends(grown.tau[start:end], grown.v[start:end], v_max))
     return _join_lines(sides), why
 
 
@@ -361,7 +361,7 @@ def _write_labels(
     for i, attractor in enumerate(basins.attractors):
         symbol = _basin_symbol(attractor, orbits)
         if symbol and not labels.add_name_within(symbol, basins.labels[::-1] == i, size=13):
-            place, room = labels.widest_place(basins.labels[::-1] == i)
+            place, room = labels.widest_free_position(basins.labels[::-1] == i)
             if room > 2.0:
                 labels.add(symbol, place, size=13, white_edge=True)
     for name, line in (*((_stable_manifold_label(name), line) for name, line in manifolds.items()), ("Γ", gamma)):

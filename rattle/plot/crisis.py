@@ -10,7 +10,7 @@ from rattle.impacting.orbits.periodic import period_one_orbit
 from rattle.orbits.manifolds import manifold
 from rattle.plot.drawing import Drawing, new_figure
 from rattle.plot.labels import Array, Labels
-from rattle.plot.plane import IN_PAPER, STYLES, draw_curve, draw_points
+from rattle.plot.plane import IN_PAPER, STYLES, draw_curve, mark_codimension_two_points
 
 CRISIS, STABLE = "#e08214", "#1f5fa8"
 #: Arclengths of the drawn parts of the unstable and of the stable manifold.
@@ -66,7 +66,9 @@ def _draw_crisis_curve(axes: Axes, curve: CrisisCurve) -> None:
         xlabel="damping δ", ylabel="eccentricity ε", xlim=window, ylim=limits, title=f"half-backlash β = {curve.beta:g}"
     )
     axes.legend(handles=marks, fontsize=8, loc="upper right", frameon=False)
-    labels = draw_points(axes, codimension_two(curve.beta), list(lines.values())) or Labels(axes, list(lines.values()))
+    labels = mark_codimension_two_points(axes, codimension_two(curve.beta), list(lines.values())) or Labels(
+        axes, list(lines.values())
+    )
     for name, line in lines.items():
         labels.add_along_line(name, line, 10, CRISIS if name == "crisis" else STYLES[name][0])
 

@@ -313,7 +313,7 @@ def _mark_events(
         size, face = (26.0, "black") if name else (5.0, "white")
         panel.scatter(x, y, s=size, marker=MARKS[event.kind], c=face, ec="black", lw=0.5, zorder=5 if name else 4)
         if name:
-            seen = _are_points_visible(panel, x, y)
+            seen = _flag_visible_points(panel, x, y)
             if seen.any():
                 labels.add(name, (float(x[seen][0]), float(y[seen][0])), size=SIZE)
 
@@ -331,7 +331,7 @@ def _write_orbit_names(
             y = getattr(curve, which)
             for name in sorted(set(curve.name) - {""}):
                 on = np.flatnonzero(
-                    _are_points_visible(panel, curve.x, y) & curve.admissible & (np.array(curve.name) == name)
+                    _flag_visible_points(panel, curve.x, y) & curve.admissible & (np.array(curve.name) == name)
                 )
                 on = on[:: max(1, on.size // ANCHORS)]
                 places.setdefault(name, []).extend(zip(curve.x[on].tolist(), y[on].tolist(), strict=True))
@@ -343,7 +343,7 @@ def _write_orbit_names(
             Text.set(labels.add(name, *points, size=SIZE), style="italic")
 
 
-def _are_points_visible(panel: Axes, x: Array, y: Array) -> NDArray[np.bool_]:
+def _flag_visible_points(panel: Axes, x: Array, y: Array) -> NDArray[np.bool_]:
     """Return flags of points inside the limits of the panel."""
     (left, right), (low, high) = panel.get_xlim(), panel.get_ylim()
     return np.asarray((x >= left) & (x <= right) & (y >= low) & (y <= high))
@@ -359,7 +359,7 @@ def _visible_lines(panel: Axes, curve: ImpactCurve, y: Array) -> list[Array]:
     list[Array]
         At most one line (k, 2), with NaN between its parts.
     """
-    on = _are_points_visible(panel, curve.x, y) & curve.admissible
+    on = _flag_visible_points(panel, curve.x, y) & curve.admissible
     return [np.column_stack([curve.x, np.where(on, y, np.nan)])] if on.any() else []
 
 

@@ -135,7 +135,7 @@ class Labels:
         places = [
             (self._parallel_label_cost(centre, angle, bend, half, others), centre, angle)
             for start in range(0, max(len(fine) - stretch, 0), max(1, stretch // 6))
-            for centre, angle, bend in _label_positions_beside(fine[start : start + stretch], half[1])
+            for centre, angle, bend in _label_positions_beside_line_part(fine[start : start + stretch], half[1])
         ]
         cost, centre, angle = min(places, key=lambda place: place[0], default=(OUTSIDE_COST, np.zeros(2), 0.0))
         if cost >= FAULT_COST:
@@ -145,7 +145,7 @@ class Labels:
             return self.add(name, *((float(x), float(y)) for x, y in chosen), size=size, colour=colour)
         self._move_text(text, centre)
         text.set_rotation(np.degrees(angle))
-        self.boxes.append(_upright_box_around_turned(centre, half, angle))
+        self.boxes.append(_upright_box_around_turned_box(centre, half, angle))
         return text
 
     def add_name_within(self, name: str, inside: NDArray[np.bool_], size: float = 13) -> bool:
@@ -177,7 +177,7 @@ class Labels:
         text.remove()
         return False
 
-    def widest_place(self, inside: NDArray[np.bool_]) -> tuple[Point, float]:
+    def widest_free_position(self, inside: NDArray[np.bool_]) -> tuple[Point, float]:
         """Return the place in a part of the axes that is farthest from lines, labels and the edges of the axes.
 
         inside: the cells of the part, as in `add_name_within`. The place is the centre of one of these cells.
@@ -254,7 +254,7 @@ class Labels:
         cost = FAULT_COST * (hidden > 0) + 4 * max(0.0, CLEAR_DISTANCE - near) + 10 * bend + 20 * abs(np.sin(angle))
         # among places of equal cost, the place nearest to the middle of the picture is best
         middle = float(np.abs((centre - self.frame.min) / self.frame.size - 0.5).max())
-        return float(cost + 30 * middle) + self._misplacement_cost(_upright_box_around_turned(centre, half, angle))
+        return float(cost + 30 * middle) + self._misplacement_cost(_upright_box_around_turned_box(centre, half, angle))
 
     def _misplacement_cost(self, box: Bbox) -> float:
         """Return the cost of covering other labels and of leaving the axes."""
@@ -262,7 +262,7 @@ class Labels:
         return FAULT_COST * sum(box.overlaps(other) for other in self.boxes) + OUTSIDE_COST * outside
 
 
-def _label_positions_beside(part: Array, half_height: float) -> list[tuple[Array, float, float]]:
+def _label_positions_beside_line_part(part: Array, half_height: float) -> list[tuple[Array, float, float]]:
     """Return two places for a label, one on each side of a part of a line; no place if the part has a row of NaN.
 
     part: the points (k, 2) of the part, in pixels. half_height: half of the label's height, in pixels.
@@ -312,7 +312,7 @@ def _box_around_centre(centre: Array, half: Array) -> Bbox:
     return Bbox([centre - half, centre + half])
 
 
-def _upright_box_around_turned(centre: Array, half: Array, angle: float) -> Bbox:
+def _upright_box_around_turned_box(centre: Array, half: Array, angle: float) -> Bbox:
     """Return the smallest upright box around a box turned by `angle`. half: half the turned box's width and height."""
     cosine, sine = abs(np.cos(angle)), abs(np.sin(angle))
     return _box_around_centre(centre, np.array([cosine * half[0] + sine * half[1], sine * half[0] + cosine * half[1]]))

@@ -87,7 +87,7 @@ def draw_line(
     )
 
 
-def draw_points(axes: Axes, points: Sequence[CodimensionTwo], lines: Sequence[Array]) -> Labels | None:
+def mark_codimension_two_points(axes: Axes, points: Sequence[CodimensionTwo], lines: Sequence[Array]) -> Labels | None:
     """Mark and name the codimension-two points that are inside the axes, at places free of `lines` and other texts.
 
     Returns
@@ -163,7 +163,7 @@ def plane_figure(delta: Range, epsilon: Range, beta: float = BETA) -> Drawing:
     points = codimension_two(beta)
     covered = _draw_inset(axes, curves, lines, {point.name: point for point in points})
     taken = [*lines.values(), *marks.values(), *([] if covered is None else _lines_over_box(covered))]
-    labels = draw_points(axes, points, taken) or Labels(axes, taken)
+    labels = mark_codimension_two_points(axes, points, taken) or Labels(axes, taken)
     _write_region_names(labels, delta, epsilon, beta, covered)
     for name, line in lines.items():
         labels.add_along_line(name.replace("_", " "), line, 10 if name in IN_PAPER else 8, STYLES[name][0])
@@ -296,5 +296,5 @@ def _write_region_names(labels: Labels, delta: Range, epsilon: Range, beta: floa
         chosen = [part for part in np.argsort(-sizes) if sizes[part] >= LEAST_LABELLED_CELLS]
         written = [labels.add_name_within(name, parts == part + 1) for part in chosen]
         if count and chosen and not any(written):
-            point, _ = labels.widest_place(parts == chosen[0] + 1)
+            point, _ = labels.widest_free_position(parts == chosen[0] + 1)
             Text.set(labels.add(name, point, size=13), weight="bold")

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rattle.errors import ParameterError, real_array, require
+from rattle.errors import ParameterError, require, require_real_array
 from rattle.numerics.sampling import draw_uniforms
 from rattle.populations.distributions import LEAST
 from rattle.populations.normal import ndtr, ndtri
@@ -115,7 +115,7 @@ def checked_correlation(given: ArrayLike | None, names: tuple[str, ...]) -> Arra
     """
     if given is None:
         return np.eye(len(names))
-    matrix = real_array("correlation", given)
+    matrix = require_real_array("correlation", given)
     order = f"rows and columns in this order: {', '.join(names)}"
     require(
         matrix.shape == (len(names), len(names)),

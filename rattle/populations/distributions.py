@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rattle.errors import ParameterError, did_you_mean, real_array, require, require_finite, require_number
+from rattle.errors import ParameterError, did_you_mean, require, require_finite, require_number, require_real_array
 from rattle.populations.normal import ndtr, ndtri
 
 #: Numbers are drawn between the quantiles LEAST and 1 − LEAST of their distribution, so that none is infinite; a number
@@ -60,7 +60,7 @@ class Normal(Distribution):
             f"vary give the number itself, {self.mean:g}",
         )
         for name in ("low", "high"):
-            end = real_array(name, getattr(self, name))
+            end = require_real_array(name, getattr(self, name))
             require(end.ndim == 0 and not np.isnan(end), f"{name} must be a number, got {getattr(self, name)!r}")
             object.__setattr__(self, name, float(end))
         require(self.low < self.high, f"low must be below high, got low {self.low:g} and high {self.high:g}")
@@ -158,7 +158,7 @@ class Measured(Distribution):
 
     def __post_init__(self) -> None:
         """Check and convert the fields."""
-        values = np.sort(real_array("values", self.values))
+        values = np.sort(require_real_array("values", self.values))
         require(values.ndim == 1 and values.size >= 2, "measured values must be a list of at least two numbers")
         require(bool(np.isfinite(values).all()), "measured values must be finite")
         _require_low_below_high(float(values[0]), float(values[-1]), "the list of measured values")

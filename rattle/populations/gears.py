@@ -72,7 +72,7 @@ def compute_gears(plan: PopulationPlan, start: int, stop: int) -> ComputedGears:
             of = np.arange(here.start, here.stop)[seeds == each]
             energy[of] = sorted_energies(plan, points.take(of), plan.count, plan.seed + int(each))
     verdict = np.full(rows.size, NOT_ASKED)
-    asked = plan.is_judged(rows)
+    asked = plan.flag_judged_rows(rows)
     verdict[asked] = verdicts_of(plan, points.take(asked))
     return ComputedGears(part, values, at.delta, at.epsilon, at.beta, energy, verdict)
 

@@ -24,10 +24,10 @@ from rattle.populations.plan import LARGEST_SEED, MOST_SHARE
 from rattle.populations.tolerances import (
     ERROR,
     HARMONIC,
+    gear_points_of_numbers,
     is_machine,
     machine_from_numbers,
     model_of_numbers,
-    points_of_numbers,
     require_known_names,
 )
 
@@ -238,15 +238,15 @@ class _LimitSolver:
                 least, most = edge / RANGE_RATIO, edge * RANGE_RATIO
                 return (least, min(edge, IMPOSSIBLE / (given["radius"] * RPM))) if of == "rpm" else (0.99 * edge, most)
         if of in ("epsilon", "eccentricity"):
-            points = points_of_numbers({**given, of: 0.0})
+            points = gear_points_of_numbers({**given, of: 0.0})
             unit = 1.0 if points.units is None else points.units.length
             return 0.0, min(float(np.ravel(quiet_limit(points.parameters.delta))[0] * unit), self._largest_length())
         if of in ("beta", "backlash"):
-            points = points_of_numbers({**given, of: 1.0})
+            points = gear_points_of_numbers({**given, of: 1.0})
             unit = 1.0 if points.units is None else 2.0 * points.units.length
             least = float(np.ravel(points.parameters.delta)[0]) * unit / RANGE_RATIO
             return least, min(least * RANGE_RATIO * RANGE_RATIO, self._largest_length())
-        points = points_of_numbers({**given, of: 1.0})
+        points = gear_points_of_numbers({**given, of: 1.0})
         epsilon = float(np.ravel(points.parameters.epsilon)[0])
         require(epsilon > 0.0, "without an eccentricity all motions become quiet: give an eccentricity above 0")
         end = float(np.ravel(points.parameters.delta)[0]) / least_damping(epsilon)
@@ -265,7 +265,7 @@ class _LimitSolver:
 
     def _is_contact_impossible(self, value: float) -> bool:
         """Return whether the teeth cannot stay in contact at this value of the number whose limit is sought."""
-        ((_, few),) = points_of_numbers({**self.given, self.of: np.array([value])}).group_by_harmonics()
+        ((_, few),) = gear_points_of_numbers({**self.given, self.of: np.array([value])}).group_by_harmonics()
         return is_beyond_quiet_limit(few.parameters)
 
     def _last_possible_value(self, unit: float) -> float:
@@ -316,7 +316,7 @@ class _LimitSolver:
             The numbers of quiet and of undecided samples. If rigid teeth cannot stay in contact at the value, no sample
             is followed and both are 0.
         """
-        points = points_of_numbers({**self.given, self.of: np.array([value])})
+        points = gear_points_of_numbers({**self.given, self.of: np.array([value])})
         at = points.parameters
         if Capability.CLOSED_FORM in MODELS[at.model].has and not np.all(at.epsilon < quiet_limit(at.delta)):
             return 0, 0

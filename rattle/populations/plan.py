@@ -137,7 +137,7 @@ class PopulationPlan:
         """The number of rows, and so of gears, of all parts of the plan together."""
         return self.gears + self.rows_per_sobol_part * (1 + 2 * len(self.tolerances.names))
 
-    def is_judged(self, rows: NDArray[np.int64]) -> NDArray[np.bool_]:
+    def flag_judged_rows(self, rows: NDArray[np.int64]) -> NDArray[np.bool_]:
         """Return flags of the rows whose gears are tested: `n_judged` rows, evenly spread over the population."""
         number = rows * self.n_judged // self.gears
         return np.asarray((rows < self.gears) & (number != (rows - 1) * self.n_judged // self.gears))

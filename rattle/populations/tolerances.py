@@ -162,10 +162,10 @@ class Tolerances:
 
     def points(self, values: Array) -> GearPoints:
         """Return the gears with these values (n, d) of the varying numbers. Raises ParameterError."""
-        return points_of_numbers({**self.given, **dict(zip(self.names, values.T, strict=True))})
+        return gear_points_of_numbers({**self.given, **dict(zip(self.names, values.T, strict=True))})
 
 
-def points_of_numbers(given: Mapping[str, Any]) -> GearPoints:
+def gear_points_of_numbers(given: Mapping[str, Any]) -> GearPoints:
     """Return the parameter points of gears with these numbers.
 
     given: dimensionless numbers, or numbers of a machine, by name, as arrays that broadcast.

@@ -270,7 +270,7 @@ class MotionPiece:
         return False
 
 
-def roots(trace: Interval, determinant: Interval) -> list[Interval]:
+def characteristic_roots(trace: Interval, determinant: Interval) -> list[Interval]:
     """Return the roots λ₁ and λ₂ of λ² − trace λ + determinant as [Re λ₁, Im λ₁, Re λ₂, Im λ₂]."""
     half, square = trace / 2, trace**2 / 4 - determinant
     root = IV.sqrt(abs(square))
@@ -290,7 +290,7 @@ def check(text: str) -> str:
         motion.require_least_period(x)
         trace, determinant = motion.trace(x), IV.exp(-motion.delta * motion.m) * (1 + SLACK)
         claims = [document["trace"], document["determinant"], *document["multipliers"]]
-        for x, ends in zip([trace, determinant, *roots(trace, determinant)], claims, strict=True):
+        for x, ends in zip([trace, determinant, *characteristic_roots(trace, determinant)], claims, strict=True):
             low, high = (interval_of_text(end) for end in ends)
             ok = is_positive(x - low, high - x) or x == low == high == ZERO
             require(ok, f"trace, determinant or a multiplier is not proved to be between {' and '.join(ends)}")

@@ -8,7 +8,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from rattle.attractors.reached import check_states
+from rattle.attractors.reached import check_and_flatten_states
 from rattle.errors import require_integer, require_number
 from rattle.models import MODELS, AnyGear
 from rattle.parameters import Parameters
@@ -59,7 +59,7 @@ def accumulated(
     ParameterError
         If an argument is outside its domain.
     """
-    phases, speeds, _shape = check_states(tau, v)
+    phases, speeds, _shape = check_and_flatten_states(tau, v)
     return accumulate_at_parameters(gear.parameters.repeat(phases.size), phases, speeds, accumulator, periods, impacts)
 
 

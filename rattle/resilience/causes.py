@@ -76,13 +76,15 @@ def find_orbit_end(start: Parameters, end: Parameters, orbit: TrackedOrbit) -> O
         The cause, and the shares of the way between which the orbit ends.
     """
     at, step, share = orbit, 1.0, 0.0
-    last = _orbit_near(gear_between(start, end, 0.0), at) if sum(orbit.label[1:]) <= MOST_ORBIT_IMPACTS else None
+    last = (
+        _find_tracked_orbit(gear_between(start, end, 0.0), at) if sum(orbit.label[1:]) <= MOST_ORBIT_IMPACTS else None
+    )
     if last is None:
         return OrbitEnd(UNKNOWN, 0.0, 1.0)
     trail = [(share, last.multipliers)]
     while step > LEAST_STEP:
         ahead = min(share + step, 1.0)
-        found = _orbit_near(gear_between(start, end, ahead), at)
+        found = _find_tracked_orbit(gear_between(start, end, ahead), at)
         if found is None or not (found.admissible and found.stable):
             step *= 0.5
             continue
@@ -115,7 +117,7 @@ def _distance_to_bifurcation(trail: list[tuple[float, Any]], sign: float, power:
     return 0.0
 
 
-def _orbit_near(gear: AnyGear, tracked: TrackedOrbit) -> Any:
+def _find_tracked_orbit(gear: AnyGear, tracked: TrackedOrbit) -> Any:
     """Return the gear's periodic motion with the label of `tracked`, near its state; None if there is none."""
     try:
         found = gear.orbit(tracked.tau, tracked.v, tracked.label[1])
@@ -163,7 +165,7 @@ def _is_near_doubling_flip(gear: AnyGear, orbit: TrackedOrbit) -> bool:
     if any(n % 2 for n in orbit.label):
         return False
     m, n_plus, n_minus = (n // 2 for n in orbit.label)
-    half = _orbit_near(gear, TrackedOrbit((m, n_plus, n_minus), orbit.tau, orbit.v))
+    half = _find_tracked_orbit(gear, TrackedOrbit((m, n_plus, n_minus), orbit.tau, orbit.v))
     return half is not None and bool(np.abs(np.array(half.multipliers) + 1.0).min() < 2.0 * NEAR_ONE)
 
 
@@ -188,6 +190,6 @@ def _cause_of_end(
         return SADDLE_NODE, _distance_to_bifurcation(trail, -1.0, 2)
     if np.abs(multipliers + 1.0).min() < NEAR_ONE:
         return FLIP, _distance_to_bifurcation(trail, 1.0, 1)
-    beyond = _orbit_near(gear_between(start, end, min(share + BEYOND_END, 1.0)), orbit)
+    beyond = _find_tracked_orbit(gear_between(start, end, min(share + BEYOND_END, 1.0)), orbit)
     # beyond a graze the orbit is virtual, or Newton's method does not find it because its flight meets another wall
     return (GRAZE if beyond is None or not beyond.admissible else UNKNOWN), 0.0

@@ -7,10 +7,10 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rattle.attractors.reached import check_states
+from rattle.attractors.reached import check_and_flatten_states
 from rattle.attractors.speeds import SampleSpec, SpeedLimit
 from rattle.attractors.table import Attractor
-from rattle.errors import real_array, require, require_integer
+from rattle.errors import require, require_integer, require_real_array
 from rattle.flight.law import speed_unit, wrap_phase_difference
 from rattle.models import DEFAULT_MODEL, MODELS, AnyGear, Model, model_of
 from rattle.parameters import Parameters
@@ -39,7 +39,7 @@ def initial_states_of(
         If an argument is outside its domain.
     """
     if states is not None:
-        tau, v, _shape = check_states(*states)
+        tau, v, _shape = check_and_flatten_states(*states)
         return tau, v
     phases, speeds = SampleSpec(count, v_max, seed).states(gear.parameters)
     return phases[0], speeds[0]
@@ -84,7 +84,7 @@ def points_along_path(path: ArrayLike, beta: float, added: Mapping[str, float | 
     ParameterError
         If an argument is outside its domain.
     """
-    given = real_array("path", path)
+    given = require_real_array("path", path)
     others = {name: x for name, x in added.items() if x is not None}
     model = (
         type(model_of(beta, **others)) if others or given.ndim != 2 else _model_by_parameter_count(given.shape[1] - 3)

@@ -10,13 +10,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rattle.attractors.reached import check_states
+from rattle.attractors.reached import check_and_flatten_states
 from rattle.attractors.samples import Outcome
 from rattle.attractors.speeds import MOST_SAMPLES, SampleSpec, SpeedLimit
 from rattle.attractors.table import KINDS, Attractor, AttractorTable, tabulate_attractors
 from rattle.errors import require
 from rattle.flight.law import wrap_phase_difference
-from rattle.models import MODELS, AnyGear, gear_at, model_at
+from rattle.models import MODELS, AnyGear, gear_at, model_of_gear
 from rattle.numerics.sampling import wilson_interval
 from rattle.parameters import Parameters
 from rattle.resilience.accumulate import Make, accumulate_at_parameters
@@ -195,7 +195,7 @@ def global_continuation(
         If an argument is outside its domain.
     """
     points = points_along_path(path, beta, added, steps)
-    given = None if states is None else check_states(*states)
+    given = None if states is None else check_and_flatten_states(*states)
     sample = SampleSpec(count if given is None else given[0].size, v_max, seed)
     count = sample.count
     require(
@@ -324,7 +324,7 @@ class _ChangeFinder:
             motions could take too many impacts to become quiet.
         """
         tau, v = float(self.rows.tau[row]), float(self.rows.v[row])
-        if self.rows.kind[row] == Outcome.CHAOTIC and model_at(gear_there).becomes_quiet_late(
+        if self.rows.kind[row] == Outcome.CHAOTIC and model_of_gear(gear_there).becomes_quiet_late(
             gear_there.delta, gear_there.epsilon
         ):
             # at `step`, a motion can make so many impacts before it is quiet that it would be labelled chaotic

@@ -81,14 +81,14 @@ def find_key_of_token(database: Database, token: str) -> KeyRow | None:
 def begin_session(database: Database, key: KeyRow, seconds: float) -> str:
     """Sign a browser in with a key, and return the token for its cookie."""
     token = secrets.token_urlsafe(SECRET_BYTES)
-    database.add_session(key.id, hash_secret(token), seconds)
+    database.add_login_session(key.id, hash_secret(token), seconds)
     return token
 
 
 def find_caller_of_session(database: Database, token: str) -> Caller | None:
     """Return the caller whose browser has this session token; None if the session has ended or the key was revoked."""
     session = hash_secret(token)
-    key = database.key_by_session(session)
+    key = database.find_key_of_login_session(session)
     return Caller(key, session) if key is not None else None
 
 

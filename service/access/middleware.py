@@ -138,11 +138,11 @@ class AccessMiddleware:
                 and method in SAFE_METHODS
             ):
                 there = login_url(EXPLORER_PATH, scope["query_string"].decode("ascii", "replace"))
-                await RedirectResponse(there, 303)(scope, receive, _add_response_headers(send))
+                await RedirectResponse(there, 303)(scope, receive, _wrap_send_with_headers(send))
             else:
-                await problems.answer_error(Request(scope), error)(scope, receive, _add_response_headers(send))
+                await problems.answer_error(Request(scope), error)(scope, receive, _wrap_send_with_headers(send))
             return
-        await self.app(scope, receive, _add_response_headers(send))
+        await self.app(scope, receive, _wrap_send_with_headers(send))
 
     def _is_page_path(self, path: str) -> bool:
         return self._settings.explorer and path == EXPLORER_PATH
@@ -207,7 +207,7 @@ def _require_uncompressed_body(headers: Headers) -> None:
         raise HTTPException(415, what, {"Accept-Encoding": "identity"})
 
 
-def _add_response_headers(send: Send) -> Send:
+def _wrap_send_with_headers(send: Send) -> Send:
     async def send_with_headers(message: Message) -> None:
         if message["type"] == "http.response.start":
             headers = MutableHeaders(scope=message)

@@ -72,7 +72,7 @@ OPTIONS: dict[str, Any] = {
 REQUIRED_NUMBERS = ("inertia", "drag", "backlash", "eccentricity", "radius", "rpm")  # numbers that every machine needs
 
 
-def with_point(*, allows_rpm: bool = False) -> Callable[[Command], Command]:
+def add_point_options(*, allows_rpm: bool = False) -> Callable[[Command], Command]:
     """Return a decorator that gives a command the options that describe one gear.
 
     The command's first argument is then a `GivenPoint`.

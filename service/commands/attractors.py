@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from gear_rattle.service.commands.at_point import GivenPoint, with_point
+from gear_rattle.service.commands.at_point import GivenPoint, add_point_options
 from gear_rattle.service.commands.options import Sample, Seed
 
 if TYPE_CHECKING:
@@ -35,7 +35,7 @@ def attractor_name(attractor: Attractor) -> str:
     return label if attractor.kind == "periodic" else attractor.kind
 
 
-@with_point()
+@add_point_options()
 def attractors(
     point: GivenPoint,
     count: Sample = 64,

@@ -31,13 +31,13 @@ def curve_point_certificates(store: str, slice_number: int | None) -> Iterator[B
     require_capability(Capability.BIFURCATION_PROOFS, model)
     for name in rattle.curves.CURVES:
         with open_results(store, group=slice_group_path(slice_number, f"curves/{name}")) as curve:
-            for delta, epsilon, *motion in _rows_of_points(curve):
+            for delta, epsilon, *motion in _codimension_two_point_rows(curve):
                 try:
                     yield certify_curve_point(name, delta, epsilon, model.beta, (motion[0], motion[1]))
                 except rattle.NotProvedError as why:
                     yield f"{name} at delta = {delta!r}, epsilon = {epsilon!r}: {why}"
 
 
-def _rows_of_points(curve: xr.Dataset) -> Iterator[tuple[float, ...]]:
+def _codimension_two_point_rows(curve: xr.Dataset) -> Iterator[tuple[float, ...]]:
     names = ("point_delta", "point_epsilon", "phase", "velocity")
     return zip(*(curve[name].values.tolist() for name in names), strict=True)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from gear_rattle.service.commands.at_point import GivenPoint, with_point
+from gear_rattle.service.commands.at_point import GivenPoint, add_point_options
 from gear_rattle.service.commands.attractors import attractor_name
 from gear_rattle.service.commands.options import Sample, Seed
 
@@ -20,7 +20,7 @@ WIDTH = 140  # characters in a line, enough for all numbers, however wide the te
 LONGEST_BAR = 20  # length of the longest bar in characters
 
 
-@with_point(allows_rpm=True)
+@add_point_options(allows_rpm=True)
 def compare(
     point: GivenPoint,
     table: Annotated[

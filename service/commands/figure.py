@@ -139,7 +139,7 @@ def _draw_figures(requests: list[FigureRequest | StiffFigureRequest], directory:
             raise typer.BadParameter(
                 f"{each!r} is not a format: use one of {', '.join(FORMATS)}", param_hint="--format"
             )
-    _require_directory(directory)
+    _create_writable_directory(directory)
     for request in requests:
         start = perf_counter()
         typer.echo(f"{request.title} …")
@@ -155,7 +155,7 @@ def _draw_figures(requests: list[FigureRequest | StiffFigureRequest], directory:
             typer.echo(f"  {note}")
 
 
-def _require_directory(directory: Path) -> None:
+def _create_writable_directory(directory: Path) -> None:
     """Create a directory if necessary. Raise ServiceError if files cannot be written to it."""
     from gear_rattle.service.errors import ServiceError
 

@@ -148,7 +148,7 @@ def _compute_tiles(
         seconds = time.monotonic() - began
         if not should_stop() and survey.is_incomplete(request, out):
             _complete_survey(request, out, client, should_stop)
-    if isinstance(request, survey.SurveyRequest) and request.has_bound:
+    if isinstance(request, survey.SurveyRequest) and request.has_wrong_share_bound:
         # The number of filled cells is read from the store, because audits after the tiles compute some filled cells.
         filled = 0 if before else read_root_attributes(survey.place_of(out)).get(AUDIT_ATTRIBUTES[0], 0)
     if missing:
@@ -178,13 +178,13 @@ def _messages_after_tiles(request: SurveyRequest) -> Iterator[str]:
     The pyramid levels have a message of their own only if no families are joined before.
     """
     from gear_rattle.workers import Group
-    from gear_rattle.workers.survey.levels.grid import levels_of
+    from gear_rattle.workers.survey.levels.grid import stored_levels_of_shape
 
-    if request.has_bound:
+    if request.has_wrong_share_bound:
         yield "Auditing filled cells until the bound is met"
     if Group.FAMILIES in request.quantities:
         yield "Joining the attractors to families"
-    elif levels_of(request.shape):
+    elif stored_levels_of_shape(request.shape):
         yield "Building the pyramid levels"
     if request.certify:
         yield "Proving the periodic attractors"

@@ -2,24 +2,24 @@
 
 from __future__ import annotations
 
-from gear_rattle.service.commands.at_point import GivenPoint, with_point
+from gear_rattle.service.commands.at_point import GivenPoint, add_point_options
 
 WIDTH = 140  # characters in a line, enough for all numbers, however wide the terminal is
 #: {field of the analytic limits: the name that is printed}.
 NAMES = {"sn1": "SN1", "flip": "flip", "quiet_limit": "quiet limit"}
 
 
-@with_point()
+@add_point_options()
 def orbits(point: GivenPoint) -> None:
     """Print the period-one orbits of one parameter point, its region and its analytic limits."""
     from rich.console import Console
     from rich.table import Table
 
-    from rattle.models import model_at
+    from rattle.models import model_of_gear
     from rattle.orbits import region_in_words
 
     gear, machine = point.gear, point.machine
-    found = model_at(gear).limits(gear.delta)
+    found = model_of_gear(gear).limits(gear.delta)
     limits = [(name, value) for field, name in NAMES.items() if (value := getattr(found, field)) is not None]
     console = Console(highlight=False, width=WIDTH)
     # Regions are defined only for forcing by one cosine.

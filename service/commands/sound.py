@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from gear_rattle.service.commands.at_point import GivenPoint, with_point
+from gear_rattle.service.commands.at_point import GivenPoint, add_point_options
 from gear_rattle.service.commands.attractors import SpeedLimit, attractor_name, attractors_of_point
 from gear_rattle.service.commands.options import Sample, Seed
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from rattle import Attractor
 
 
-@with_point(allows_rpm=True)
+@add_point_options(allows_rpm=True)
 def sound(
     point: GivenPoint,
     out: Annotated[Path, typer.Argument(metavar="OUT.wav", help="Sound file to write.")],

@@ -27,12 +27,12 @@ SECOND_GEAR = ("driven_inertia", "driven_drag", "driven_radius", "teeth", "drive
 SURVEYED_MACHINE = ("inertia", "drag", "backlash", "radius", "drive", *SECOND_GEAR, "rpm", "eccentricity")
 
 
-def _annotated_option(kind: Any, text: str, **more: Any) -> Any:
+def _annotate_option(kind: Any, text: str, **more: Any) -> Any:
     return Annotated[kind | None, typer.Option(help=text, **more)]
 
 
-def _axis_option(name: str) -> Any:
-    return _annotated_option(str, f"{NUMBERS[name][0].rstrip('.')}: {EVENLY_SPACED}", metavar=AXIS, show_default=False)
+def _annotate_axis_option(name: str) -> Any:
+    return _annotate_option(str, f"{NUMBERS[name][0].rstrip('.')}: {EVENLY_SPACED}", metavar=AXIS, show_default=False)
 
 
 _MACHINE_OPTIONS = make_number_options(float)
@@ -40,13 +40,13 @@ _MACHINE_OPTIONS = make_number_options(float)
 #: name, except `harmonic`, which adds an entry to the field `harmonics`. The default values are repeated here, because
 #: `SurveyRequest` is slow to import.
 OPTIONS: dict[str, Any] = {
-    "delta": _axis_option("delta"),
-    "epsilon": _axis_option("epsilon"),
-    "beta": _annotated_option(
+    "delta": _annotate_axis_option("delta"),
+    "epsilon": _annotate_axis_option("epsilon"),
+    "beta": _annotate_option(
         str, "Half-backlash: one value, or a third axis.", metavar=f"BETA|{AXIS}", show_default="0.6"
     ),
     **{
-        name: _annotated_option(
+        name: _annotate_option(
             str,
             f"{each.full_label}: one value{' or a third axis' if each.is_axis else ''} (the {each.model} model).",
             metavar=f"{name.upper()}|{AXIS}" if each.is_axis else name.upper(),
@@ -54,33 +54,33 @@ OPTIONS: dict[str, Any] = {
         )
         for name, each in added_parameters().items()
     },
-    "harmonic": _annotated_option(list[str], HARMONIC, metavar="ORDER:AMPLITUDE:PHASE", show_default="none"),
-    "count": _annotated_option(int, "Number of initial conditions per cell."),
-    "v_max": _annotated_option(
+    "harmonic": _annotate_option(list[str], HARMONIC, metavar="ORDER:AMPLITUDE:PHASE", show_default="none"),
+    "count": _annotate_option(int, "Number of initial conditions per cell."),
+    "v_max": _annotate_option(
         str,
         'Largest initial speed, or "natural": 1.5 √(16πδβ) + 2πε of each cell.',
         metavar="SPEED",
         show_default="7 in the paper's plane, natural elsewhere",
     ),
     "budget": Budget,
-    "slots": _annotated_option(
+    "slots": _annotate_option(
         int, "Largest number of attractors to store per cell.", show_default="8; 24 where δ begins below 0.1"
     ),
-    "slots_by": _annotated_option(
+    "slots_by": _annotate_option(
         str,
         "Order attractors by: fraction (the largest basin fraction first), or family (one slot for each family).",
         metavar="fraction|family",
         show_default="family if families are computed",
     ),
-    "seed": _annotated_option(int, "Random seed of the initial conditions."),
+    "seed": _annotate_option(int, "Random seed of the initial conditions."),
     "name": Name,
-    "tile": _annotated_option(
+    "tile": _annotate_option(
         str,
         "Number of cells of a tile, which is one task and one chunk.",
         metavar="DELTAxEPSILON",
         show_default="chosen by the size of the sample",
     ),
-    "quantity": _annotated_option(
+    "quantity": _annotate_option(
         list[str],
         "Quantity to compute, such as region or attractors; repeatable. These are computed only if named: basins "
         "(costly), intensity, families (which need attractors and lyapunov).",
@@ -94,13 +94,13 @@ OPTIONS: dict[str, Any] = {
             help="Adaptive refinement: compute few cells, and more where neighbours differ; fill the others.",
         ),
     ],
-    "audit": _annotated_option(
+    "audit": _annotate_option(
         float,
         "Share of filled cells to recompute as a check (with --refine).",
         metavar="SHARE",
         show_default="0.02",
     ),
-    "bound": _annotated_option(
+    "bound": _annotate_option(
         float,
         "Largest allowed share of wrong cells among the filled ones, with 95 % confidence; further cells are computed "
         "until it is met.",
@@ -113,14 +113,14 @@ OPTIONS: dict[str, Any] = {
         ),
     ],
     **{name: _MACHINE_OPTIONS[name] for name in SURVEYED_MACHINE},
-    "rpm": _annotated_option(
+    "rpm": _annotate_option(
         str,
         "Speed range in revolutions per minute, both ends included; values are evenly spaced in δ.",
         metavar=AXIS,
         rich_help_panel=MACHINE,
         show_default=False,
     ),
-    "eccentricity": _annotated_option(
+    "eccentricity": _annotate_option(
         str,
         f"Amplitude of the transmission error once a revolution, in m: {EVENLY_SPACED}",
         metavar=AXIS,

@@ -55,7 +55,7 @@ def verify(
 def _print_survey_integrity(found: StoreIntegrity, where: str) -> None:
     state = f"completed {found.completed}" if found.completed else "not completed"
     typer.echo(f"{where}: computed by version {found.version or 'unknown'}, {state}")
-    if found.is_decoded:
+    if found.was_checked_by_decoding:
         typer.echo(
             f"{found.files:,} chunks decoded, {len(found.template):,} damaged. This version cannot read the checksums "
             "of the store: verify the store with the version that made it, to find lost or exchanged chunks"

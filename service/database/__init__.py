@@ -11,7 +11,7 @@ from sqlalchemy.exc import SQLAlchemyError
 from gear_rattle.service.database.database_lock import DatabaseLock, lock_database
 from gear_rattle.service.database.engine import open_engine, url_without_password
 from gear_rattle.service.database.identity import NewJob
-from gear_rattle.service.database.keys import Keys
+from gear_rattle.service.database.keys import AccessKeys
 from gear_rattle.service.database.schema import has_current_schema, upgrade_schema
 from gear_rattle.service.database.survey_rows import DoneTile, Surveys
 from gear_rattle.service.errors import DataDirectoryError
@@ -19,7 +19,7 @@ from gear_rattle.service.errors import DataDirectoryError
 __all__ = ["Database", "DoneTile", "NewJob"]
 
 
-class Database(Surveys, Keys):
+class Database(Surveys, AccessKeys):
     """The surveys and populations, their tiles and events, and the API keys.
 
     Every method except `close` is one transaction, and may be called from any thread.
@@ -80,7 +80,7 @@ class Database(Surveys, Keys):
         upgrade_schema(self._reader)
         if exclusive:
             self._set_writer(self._lock.writer)
-            with self._write_transaction() as (_, service):
+            with self._begin_write_transaction() as (_, service):
                 service.epoch += 1
             self._epoch = service.epoch
         else:

@@ -41,7 +41,7 @@ def lock_database(engine: Engine) -> DatabaseLock:
     DataDirectoryError
         Another service has locked the database, or its lock file cannot be used.
     """
-    return _FileLock(engine) if engine.dialect.name == "sqlite" else _SessionLock(engine)
+    return _FileLock(engine) if engine.dialect.name == "sqlite" else _AdvisoryLock(engine)
 
 
 def _locked_elsewhere_error(engine: Engine) -> DataDirectoryError:
@@ -74,7 +74,7 @@ class _FileLock:
         self._lock.release()
 
 
-class _SessionLock:
+class _AdvisoryLock:
     """An advisory lock in PostgreSQL, which belongs to the only session that writes.
 
     If the session is lost, so is the lock. The next write opens another session, which locks the database again or

@@ -20,7 +20,7 @@ MOST_SESSIONS = 64
 Identity = tuple[str, str | None]
 
 
-class Keys(Transactions):
+class AccessKeys(Transactions):
     """The API keys and sessions in a job database. `gear_rattle.service.access` checks the permissions of keys."""
 
     def add_key(
@@ -51,7 +51,7 @@ class Keys(Transactions):
         KeyRow
             The row, with its new id.
         """
-        with self._write_transaction() as (session, _):
+        with self._begin_write_transaction() as (session, _):
             key = KeyRow(
                 id=secrets.token_hex(8),
                 name=name,
@@ -70,7 +70,7 @@ class Keys(Transactions):
 
     def revoke_key(self, key_id: str) -> KeyRow:
         """Revoke a key permanently; its surveys continue. Raises UnknownKeyError if there is no key with this id."""
-        with self._write_transaction() as (session, _):
+        with self._begin_write_transaction() as (session, _):
             key = session.get(KeyRow, key_id) if "\0" not in key_id else None
             if key is None:
                 raise UnknownKeyError(key_id)
@@ -85,28 +85,28 @@ class Keys(Transactions):
                 select(KeyRow).where(KeyRow.hash == key_hash, KeyRow.revoked.is_(None))
             ).one_or_none()
 
-    def add_session(self, key_id: str, session_hash: str, seconds: float) -> None:
+    def add_login_session(self, key_id: str, session_hash: str, seconds: float) -> None:
         """Sign a browser in with a key for a number of seconds.
 
         Delete all expired sessions, and the oldest sessions of the key, so that the key has at most MOST_SESSIONS.
         """
-        with self._write_transaction() as (session, _):
+        with self._begin_write_transaction() as (session, _):
             session.execute(delete(SessionRow).where(SessionRow.expires <= timestamp()))
             older = select(SessionRow.hash).where(SessionRow.key == key_id).order_by(SessionRow.created.desc())
             surplus = session.scalars(older.offset(MOST_SESSIONS - 1)).all()
             session.execute(delete(SessionRow).where(SessionRow.hash.in_(surplus)))
             session.add(SessionRow(hash=session_hash, key=key_id, expires=timestamp(seconds)))
 
-    def key_by_session(self, session_hash: str) -> KeyRow | None:
+    def find_key_of_login_session(self, session_hash: str) -> KeyRow | None:
         """Return the key of a browser's session; None if the session has ended or expired, or the key was revoked."""
         with self._read() as session:
             return session.scalars(
-                _join_live_sessions(select(KeyRow)).where(SessionRow.hash == session_hash)
+                _restrict_to_live_logins(select(KeyRow)).where(SessionRow.hash == session_hash)
             ).one_or_none()
 
     def end_session(self, session_hash: str) -> None:
         """Sign a browser out."""
-        with self._write_transaction() as (session, _):
+        with self._begin_write_transaction() as (session, _):
             session.execute(delete(SessionRow).where(SessionRow.hash == session_hash))
 
     def live_identities(self, identities: Collection[Identity]) -> set[Identity]:
@@ -122,9 +122,9 @@ class Keys(Transactions):
 
 
 def _live_session_hashes(session: Session, hashes: set[str]) -> set[str]:
-    return set(session.scalars(_join_live_sessions(select(SessionRow.hash)).where(SessionRow.hash.in_(hashes))))
+    return set(session.scalars(_restrict_to_live_logins(select(SessionRow.hash)).where(SessionRow.hash.in_(hashes))))
 
 
-def _join_live_sessions(query: Select[tuple[Any]]) -> Select[tuple[Any]]:
+def _restrict_to_live_logins(query: Select[tuple[Any]]) -> Select[tuple[Any]]:
     joined = query.join_from(SessionRow, KeyRow, SessionRow.key == KeyRow.id)
     return joined.where(SessionRow.expires > timestamp(), KeyRow.revoked.is_(None))

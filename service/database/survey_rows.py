@@ -88,7 +88,7 @@ class Surveys(Transactions):
         QuotaError
             With this survey the owner would have more cells than its key allows.
         """
-        with self._write_transaction() as (session, service):
+        with self._begin_write_transaction() as (session, service):
             known = find_job_by_idempotency_key(session, new) or (
                 has_results and find_identical_job(session, new, has_results)
             )
@@ -105,7 +105,7 @@ class Surveys(Transactions):
             _adjust_job_count(service, job, 1)
             session.flush()
             _add_state_event(session, job)
-        self._on_change(job.id)
+        self._estimate_cost_later(job.id)
         return job
 
     def job(self, survey_id: str, kind: JobKind | None = None) -> JobRow:
@@ -171,9 +171,9 @@ class Surveys(Transactions):
             )
             return [ActiveSurvey(*row) for row in found]
 
-    def set_wait_messages(self, survey_id: str) -> None:
+    def write_messages_of_waiting_jobs(self, survey_id: str) -> None:
         """Write into the message of each other waiting survey that `survey_id` is computed; clear its own message."""
-        with self._write_transaction() as (session, _):
+        with self._begin_write_transaction() as (session, _):
             if (job := _find_active_job(session, survey_id)) is None:
                 return
             others = update(JobRow).where(
@@ -182,7 +182,7 @@ class Surveys(Transactions):
             session.execute(others.values(message=_wait_message(job)), execution_options={"synchronize_session": False})
             if job.message.startswith(WAITS_FOR_TURN):
                 job.message = ""
-        self._on_change(survey_id)
+        self._estimate_cost_later(survey_id)
 
     def running_surveys(self) -> list[tuple[str, str]]:
         """Return the id and content hash of each survey that runs, or that ran when an earlier service ended."""
@@ -192,7 +192,7 @@ class Surveys(Transactions):
 
     def set_content_hash(self, survey_id: str, content_hash: str) -> None:
         """Store the content hash of a survey that an earlier version of the service accepted but did not begin."""
-        with self._write_transaction() as (session, _):
+        with self._begin_write_transaction() as (session, _):
             if job := _find_active_job(session, survey_id):
                 job.content_hash = content_hash
 
@@ -210,7 +210,7 @@ class Surveys(Transactions):
 
     def set_state(self, survey_id: str, state: State, message: str = "") -> bool:
         """Change the state of an active survey. If the survey has ended or is gone, do nothing and return False."""
-        with self._write_transaction() as (session, _):
+        with self._begin_write_transaction() as (session, _):
             job = _find_active_job(session, survey_id)
             if job is None:
                 return False
@@ -220,16 +220,16 @@ class Surveys(Transactions):
             if state.is_final:
                 job.finished = timestamp()
             _add_state_event(session, job)
-        self._on_change(survey_id)
+        self._estimate_cost_later(survey_id)
         return True
 
     def describe(self, survey_id: str, name: str | None, notes: str | None) -> JobRow:
         """Give a survey another name or other notes. None leaves the present text unchanged."""
-        with self._write_transaction() as (session, _):
+        with self._begin_write_transaction() as (session, _):
             job = _find_job(session, survey_id)
             job.name = job.name if name is None else _replace_unstorable_characters(name)
             job.notes = job.notes if notes is None else _replace_unstorable_characters(notes)
-        self._on_change(survey_id)
+        self._estimate_cost_later(survey_id)
         return job
 
     def queue_again(self, survey_id: str, owner: str | None, max_jobs: int) -> JobRow:
@@ -256,7 +256,7 @@ class Surveys(Transactions):
         ConflictError
             The survey is active, or is being deleted.
         """
-        with self._write_transaction() as (session, _):
+        with self._begin_write_transaction() as (session, _):
             job = _find_job(session, survey_id)
             which = f"{job.kind.capitalize()} {survey_id}"
             if job.message == BEING_DELETED:
@@ -268,12 +268,12 @@ class Surveys(Transactions):
             _require_within_quota(session, owner, 0, max_jobs)
             job.state, job.message, job.finished = State.ACCEPTED, "", None
             _add_state_event(session, job)
-        self._on_change(survey_id)
+        self._estimate_cost_later(survey_id)
         return job
 
     def add_tile(self, survey_id: str, tile: DoneTile) -> None:
         """Record a written tile. Do nothing if the survey has been dismissed or deleted."""
-        with self._write_transaction() as (session, _):
+        with self._begin_write_transaction() as (session, _):
             job = _find_active_job(session, survey_id)
             if job is None:
                 return
@@ -283,7 +283,7 @@ class Surveys(Transactions):
             job.cells_failed += tile.failed
             data = {"tile": tile.index, "seconds": round(tile.seconds, 4), "failed": tile.failed}
             _add_event(session, job, "tile", data | _progress_fields(job))
-        self._on_change(survey_id)
+        self._estimate_cost_later(survey_id)
 
     def tiles_done(self, survey_id: str) -> set[int]:
         """Return the indices of the tiles that are recorded as written."""
@@ -295,7 +295,7 @@ class Surveys(Transactions):
         with self._read() as session:
             return session.get(TileRow, (_job_number(session, survey_id), index)) is not None
 
-    def tile_seconds(self, survey_id: str) -> float:
+    def total_tile_seconds(self, survey_id: str) -> float:
         """Return the total computing time of a survey's tiles in seconds."""
         with self._read() as session:
             total = select(func.sum(TileRow.seconds)).where(TileRow.job == _job_number(session, survey_id))
@@ -311,7 +311,7 @@ class Surveys(Transactions):
         int
             Number of deleted records.
         """
-        with self._write_transaction() as (session, _):
+        with self._begin_write_transaction() as (session, _):
             number = _job_number(session, survey_id)
             lost = sorted(set(session.scalars(select(TileRow.index).where(TileRow.job == number))) - kept)
             for start in range(0, len(lost), MOST_IN_LIST):
@@ -326,7 +326,7 @@ class Surveys(Transactions):
                 job.message = f"{tiles} lost or damaged, and computed again"
                 _add_state_event(session, job)
         if lost:
-            self._on_change(survey_id)
+            self._estimate_cost_later(survey_id)
         return len(lost)
 
     def failures(self, survey_id: str, limit: int) -> list[dict[str, Any]]:
@@ -354,11 +354,11 @@ class Surveys(Transactions):
         ConflictError
             The survey has not ended.
         """
-        with self._write_transaction() as (session, _):
+        with self._begin_write_transaction() as (session, _):
             job = _find_ended_job(session, survey_id)
             job.state, job.message = State.DISMISSED, BEING_DELETED
             _add_state_event(session, job)
-        self._on_change(survey_id)
+        self._estimate_cost_later(survey_id)
 
     def surveys_being_deleted(self) -> list[str]:
         """Return the ids of surveys whose deletion has begun."""
@@ -374,11 +374,11 @@ class Surveys(Transactions):
         ConflictError
             The survey has not ended.
         """
-        with self._write_transaction() as (session, service):
+        with self._begin_write_transaction() as (session, service):
             job = _find_ended_job(session, survey_id)
             session.execute(delete(JobRow).where(JobRow.number == job.number))
             _adjust_job_count(service, job, -1)
-        self._on_change(survey_id)
+        self._estimate_cost_later(survey_id)
 
 
 def _adjust_job_count(service: ServiceRow, job: JobRow, change: int) -> None:

@@ -96,7 +96,7 @@ class JobRow(TableBase):
         return self.name or f"{self.kind} {self.id[:6]}"
 
     @property
-    def shown_status(self) -> tuple[State, str]:
+    def shown_state_and_message(self) -> tuple[State, str]:
         """The state and message to show to people. A job with a damaged row counts as failed."""
         return (State(self.state), self.message) if self.is_readable else (State.FAILED, UNREADABLE)
 

@@ -1,4 +1,4 @@
-"""Transactions that read from the job database or write to it: the base class of `Surveys` and `Keys`."""
+"""Transactions that read from the job database or write to it: the base class of `Surveys` and `AccessKeys`."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ DATABASE_TAKEN = (
 
 
 class Transactions:
-    """Base class of `Surveys` and `Keys`, with the read and write transactions of one job database.
+    """Base class of `Surveys` and `AccessKeys`, with the read and write transactions of one job database.
 
     Parameters
     ----------
@@ -35,7 +35,7 @@ class Transactions:
     def __init__(
         self, engine: Engine, on_change: Callable[[str], None], require: Callable[[], None] | None = None
     ) -> None:
-        self._on_change = on_change
+        self._estimate_cost_later = on_change
         self._require = require or (lambda: None)
         self._reader = engine
         self._set_writer(engine)
@@ -54,7 +54,7 @@ class Transactions:
             yield session
 
     @contextmanager
-    def _write_transaction(self) -> Iterator[tuple[Session, ServiceRow]]:
+    def _begin_write_transaction(self) -> Iterator[tuple[Session, ServiceRow]]:
         """Yield a transaction that excludes other writers, so that no row that it reads can change before it writes.
 
         Yields
@@ -93,7 +93,7 @@ class Transactions:
         with self._read() as session:
             return session.scalar(select(ServiceRow.directory))
 
-    def remember_directory(self, identity: str) -> None:
+    def record_directory_identity(self, identity: str) -> None:
         """Record the identity of the data directory that has the stores."""
-        with self._write_transaction() as (_, service):
+        with self._begin_write_transaction() as (_, service):
             service.directory = identity

@@ -8,7 +8,7 @@ from functools import lru_cache
 from pathlib import Path
 
 from gear_rattle.service.jobs.directory import SURVEY_STORE, DataDirectory, StoreEntry
-from gear_rattle.workers import Bucket
+from gear_rattle.workers import StoreInBucket
 
 
 class BucketDirectory(DataDirectory):
@@ -24,12 +24,12 @@ class BucketDirectory(DataDirectory):
 
     def __init__(self, path: Path, url: str) -> None:
         super().__init__(path)
-        self._root = Bucket(url)
+        self._root = StoreInBucket(url)
         self._bucket = lru_cache(maxsize=256)(self._open_bucket)
 
-    def _open_bucket(self, survey_id: str) -> Bucket:
+    def _open_bucket(self, survey_id: str) -> StoreInBucket:
         # owned: no other process writes to this store, because the service has locked its job database.
-        return Bucket(f"{self._root}/{survey_id}.zarr", owned=True)
+        return StoreInBucket(f"{self._root}/{survey_id}.zarr", owned=True)
 
     @contextmanager
     def lock(self) -> Iterator[None]:
@@ -38,7 +38,7 @@ class BucketDirectory(DataDirectory):
             self._root.children()  # raises an error if the bucket is missing
             yield
 
-    def store(self, survey_id: str) -> Bucket:
+    def store(self, survey_id: str) -> StoreInBucket:
         """Return the store of a survey in the bucket, whether the store exists or not."""
         return self._bucket(survey_id)
 
@@ -60,10 +60,10 @@ class BucketDirectory(DataDirectory):
             else:
                 yield StoreEntry(f"{self._root}/{name}", "", False, False, lambda: None)
 
-    def sweep_partial_files(self, survey_id: str, content_hash: str) -> None:
+    def remove_partial_files(self, survey_id: str, content_hash: str) -> None:
         """Do nothing, because a bucket has no partial objects."""
 
 
-def open_directory(path: Path, stores: str | None) -> DataDirectory:
+def data_directory_with_stores(path: Path, stores: str | None) -> DataDirectory:
     """Return the data directory of a service. stores: URL of a bucket, or None for stores in the directory."""
     return BucketDirectory(path, stores) if stores else DataDirectory(path)

@@ -20,7 +20,7 @@ from gear_rattle.service.errors import DataDirectoryError, DirectoryMissingError
 from gear_rattle.workers.storage.location import CERTIFICATES, certificates_path
 
 if TYPE_CHECKING:
-    from gear_rattle.workers import Bucket
+    from gear_rattle.workers import StoreInBucket
 
 TRASH_PREFIX = ".trash-"
 IDENTITY_FILE = "identity"
@@ -92,12 +92,12 @@ class DataDirectory:
         """True if there is a job database."""
         return self._database.exists()
 
-    def store(self, survey_id: str) -> Path | Bucket:
+    def store(self, survey_id: str) -> Path | StoreInBucket:
         """Return the location of a survey's zarr store, whether it exists or not.
 
         Returns
         -------
-        Path | Bucket
+        Path | StoreInBucket
             A path, or the prefix of a bucket.
 
         Raises
@@ -202,7 +202,7 @@ class DataDirectory:
         """Return all entries of the directory of stores."""
         return [StoreEntry.from_path(path) for path in sorted(self._stores.iterdir())]
 
-    def sweep_partial_files(self, survey_id: str, content_hash: str) -> None:
+    def remove_partial_files(self, survey_id: str, content_hash: str) -> None:
         """Remove the partial files of killed writers from a survey's store, if the store has this content hash.
 
         No process may write to the store meanwhile.

@@ -43,7 +43,7 @@ if TYPE_CHECKING:
 
     from distributed import Client
 
-    from gear_rattle.workers import AnyRequest, Bucket, TileRecord
+    from gear_rattle.workers import AnyRequest, StoreInBucket, TileRecord
     from gear_rattle.workers.kinds import AnyTile
     from gear_rattle.workers.survey.template import Template
 
@@ -103,7 +103,7 @@ class JobManager:
         self._dismissed = threading.Event()
         self._current: str | None = None
         self._lock = threading.Condition()  # notified when `_current` is reset
-        self._thread = threading.Thread(target=self._run_thread, name="job-manager", daemon=True)
+        self._thread = threading.Thread(target=self._compute_until_stopped, name="job-manager", daemon=True)
         self.cluster_state = STARTING
         self.storage_state = OK
 
@@ -183,7 +183,7 @@ class JobManager:
         if not job.is_readable:
             raise ConflictError(UNREADABLE)
         # Only the code version that completed a store can repair it.
-        if job.state == State.SUCCESSFUL and not _has_current_numbers(job):
+        if job.state == State.SUCCESSFUL and not _would_compute_stored_numbers(job):
             raise ConflictError(
                 f"{job.kind.capitalize()} {survey_id} was computed by another version, and only that version can "
                 "verify it. Submit it again."
@@ -195,7 +195,7 @@ class JobManager:
         self.wake()
         return job
 
-    def _run_thread(self) -> None:
+    def _compute_until_stopped(self) -> None:
         pause = FIRST_PAUSE
         while not self._stopping.is_set():
             self.cluster_state = STARTING
@@ -249,7 +249,7 @@ class JobManager:
         self._run_states = {
             each: run_state for each, run_state in self._run_states.items() if each in self._missing_tiles
         }
-        self._database.set_wait_messages(job.id)
+        self._database.write_messages_of_waiting_jobs(job.id)
         with self._lock:
             self._current = job.id
             self._dismissed.clear()
@@ -357,7 +357,7 @@ class JobManager:
                 self._database.set_state(survey_id, State.SUCCESSFUL)
 
     def _prepare_tiles(
-        self, job: JobRow, request: AnyRequest, path: Path | Bucket, client: Client
+        self, job: JobRow, request: AnyRequest, path: Path | StoreInBucket, client: Client
     ) -> tuple[dict[int, AnyTile], bool]:
         """Create or repair the store of a survey, and find the tiles that must be computed.
 
@@ -464,7 +464,7 @@ class JobManager:
         self._database.add_tile(survey_id, DoneTile(tile.index, tile.cells, tile.seconds, failed, failures))
 
 
-def _has_current_numbers(job: JobRow) -> bool:
+def _would_compute_stored_numbers(job: JobRow) -> bool:
     """Return whether this version would compute the same numbers for the job's request as are stored."""
     try:
         return _request_of(job).content_hash() == job.content_hash

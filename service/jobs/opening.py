@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
 
 from gear_rattle.service.database import Database
-from gear_rattle.service.jobs.bucket_directory import open_directory
+from gear_rattle.service.jobs.bucket_directory import data_directory_with_stores
 from gear_rattle.service.jobs.directory import DataDirectory
 from gear_rattle.service.settings import Settings
 
@@ -36,7 +36,7 @@ def open_service_data(
         The directory or the database cannot be used, or another service has locked one of them, or the database belongs
         to another directory, whose disk may not be mounted.
     """
-    directory = open_directory(settings.data, settings.store)
+    directory = data_directory_with_stores(settings.data, settings.store)
     inside = settings.database_url is None
     url, require = (directory.database_url, directory.require_present) if inside else (settings.database_url, None)
     assert url is not None
@@ -45,5 +45,5 @@ def open_service_data(
             directory.check_identity()
         else:  # with a wrong disk at the data directory, its stores would not belong to this database
             directory.check_identity(database.directory_identity())
-            database.remember_directory(directory.identity)
+            database.record_directory_identity(directory.identity)
         yield directory, database

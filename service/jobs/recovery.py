@@ -35,4 +35,4 @@ def clean_up_unfinished_work(database: Database, directory: DataDirectory) -> No
         directory.remove_store(survey_id)
         database.delete(survey_id)
     for survey_id, content_hash in database.running_surveys():
-        directory.sweep_partial_files(survey_id, content_hash)
+        directory.remove_partial_files(survey_id, content_hash)

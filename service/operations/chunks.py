@@ -8,7 +8,7 @@ from pathlib import Path
 
 from gear_rattle.service.database.tables import State
 from gear_rattle.service.state import ApplicationState
-from gear_rattle.workers import Bucket, place_of
+from gear_rattle.workers import StoreInBucket, place_of
 from gear_rattle.workers.storage.manifest import manifest_of
 from gear_rattle.workers.survey.manifest import MANIFEST, ROOT, Manifest
 
@@ -35,7 +35,7 @@ def is_expected_file(front: ApplicationState, survey_id: str, key: str) -> bool:
 
 
 @lru_cache(maxsize=64)
-def _cached_manifest(store: Path | Bucket, has_ended: bool) -> Manifest:  # noqa: ARG001  # a part of the cache's key
+def _cached_manifest(store: Path | StoreInBucket, has_ended: bool) -> Manifest:  # noqa: ARG001  # a part of the cache's key
     """Return the manifest of a store without its tiles.
 
     The manifest is cached. It is read again when `has_ended` becomes True: a survey gets its families and levels

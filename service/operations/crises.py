@@ -17,7 +17,7 @@ RESOLUTION = 0.02  # largest step in δ; it is twice the default of `crisis_curv
 KEPT_CRISIS_CURVES = 16  # at most this many crisis curves are kept, one for each half-backlash
 
 
-def _crisis_points(beta: float) -> np.ndarray:
+def _compute_crisis_points(beta: float) -> np.ndarray:
     """Return points (δ, ε) of the crisis curve, shape (k, 2). This takes half a minute: use a process."""
     from rattle.crisis import crisis_curve
 
@@ -52,7 +52,7 @@ class CrisisCurves:
     async def _compute_crisis_curve(self, beta: float) -> np.ndarray:
         try:
             with self._front.interruptible_work():
-                work = partial(_crisis_points, beta)
+                work = partial(_compute_crisis_points, beta)
                 return await to_process.run_sync(work, cancellable=True, limiter=self._limiter)
         except BrokenWorkerProcess as error:
             raise UnavailableError(

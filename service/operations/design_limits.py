@@ -68,8 +68,8 @@ class DesignLimits:
                 known[value] = await self._front.slow_point_limiter.run_in_background(
                     partial(self._find_limit, model, value, share)
                 )
-                yield _arrays_by_damping(known)
-        yield _arrays_by_damping(known)
+                yield _limits_by_damping(known)
+        yield _limits_by_damping(known)
 
     async def _find_limit(self, model: Model, delta: float, share: float) -> Limit:
         return await compute_in_process(
@@ -93,7 +93,7 @@ def dampings_coarse_first(delta: Pair) -> list[float]:
     return [float(values[i]) for i in order]
 
 
-def _arrays_by_damping(known: dict[float, Limit]) -> tuple[Array, Array]:
+def _limits_by_damping(known: dict[float, Limit]) -> tuple[Array, Array]:
     """Return dampings (k,) in rising order, and their limits with both ends of the intervals (3, k)."""
     rows = sorted(known.items())
     return np.array([value for value, _ in rows]), np.array([limit for _, limit in rows], np.float64).reshape(-1, 3).T

@@ -100,7 +100,7 @@ def _predict_seconds_from_similar_survey(front: ApplicationState, request: AnyRe
     like = most_similar_survey(request, jobs)
     if like is None:
         return None
-    seconds = front.database.tile_seconds(like.id) / like.cells_done * _sample_ratio(request, like)
+    seconds = front.database.total_tile_seconds(like.id) / like.cells_done * _sample_ratio(request, like)
     return seconds, f"by the speed of {like.name or like.id}, {like.cells_done:,} cells of the same kind"
 
 
@@ -123,7 +123,7 @@ def most_similar_survey(request: SurveyRequest, jobs: Iterable[JobRow]) -> JobRo
         and set(job.request["quantities"]) == wanted
         and job.request.get("refine") == request.model_dump(mode="json")["refine"]
         and (other := SurveyRequest.model_validate(job.request))
-        and _is_similar_model(request, other)
+        and _have_similar_models(request, other)
         and _have_similar_samples(request, other)
         and 1.0 / SIMILAR_FACTOR <= _sample_ratio(request, job) <= SIMILAR_FACTOR
     ]
@@ -138,7 +138,7 @@ def _sample_ratio(request: SurveyRequest, job: JobRow) -> float:
     return request.initial_conditions.count / count
 
 
-def _is_similar_model(request: SurveyRequest, other: SurveyRequest) -> bool:
+def _have_similar_models(request: SurveyRequest, other: SurveyRequest) -> bool:
     """Return whether both surveys have the same model, with added parameters that differ at most by SIMILAR_FACTOR."""
     ours, theirs = request.added_parameter_values, other.added_parameter_values
     if ours.keys() != theirs.keys() or request.model != other.model:

@@ -9,7 +9,7 @@ from typing import Any
 import rattle
 from gear_rattle.service.operations.diagrams import COUNT, STEPS, Pair
 from rattle import Machine
-from rattle.models import AnyGear, Capability, model_at
+from rattle.models import AnyGear, Capability, model_of_gear
 
 POINT_SAMPLES, BASIN_CELLS = 1024, 300  # initial conditions for the attractors; cells along each axis of the basins
 PACKAGE = "gear-rattle"
@@ -60,7 +60,9 @@ def create_notebook(gear: AnyGear, machine: Machine | None, ends: tuple[Pair, Pa
 def _notebook_cells(gear: AnyGear, machine: Machine | None, ends: tuple[Pair, Pair]) -> Iterator[tuple[str, str, str]]:
     """Yield for each cell of the notebook: its name, its kind ("code" or "markdown"), and its text."""
     version = rattle.__version__
-    made = TITLE.format(gear=gear, kind=type(gear).__name__, model=model_at(gear), package=PACKAGE, version=version)
+    made = TITLE.format(
+        gear=gear, kind=type(gear).__name__, model=model_of_gear(gear), package=PACKAGE, version=version
+    )
     yield "title", "markdown", made
     yield "point", "code", _python_code_of_point(gear, machine)
     yield "fineness", "code", FINENESS.format(starts=POINT_SAMPLES, side=BASIN_CELLS, steps=STEPS, count=COUNT)
@@ -68,7 +70,7 @@ def _notebook_cells(gear: AnyGear, machine: Machine | None, ends: tuple[Pair, Pa
     yield "orbits", "code", f"{region}gear.orbits()"
     yield "attractors", "code", "attractors = gear.attractors(starts)\nattractors"
     yield "basins", "code", BASINS
-    if Capability.DIAGRAMS in model_at(gear).has:
+    if Capability.DIAGRAMS in model_of_gear(gear).has:
         yield "diagram", "code", DIAGRAM.format(start=ends[0], end=ends[1])
         yield "events", "code", "diagram.events"
 
@@ -77,10 +79,10 @@ def _python_code_of_point(gear: AnyGear, machine: Machine | None) -> str:
     if machine is not None:
         numbers = ", ".join(f"{each.name}={getattr(machine, each.name)!r}" for each in fields(machine))
         return (
-            "import rattle\nfrom rattle.models import model_at\n\n"
-            f"machine = rattle.Machine({numbers})\ngear = machine.gear\nmodel = model_at(gear)\ngear"
+            "import rattle\nfrom rattle.models import model_of_gear\n\n"
+            f"machine = rattle.Machine({numbers})\ngear = machine.gear\nmodel = model_of_gear(gear)\ngear"
         )
-    model = model_at(gear)
+    model = model_of_gear(gear)
     parameters = ", ".join([repr(gear.beta), *(f"{each.name}={model.numbers[each.name]!r}" for each in model.added)])
     names = ", ".join(each.long_name for each in model.parameters())
     made = f"model = model_of({parameters})  # {names}\n"

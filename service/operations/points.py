@@ -14,7 +14,7 @@ import numpy as np
 from rattle import REGIONS, Attractor, Intensity, ParameterError, RattleError
 from rattle.attractors import SpeedLimit
 from rattle.curves import Curve
-from rattle.models import AnyGear, Model, model_at
+from rattle.models import AnyGear, Model, model_of_gear
 
 Pair = tuple[float, float]
 
@@ -62,7 +62,7 @@ def _curve_arrays(curve: Curve) -> dict[str, Any]:
 def orbits_document(gear: AnyGear) -> dict[str, Any]:
     """Return the body of `GET /v1/orbits` for a gear."""
     with np.errstate(all="ignore"):  # extreme parameters may overflow
-        limits = model_at(gear).limits(gear.delta)
+        limits = model_of_gear(gear).limits(gear.delta)
         region = None if gear.parameters.harmonics else gear.region()  # regions are defined for one harmonic only
         orbits = gear.orbits()
     return {

@@ -210,5 +210,7 @@ def current_caller(front: ApplicationState, caller: Caller) -> Caller | None:
     if caller.key is None:
         return caller
     read = front.database
-    key = read.key_by_hash(caller.key.hash) if caller.session is None else read.key_by_session(caller.session)
+    key = (
+        read.key_by_hash(caller.key.hash) if caller.session is None else read.find_key_of_login_session(caller.session)
+    )
     return None if key is None else Caller(key, caller.session)

@@ -172,11 +172,11 @@ class _RefinementThread:
                 closing(refined_frames(client, survey, variable, index, self._stopping.is_set)) as frames,
             ):
                 for frame in frames:
-                    self._pass_to_loop(frame)
+                    self._pass_frame_to_event_loop(frame)
         except Exception as error:
             end = error
-        self._pass_to_loop(end)
+        self._pass_frame_to_event_loop(end)
 
-    def _pass_to_loop(self, found: WindowFrame | Exception | None) -> None:
+    def _pass_frame_to_event_loop(self, found: WindowFrame | Exception | None) -> None:
         with suppress(RuntimeError):  # the loop is closed: the service has ended
             self._loop.call_soon_threadsafe(self._found.put_nowait, found)

@@ -11,7 +11,7 @@ from starlette.concurrency import run_in_threadpool
 from starlette.exceptions import HTTPException
 
 from gear_rattle.service.database.tables import UNREADABLE, JobRow, State
-from gear_rattle.service.errors import ConflictError, MissingError
+from gear_rattle.service.errors import ConflictError, MissingPartError
 from gear_rattle.service.routes.documents import SurveyId, path_of_job
 from gear_rattle.service.routes.store import FILES, KEY, file_response
 from gear_rattle.service.state import ApplicationState, FrontState
@@ -85,7 +85,7 @@ async def read_certificates(
     """
     job, out = await run_in_threadpool(_certificate_store, front, survey_id)
     if not KEY.fullmatch(key):
-        raise MissingError(f"The certificates of survey {survey_id} have no key {key!r}.")
+        raise MissingPartError(f"The certificates of survey {survey_id} have no key {key!r}.")
     is_unchanging = job.state == State.SUCCESSFUL
     try:
         response = await file_response(out, key, request, is_unchanging)
@@ -100,7 +100,7 @@ def _certificate_store(front: ApplicationState, survey_id: str) -> tuple[JobRow,
     if not job.is_readable:
         raise ConflictError(UNREADABLE)
     if not job.request.get("certify"):
-        raise MissingError(
+        raise MissingPartError(
             f"Survey {survey_id} was submitted without certify. Submit it again with certify, or prove it with the "
             "command rattle certify."
         )

@@ -97,7 +97,7 @@ def _links(job: JobRow) -> Links:
 
 def job_document_fields(job: JobRow) -> dict[str, Any]:
     """Return the fields of `JobDocument` for a job."""
-    state, message = job.shown_status
+    state, message = job.shown_state_and_message
     return {
         "id": job.id,
         "name": job.name,

@@ -13,12 +13,12 @@ from fastapi.responses import StreamingResponse
 from starlette.background import BackgroundTask
 from starlette.concurrency import run_in_threadpool
 
-from gear_rattle.service.errors import MissingError
+from gear_rattle.service.errors import MissingPartError
 from gear_rattle.service.routes.documents import SurveyId
 from gear_rattle.service.state import ApplicationState, FrontState
 from gear_rattle.service.web.conditional import NOT_MODIFIED, REVALIDATE, is_not_modified, weak_etag
 from gear_rattle.service.web.problems import declare_problems
-from gear_rattle.workers import Bucket, open_survey
+from gear_rattle.workers import StoreInBucket, open_survey
 from gear_rattle.workers.survey.values.schema import RowForm
 from rattle import MissingExtraError
 
@@ -91,7 +91,7 @@ async def _file_response(
     survey_id: str,
     ending: str,
     media_type: str,
-    write: Callable[[Path | Bucket], IO[bytes]],
+    write: Callable[[Path | StoreInBucket], IO[bytes]],
 ) -> Response:
     store, headers = await _find_store_and_headers(front, survey_id, ending)
     if is_not_modified(request, headers):
@@ -110,8 +110,8 @@ async def _file_response(
 
 async def _find_store_and_headers(
     front: ApplicationState, survey_id: str, ending: str
-) -> tuple[Path | Bucket, dict[str, str]]:
-    job, store = await run_in_threadpool(front.job_with_results, survey_id)
+) -> tuple[Path | StoreInBucket, dict[str, str]]:
+    job, store = await run_in_threadpool(front.find_job_and_existing_store, survey_id)
     return store, {
         "ETag": weak_etag(job.id, job.last_event, ending),
         "Cache-Control": REVALIDATE,
@@ -119,7 +119,7 @@ async def _find_store_and_headers(
     }
 
 
-def _write_netcdf(store: Path | Bucket) -> IO[bytes]:
+def _write_netcdf(store: Path | StoreInBucket) -> IO[bytes]:
     from gear_rattle.workers.storage.export import require_readable_variables, write_netcdf  # loads xarray
     from gear_rattle.workers.storage.store import open_groups
 
@@ -128,7 +128,7 @@ def _write_netcdf(store: Path | Bucket) -> IO[bytes]:
         return write_netcdf(dataset, open_groups(store))
 
 
-def _write_parquet(store: Path | Bucket, form: RowForm) -> IO[bytes]:
+def _write_parquet(store: Path | StoreInBucket, form: RowForm) -> IO[bytes]:
     from gear_rattle.workers.storage.export import names_of_column_variables, require_readable_variables, write_parquet
 
     with open_survey(store, as_stored=True) as dataset:
@@ -136,7 +136,7 @@ def _write_parquet(store: Path | Bucket, form: RowForm) -> IO[bytes]:
         try:
             return write_parquet(dataset, form)
         except MissingExtraError as error:
-            raise MissingError(f"This service cannot write Parquet. {error}") from error
+            raise MissingPartError(f"This service cannot write Parquet. {error}") from error
 
 
 def _read_blocks(file: IO[bytes]) -> Iterator[bytes]:
@@ -145,7 +145,7 @@ def _read_blocks(file: IO[bytes]) -> Iterator[bytes]:
             yield block
 
 
-def _open_csv_lines(store: Path | Bucket, form: RowForm) -> Iterator[str]:
+def _open_csv_lines(store: Path | StoreInBucket, form: RowForm) -> Iterator[str]:
     from gear_rattle.workers.storage.export import csv_lines, names_of_column_variables, require_readable_variables
 
     # The survey is opened before the answer begins, so that errors become problem documents.

@@ -23,7 +23,7 @@ from gear_rattle.service.routes.documents import SurveyId
 from gear_rattle.service.state import ApplicationState, FrontState
 from gear_rattle.service.web.conditional import NOT_MODIFIED, REVALIDATE, is_not_modified, weak_etag
 from gear_rattle.service.web.problems import declare_problems
-from gear_rattle.workers import QUANTITIES, Bucket, SurveyRequest, open_survey
+from gear_rattle.workers import QUANTITIES, StoreInBucket, SurveyRequest, open_survey
 from gear_rattle.workers.cluster.window import MOST_PIXELS
 from gear_rattle.workers.pictures.look import (
     LARGEST,
@@ -212,7 +212,7 @@ async def sheet(request: Request, front: FrontState, survey_id: SurveyId, option
 async def _picture_response(
     request: Request, front: ApplicationState, survey_id: str, options: PictureOptions, form: Form, media: str
 ) -> Response:
-    job, store = await run_in_threadpool(front.job_with_results, survey_id)
+    job, store = await run_in_threadpool(front.find_job_and_existing_store, survey_id)
     if options.has_caption:
         options = replace(options, look=options.look.with_caption(_caption_text(job, str(request.url))))
     headers = {
@@ -258,13 +258,13 @@ def _caption_text(job: JobRow, address: str) -> str:
     return f"{job.name or job.id}, {address}, {PACKAGE} {rattle.__version__}"
 
 
-def _draw_map(store: Path | Bucket, options: PictureOptions, form: Form, overlays: OverlayData) -> bytes:
+def _draw_map(store: Path | StoreInBucket, options: PictureOptions, form: Form, overlays: OverlayData) -> bytes:
     from gear_rattle.workers.pictures.largest import open_survey_for_map
     from gear_rattle.workers.pictures.levels import level_opener
-    from gear_rattle.workers.pictures.maps import map_picture  # loads matplotlib, which takes a second
+    from gear_rattle.workers.pictures.maps import render_map_picture  # loads matplotlib, which takes a second
 
     opened = partial(open_survey, store)
     with_families = SHARE if options.look.family is not None else options.variable
     with open_survey_for_map(opened, with_families, options.slice) as dataset:
         levels = level_opener(opened, options.slice, has_added_node(store, LEVELS))
-        return map_picture(dataset, options.variable, options.index, levels, options.look, form, overlays)
+        return render_map_picture(dataset, options.variable, options.index, levels, options.look, form, overlays)

@@ -12,7 +12,7 @@ from starlette.concurrency import run_in_threadpool
 
 from gear_rattle.service.access.middleware import CallerState
 from gear_rattle.service.database.tables import JobKind, JobRow, State
-from gear_rattle.service.errors import MissingError
+from gear_rattle.service.errors import MissingPartError
 from gear_rattle.service.operations.estimate import estimate
 from gear_rattle.service.operations.surveys import find_job, first_failures, remove_survey, submit_survey, verify_survey
 from gear_rattle.service.routes.documents import path_of_job
@@ -25,7 +25,7 @@ from gear_rattle.service.routes.population_documents import (
     PopulationList,
     answers_document,
 )
-from gear_rattle.service.routes.store import FILES, stored_file
+from gear_rattle.service.routes.store import FILES, answer_with_stored_file
 from gear_rattle.service.routes.surveys import (
     RETRY_SECONDS,
     Cursor,
@@ -38,7 +38,7 @@ from gear_rattle.service.state import ApplicationState, FrontState
 from gear_rattle.service.web import examples
 from gear_rattle.service.web.conditional import NOT_MODIFIED, REVALIDATE, is_not_modified, json_answer, weak_etag
 from gear_rattle.service.web.problems import declare_problems
-from gear_rattle.workers import Bucket, PopulationRequest
+from gear_rattle.workers import PopulationRequest, StoreInBucket
 
 router = APIRouter(prefix="/v1/populations", tags=["populations"])
 estimates = APIRouter(prefix="/v1", tags=["populations"])
@@ -184,7 +184,7 @@ async def read_population(
 
     The variables of the store have the dimension `gear`.
     """
-    return await stored_file(front, population_id, KIND, key, request)
+    return await answer_with_stored_file(front, population_id, KIND, key, request)
 
 
 @router.get(
@@ -197,7 +197,7 @@ async def answers(request: Request, front: FrontState, population_id: Population
     """Return the probability of quiet running, yield, quantiles of the intensity, Sobol indices and the worst gears."""
     job, store = await run_in_threadpool(front.job_and_store, population_id, KIND)
     if job.state != State.SUCCESSFUL:
-        raise MissingError(f"Population {population_id} is {job.state}: only a successful population has answers.")
+        raise MissingPartError(f"Population {population_id} is {job.state}: only a successful population has answers.")
     headers = {"ETag": weak_etag(job.id, job.last_event, "answers"), "Cache-Control": REVALIDATE}
     if is_not_modified(request, headers):
         return Response(status_code=304, headers=headers)
@@ -208,7 +208,7 @@ async def answers(request: Request, front: FrontState, population_id: Population
     return Response(body, media_type="application/json", headers=headers)
 
 
-def _read_answers(store: FilePath | Bucket) -> str:
+def _read_answers(store: FilePath | StoreInBucket) -> str:
     from gear_rattle.workers.answers import read_finished_population  # loads zarr
 
     return answers_document(read_finished_population(store)).model_dump_json()

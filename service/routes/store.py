@@ -13,14 +13,14 @@ from starlette.staticfiles import StaticFiles
 from starlette.types import Scope
 
 from gear_rattle.service.database.tables import JobKind, State
-from gear_rattle.service.errors import MissingError
+from gear_rattle.service.errors import MissingPartError
 from gear_rattle.service.operations.chunks import is_expected_file
 from gear_rattle.service.routes.documents import SurveyId, path_of_job
 from gear_rattle.service.state import ApplicationState, FrontState
 from gear_rattle.service.web.conditional import HOUR, NOT_MODIFIED, REVALIDATE
 from gear_rattle.service.web.objects import object_response
 from gear_rattle.service.web.problems import declare_problems
-from gear_rattle.workers import Bucket
+from gear_rattle.workers import StoreInBucket
 from gear_rattle.workers.errors import DamageError
 
 router = APIRouter(prefix="/v1/surveys", tags=["results"])
@@ -66,17 +66,20 @@ async def read(
     For a chunk that is not computed yet the answer is 404, which zarr reads as fill values. If a chunk was computed but
     cannot be read, the answer is 503; POST …/verify computes it again.
     """
-    return await stored_file(front, survey_id, JobKind.SURVEY, key, request)
+    return await answer_with_stored_file(front, survey_id, JobKind.SURVEY, key, request)
 
 
-async def stored_file(front: ApplicationState, survey_id: str, kind: JobKind, key: str, request: Request) -> Response:
+async def answer_with_stored_file(
+    front: ApplicationState, survey_id: str, kind: JobKind, key: str, request: Request
+) -> Response:
     """Return a file of a survey's or a population's store.
 
-    Raises MissingError or HTTPException (404) if there is no such file, DamageError if a written file cannot be read.
+    Raises MissingPartError or HTTPException (404) if there is no such file, DamageError if a written file cannot be
+    read.
     """
     job, store = await run_in_threadpool(front.job_and_store, survey_id, kind)
     if not KEY.fullmatch(key) or key.endswith(".partial"):
-        raise MissingError(f"The store of {kind} {survey_id} has no key {key!r}.")
+        raise MissingPartError(f"The store of {kind} {survey_id} has no key {key!r}.")
     is_unchanging = job.state == State.SUCCESSFUL
     try:
         response = await file_response(store, key, request, is_unchanging)
@@ -99,12 +102,14 @@ async def stored_file(front: ApplicationState, survey_id: str, kind: JobKind, ke
     return response
 
 
-async def file_response(store: pathlib.Path | Bucket, key: str, request: Request, is_unchanging: bool) -> Response:
+async def file_response(
+    store: pathlib.Path | StoreInBucket, key: str, request: Request, is_unchanging: bool
+) -> Response:
     """Return the file with this key in a store. Raises HTTPException or OSError if there is no such file.
 
     is_unchanging: whether files never change again. If False, the request's header If-Modified-Since is ignored.
     """
-    if isinstance(store, Bucket):
+    if isinstance(store, StoreInBucket):
         return await object_response(store, key, request)
     files = StaticFiles(directory=store, check_dir=False)
     return await files.get_response(key, request.scope if is_unchanging else _drop_modified_since(request.scope))

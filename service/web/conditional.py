@@ -96,7 +96,7 @@ async def set_query_etag(request: Request, response: Response) -> None:
         304: the client's copy of the answer has this ETag.
     """
     query = str(sorted(request.query_params.multi_items()))
-    headers = {"ETag": f'"{_digest(_hash_of_answering_code().encode(), query.encode())}"', "Cache-Control": HOUR}
+    headers = {"ETag": f'"{_digest(_hash_of_all_code().encode(), query.encode())}"', "Cache-Control": HOUR}
     if is_not_modified(request, headers):
         raise HTTPException(304, headers=headers)
     response.headers.update(headers)
@@ -104,7 +104,7 @@ async def set_query_etag(request: Request, response: Response) -> None:
 
 def weak_etag(*parts: object) -> str:
     """Return a hash of `parts` and the code as an ETag. It is weak: a tile may be written during the computation."""
-    return f'W/"{_digest(_hash_of_answering_code().encode(), repr(parts).encode())}"'
+    return f'W/"{_digest(_hash_of_all_code().encode(), repr(parts).encode())}"'
 
 
 def is_not_modified(request: Request, headers: Mapping[str, str]) -> bool:
@@ -127,7 +127,7 @@ def _digest(*parts: bytes) -> str:
 
 
 @cache
-def _hash_of_answering_code() -> str:
+def _hash_of_all_code() -> str:
     """Return a hash of the code of the library, of surveys, and of the service."""
     sources = sorted(SERVICE.rglob("*.py"))
     return _digest(code_version().encode(), *(path.read_bytes() for path in sources))

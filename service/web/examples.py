@@ -267,7 +267,7 @@ ANSWERS = {
 }
 
 
-def _links(parameters: dict[str, str], *names: str) -> dict[str, Any]:
+def _openapi_links(parameters: dict[str, str], *names: str) -> dict[str, Any]:
     """Return OpenAPI links to the operations `names`. parameters: {parameter: path of its value in the answer}."""
     further = {"read": {"key": "zarr.json"}}
     return {
@@ -289,18 +289,18 @@ def _point_links(*names: str, **parts: str) -> dict[str, Any]:
     dict[str, Any]
         The links, by the names of the operations.
     """
-    return _links({name: parts.get(name, name) for name in ("delta", "epsilon", *OTHERS)}, *names)
+    return _openapi_links({name: parts.get(name, name) for name in ("delta", "epsilon", *OTHERS)}, *names)
 
 
 #: Links from the document of a survey to the survey's resources, its first cell and its window.
 SURVEY_LINKS = {
-    **_links({"survey_id": "id"}, "show", "remove", "verify", "follow", "read", "picture"),
+    **_openapi_links({"survey_id": "id"}, "show", "remove", "verify", "follow", "read", "picture"),
     **_point_links(
         *("orbits", "attractors", "basins"),
         **{name: f"request/{name}/start" for name in ("delta", "epsilon")},
         **{name: f"request/{name}" for name in OTHERS},
     ),
-    **_links(
+    **_openapi_links(
         {
             **{"delta_min": "request/delta/start", "delta_max": "request/delta/stop"},
             **{"epsilon_min": "request/epsilon/start", "epsilon_max": "request/epsilon/stop"},

@@ -5,7 +5,7 @@ from __future__ import annotations
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 
-class HeadMiddleware:
+class HeadRequestMiddleware:
     """ASGI middleware that answers HEAD requests with the routes for GET.
 
     Event streams and other endless answers end after the header.

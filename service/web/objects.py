@@ -9,12 +9,12 @@ from starlette.concurrency import run_in_threadpool
 from starlette.exceptions import HTTPException
 
 from gear_rattle.service.web.conditional import is_not_modified
-from gear_rattle.workers import Bucket
+from gear_rattle.workers import StoreInBucket
 
 RANGE = re.compile(r"bytes=(\d*)-(\d*)")
 
 
-async def object_response(store: Bucket, key: str, request: Request) -> Response:
+async def object_response(store: StoreInBucket, key: str, request: Request) -> Response:
     """Return an object of a bucket, or the requested range of it, or status 304. The whole object is read into memory.
 
     Returns
@@ -32,7 +32,7 @@ async def object_response(store: Bucket, key: str, request: Request) -> Response
     return await run_in_threadpool(_answer_with_object, store, key, request)
 
 
-def _answer_with_object(store: Bucket, key: str, request: Request) -> Response:
+def _answer_with_object(store: StoreInBucket, key: str, request: Request) -> Response:
     try:
         body, tag = store.read_with_etag(key)
     except FileNotFoundError:
@@ -42,13 +42,13 @@ def _answer_with_object(store: Bucket, key: str, request: Request) -> Response:
         return Response(status_code=304, headers=headers)
     asked = request.headers.get("range", "")
     if match := RANGE.fullmatch(asked.strip()) if request.headers.get("if-range", tag) == tag else None:
-        start, stop = _byte_range(match, len(body))
+        start, stop = _parse_byte_range(match, len(body))
         headers["Content-Range"] = f"bytes {start}-{stop - 1}/{len(body)}"
         return Response(body[start:stop], status_code=206, headers=headers, media_type="application/octet-stream")
     return Response(body, headers=headers, media_type="application/octet-stream")
 
 
-def _byte_range(match: re.Match[str], size: int) -> tuple[int, int]:
+def _parse_byte_range(match: re.Match[str], size: int) -> tuple[int, int]:
     first, last = match.groups()
     if first:
         start, stop = int(first), min(int(last) + 1, size) if last else size

@@ -43,7 +43,7 @@ STATUS_OF: tuple[tuple[type[Exception], int], ...] = (
     (errors.ForbiddenError, 403),
     (errors.UnknownSurveyError, 404),
     (errors.UnknownKeyError, 404),
-    (errors.MissingError, 404),
+    (errors.MissingPartError, 404),
     (errors.ConflictError, 409),
     (errors.LimitError, 422),
     (ParameterError, 422),

@@ -12,7 +12,7 @@ from rattle.errors import did_you_mean
 _parameters_of: dict[tuple[str, str], list[str]] = {}
 
 
-async def refuse_unknown_queries(request: Request) -> None:
+async def refuse_unknown_query_parameters(request: Request) -> None:
     """Raise RequestValidationError for query parameters that the OpenAPI document does not declare for the route."""
     if not request.query_params:
         return

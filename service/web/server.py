@@ -18,7 +18,7 @@ import psutil
 import uvicorn
 from fastapi import FastAPI
 
-from gear_rattle.service.errors import AddressError
+from gear_rattle.service.errors import ListenAddressError
 from gear_rattle.service.settings import Settings
 
 #: Longest time in seconds from a signal to the end of all work.
@@ -59,7 +59,7 @@ def run_server(app: FastAPI, settings: Settings, log_config: dict[str, Any], ask
 
     Raises
     ------
-    AddressError
+    ListenAddressError
         The address cannot be bound. Nothing has been started.
     """
     make_malloc_return_memory()
@@ -117,7 +117,7 @@ def bind_sockets(host: str, port: int) -> list[socket.socket]:
 
     Raises
     ------
-    AddressError
+    ListenAddressError
         An address is in use, does not belong to this machine, or is unknown.
     """
     bound: list[socket.socket] = []
@@ -134,7 +134,7 @@ def bind_sockets(host: str, port: int) -> list[socket.socket]:
     except OSError as error:
         for each in bound:
             each.close()
-        raise AddressError(
+        raise ListenAddressError(
             f"The service cannot listen on port {port} of {host} ({error.strerror}). Choose another port or address "
             "(--port, --host). If another program uses this port, you may stop that program instead."
         ) from error

@@ -44,14 +44,14 @@ assert "orbit_count" in SCHEMA
     "curve": """
 import rattle
 from rattle.plot.plane import plane_figure
-from gear_rattle.service.explorer.map.overlays import map_key_entries
+from gear_rattle.service.explorer.map.overlays import legend_entries_of_map
 from rattle.models import Impacting
 from gear_rattle.workers import SurveyRequest
 from gear_rattle.workers.survey.template import template_of
 curve = rattle.curves.trace("PDC_low", 0.6, (0.4, 0.6), (0.0, 0.3))
 assert 0.49 < curve.delta.max() <= 0.5 + 1e-9
 assert abs(curve.epsilon - [rattle.flip(delta) for delta in curve.delta]).max() < 1e-9
-assert "the flip of C at low damping" in str(map_key_entries(Impacting()))
+assert "the flip of C at low damping" in str(legend_entries_of_map(Impacting()))
 texts = plane_figure((0.4, 0.9), (0.005, 0.3)).figure.findobj(lambda artist: hasattr(artist, "get_text"))
 assert "PDC_low" in {text.get_text().replace(" ", "_") for text in texts}
 request = SurveyRequest(

@@ -27,7 +27,7 @@ from typer.testing import CliRunner
 from waiting import HANG, wait_until
 
 from gear_rattle.service.cli import app
-from gear_rattle.workers import Bucket, SurveyRequest, open_survey
+from gear_rattle.workers import StoreInBucket, SurveyRequest, open_survey
 
 ONE = ("--workers", "1")
 SOME = ("region", "attractors")
@@ -43,14 +43,14 @@ def s3(storage: S3, monkeypatch: pytest.MonkeyPatch) -> S3:
     return storage
 
 
-def tiles_in(place: Bucket) -> int:
+def tiles_in(place: StoreInBucket) -> int:
     return sum(1 for _ in place.keys("status/c"))
 
 
 @deep
 def test_run_killed_and_resumed(s3: S3, expected: dict[str, np.ndarray], tmp_path: Path) -> None:
     faults, url = Faults(tmp_path), f"s3://{BUCKET}/some/where/survey.zarr"
-    place, settings = Bucket(url), faults.environment | s3.settings
+    place, settings = StoreInBucket(url), faults.environment | s3.settings
     faults.hold(MIDDLE)
     process = start(*RUN, "--out", url, settings=settings)
     wait_until(lambda: tiles_in(place) == MIDDLE)
@@ -72,7 +72,7 @@ def test_a_server_that_fails_in_five_of_a_hundred_requests_and_restarts(
 ) -> None:
     """The service sends only the kinds of requests that the documentation names."""
     faults, url, target = Faults(tmp_path), f"s3://{BUCKET}/restarts/survey.zarr", f"s3://{BUCKET}/restarts/copy.zarr"
-    place, settings = Bucket(url), faults.environment | s3.settings
+    place, settings = StoreInBucket(url), faults.environment | s3.settings
     faults.hold(MIDDLE)
     process = start(*RUN, "--out", url, settings=settings)
     try:
@@ -93,7 +93,7 @@ def test_a_server_that_fails_in_five_of_a_hundred_requests_and_restarts(
     for each in (url, target):
         with open_survey(each) as dataset:
             assert_bit_identical(dataset, expected)
-    Bucket(target).delete()
+    StoreInBucket(target).delete()
     text = (ROOT / "docs" / "operations.md").read_text()
     named = set(re.findall(r"`([^`]+)`", text.partition("A provider must offer")[2].partition("\n\n")[0]))
     assert s3.used() <= named, s3.used() - named
@@ -121,7 +121,7 @@ def test_service_killed_and_resumed(s3: S3, expected: dict[str, np.ndarray], tmp
     faults.hold(MIDDLE)
     with server(data, port, *ONE, "--store", url, **options) as process, client_of(port) as client:
         job = client.submit(REQUEST)
-        place = Bucket(f"{url}/{job.id}.zarr")
+        place = StoreInBucket(f"{url}/{job.id}.zarr")
         wait_until(lambda: tiles_in(place) == MIDDLE)
         os.killpg(process.pid, signal.SIGKILL)
         process.wait()
@@ -145,7 +145,7 @@ def test_a_bucket_that_is_not_there_is_said_at_the_start(s3: S3, tmp_path: Path)
     assert ended.stderr.startswith("rattle: s3://nobody/x: there is no such bucket")
 
 
-def assert_reads_like_files(store: str, place: Bucket) -> None:
+def assert_reads_like_files(store: str, place: StoreInBucket) -> None:
     whole = place.read("region/c/0/0")
     answer = get(f"{store}/region/c/0/0")
     assert answer.content == whole

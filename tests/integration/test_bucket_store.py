@@ -16,8 +16,8 @@ from written import write_tile
 import gear_rattle.workers.storage.bucket
 from gear_rattle.workers import (
     Axis,
-    Bucket,
     StorageError,
+    StoreInBucket,
     SurveyError,
     SurveyRequest,
     Tile,
@@ -140,7 +140,7 @@ def test_what_is_not_a_survey_is_left_alone(url: str) -> None:
     import obstore
 
     place = place_of(url)
-    assert isinstance(place, Bucket)
+    assert isinstance(place, StoreInBucket)
     obstore.put(place.objects, "notes.txt", b"mine")
     with pytest.raises(SurveyError, match="not a survey"):
         create_store(REQUEST, url)
@@ -169,7 +169,7 @@ def test_the_lock_of_a_dead_process_is_taken_over(url: str) -> None:
     import obstore
 
     place = place_of(url)
-    assert isinstance(place, Bucket)
+    assert isinstance(place, StoreInBucket)
     with subprocess.Popen(["true"]) as ended:
         pass
     holder = bucket_lock.process_identity() | {"process": ended.pid}
@@ -189,7 +189,7 @@ def test_lost_and_damaged_objects_are_found_and_mended(url: str) -> None:
     create_store(REQUEST, url)
     fill(url, TILES)
     place = place_of(url)
-    assert isinstance(place, Bucket)
+    assert isinstance(place, StoreInBucket)
     before = documents(place)
     obstore.delete(place.objects, "region/c/0/0")
     damaged = bytearray(before["orbit_phase/c/0/1/0"])
@@ -207,7 +207,7 @@ def test_deletion_cut_short_is_no_store(url: str, monkeypatch: pytest.MonkeyPatc
 
     create_store(REQUEST, url)
     place = place_of(url)
-    assert isinstance(place, Bucket)
+    assert isinstance(place, StoreInBucket)
     with monkeypatch.context() as patch:
         patch.setattr(obstore, "list", lambda _: (_ for _ in ()).throw(KeyboardInterrupt))
         patch.setattr(place, "keys", lambda: iter(["something"]))
@@ -233,7 +233,7 @@ def test_a_server_that_fails_once_is_asked_again(url: str, s3: S3) -> None:
 def test_a_server_that_fails_is_waited_for(url: str, s3: S3, monkeypatch: pytest.MonkeyPatch) -> None:
     create_store(REQUEST, url)
     monkeypatch.setattr(gear_rattle.workers.storage.bucket, "RETRIES", 0)
-    impatient = Bucket(url)
+    impatient = StoreInBucket(url)
     s3.fail(100)
     with pytest.raises(StorageError):
         examine(impatient)

@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 
 import gear_rattle.workers.storage.copy
 from gear_rattle.service.cli import app
-from gear_rattle.workers import Axis, Bucket, StorageError, SurveyError, examine, open_survey, run_survey
+from gear_rattle.workers import Axis, StorageError, StoreInBucket, SurveyError, examine, open_survey, run_survey
 from gear_rattle.workers.storage.copy import copy_store
 from gear_rattle.workers.survey.manifest import ROOT
 
@@ -55,7 +55,7 @@ def test_through_a_bucket_and_a_zip_file_and_back(survey: Path, tmp_path: Path) 
     size = sum(map(len, before.values()))
     said = command(survey, url)
     assert f"{len(before):,} files, {size:,} bytes, all checksums agree." in said
-    bucket = Bucket(url)
+    bucket = StoreInBucket(url)
     copied = list(bucket.keys())
     assert dict(zip(copied, map(bucket.read, copied), strict=True)) == before
     command(url, tmp_path / "survey.zip")

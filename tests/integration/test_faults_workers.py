@@ -54,7 +54,7 @@ POISON = """
                 die()
             if raising[0] in cells.delta and raising[1] in cells.epsilon:
                 raise FloatingPointError("no such cell")
-        before(tiles, "_evaluate", act)
+        before(tiles, "_evaluate_cells_of_survey", act)
 """
 #: A survey with a cell that never ends. In the separate process of a tile, the patch sends at once the signal with
 #: which the system would end it at its limit of processor time.
@@ -72,7 +72,7 @@ NEVER_ENDING = """
                     os.kill(os.getpid(), signal.SIGXCPU)
                 while True:
                     time.sleep(0.01)
-        before(tiles, "_evaluate", act)
+        before(tiles, "_evaluate_cells_of_survey", act)
 """
 #: A worker that freezes once when its result is requested, after the fault was armed.
 FREEZING = """

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 import rattle
 from gear_rattle.service.explorer.common.address import FURTHER, LIMITS, OVERLAYS, THEMES, EnteredMachine, View
-from gear_rattle.service.explorer.common.point_state import TABS, PointTabsState, Tolerance
+from gear_rattle.service.explorer.common.point_state import TABS, PointTabsState, PointTolerances
 from gear_rattle.service.explorer.design import axes
 from gear_rattle.workers.pictures.look import USUAL_SHARE
 
@@ -56,7 +56,7 @@ states = st.builds(
     direction=st.sampled_from(("epsilon", "delta")),
     span=st.none() | st.floats(1e-7, 0.5),
     to=st.none() | st.tuples(st.floats(1e-3, 10.0), st.floats(0.0, 10.0)),
-    tolerance=st.none() | st.builds(Tolerance, shares, shares, shares),
+    tolerance=st.none() | st.builds(PointTolerances, shares, shares, shares),
     at=st.none() | shares,
     tab=st.none() | st.sampled_from(TABS),
 ).map(PointTabsState.with_changes)

@@ -28,7 +28,7 @@ from rattle.flight.forcing import DRIFT, contact_force
 from rattle.flight.law import natural_speed
 from rattle.impacting.attractors.classifier import ImpactingClassifier
 from rattle.impacting.map.impact_map import impact
-from rattle.impacting.map.quiet import capture_invariant
+from rattle.impacting.map.quiet import capture_invariant_limit
 from rattle.impacting.orbits.limits import quiet_limit
 from rattle.numerics.compile import kernel
 from rattle.numerics.sampling import initial_conditions
@@ -119,7 +119,7 @@ def settles(tau, v, impacts, point, unit):
     """Return whether a state at a point (δ, ε, β, κ) settles."""
     if np.isfinite(point[3]):
         return settled_stiff(tau, v, impacts, *point, unit)
-    return settled(tau, v, impacts, *point[:3], unit, capture_invariant(*point[:3]))
+    return settled(tau, v, impacts, *point[:3], unit, capture_invariant_limit(*point[:3]))
 
 
 def watched(point, count=COUNT):

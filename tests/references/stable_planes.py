@@ -21,7 +21,13 @@ from rattle.flight.law import wrap_phase_difference
 from rattle.impacting.map.impact_map import ImpactingPoint
 from rattle.impacting.orbits.limits import quiet_limit
 from rattle.numerics.compile import kernel
-from rattle.orbits.return_map import apply_return_map_power, fastest_point, find_fixed_point, least_return_period, step
+from rattle.orbits.return_map import (
+    apply_return_map_power,
+    fastest_departure,
+    find_fixed_point,
+    least_return_period,
+    step,
+)
 
 FILE = Path(__file__).parents[1] / "reference" / "stable_planes.json"
 SIDE, STARTS = 64, 1024
@@ -53,7 +59,7 @@ def solved(tau, v, k, point):
     status, _t, _v, time, n_minus, a00, _b, _c, a11, _ln = apply_return_map_power(tau, v, k, point)
     if status != OK or abs(time - 1.0) > SAME or least_return_period(tau, v, k, point) != k:
         return False, 0, tau, v, 0.0
-    tau, v = fastest_point(tau, v, k, point)
+    tau, v = fastest_departure(tau, v, k, point)
     return True, n_minus, tau, v, a00 + a11
 
 

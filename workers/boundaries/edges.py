@@ -5,11 +5,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from gear_rattle.workers.boundaries.labels import labels_on_curve
+from gear_rattle.workers.boundaries.labels import labels_changed_at_curve
 from gear_rattle.workers.survey.crossings import CurveCrossings
 from rattle import FamilyTable
 from rattle.attractors import CHAOTIC
-from rattle.families import Rectangle
+from rattle.families import CellRectangle
 
 
 class FamilyEdges(NamedTuple):
@@ -39,7 +39,7 @@ class ComponentEdges(NamedTuple):
 
 
 def find_edges_in_part(
-    part: Rectangle, columns: int, cell: np.ndarray, component: np.ndarray, crossings: Sequence[CurveCrossings]
+    part: CellRectangle, columns: int, cell: np.ndarray, component: np.ndarray, crossings: Sequence[CurveCrossings]
 ) -> ComponentEdges:
     """Return the edges between the cells of a part of a grid and the next cells along δ and ε.
 
@@ -106,6 +106,6 @@ def count_edges(
 
 def _families_with_label_of_curve(table: FamilyTable, name: str) -> np.ndarray:
     """Return for each family whether a curve makes or ends motions with the family's label; False for chaos."""
-    known = labels_on_curve(name)
+    known = labels_changed_at_curve(name)
     labels = zip(*(column.tolist() for column in table[:4]), strict=True)
     return np.array([label in known for label in labels], bool) & (table.kind != CHAOTIC)

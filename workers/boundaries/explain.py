@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import xarray as xr
 
-from gear_rattle.workers.boundaries.labels import QUIET_LABEL, Label, labels_at_bifurcation, labels_on_curve
+from gear_rattle.workers.boundaries.labels import QUIET_LABEL, Label, labels_at_bifurcation, labels_changed_at_curve
 from gear_rattle.workers.boundaries.pairs import (
     KINDS,
     CellAttractor,
@@ -165,7 +165,7 @@ class _CurveSearch:
         self.pairs = self.grid.differing_pairs()
         for name in curves.NAMES:
             curve = curves.trace(name, self.grid.beta, *self.window)
-            self._add_curve(curve, labels_on_curve(name), name not in ("PDC", "quiet_limit"))
+            self._add_curve(curve, labels_changed_at_curve(name), name not in ("PDC", "quiet_limit"))
         self.changes = [_changed_labels(self.grid, self.pairs, n) for n in range(len(self.pairs))]
         self.often = Counter(label for n in range(len(self.pairs)) for label in self.unexplained_labels(n))
 

@@ -7,7 +7,7 @@ Label = tuple[int, int, int, int]  # index of the kind in KINDS, m, n₊, n₋
 QUIET_LABEL: Label = (QUIET, 0, 0, 0)
 
 
-def labels_on_curve(name: str) -> frozenset[Label]:
+def labels_changed_at_curve(name: str) -> frozenset[Label]:
     """Return the labels of the attractors that a curve of the period-one motions, or the quiet limit, makes or ends.
 
     A curve of the stiff gear has the name of the curve that it tends to as κ → ∞.

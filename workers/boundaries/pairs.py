@@ -95,14 +95,14 @@ class CellGrid:
             sets = np.zeros(known.shape, bool)
             if self.labels is not None:
                 sets = (self.labels[:, *here] != self.labels[:, *there]).any(axis=0)
-                sets &= ~(self._has_undecided_sample()[here] | self._has_undecided_sample()[there])
+                sets &= ~(self._cells_with_undecided_sample()[here] | self._cells_with_undecided_sample()[there])
             i, j = np.nonzero(known & (region | sets))
             found.append((np.column_stack([i, j]), np.array(step), region[i, j], sets[i, j]))
         first = np.concatenate([at for at, *_ in found])
         second = np.concatenate([at + step for at, step, *_ in found])
         return DifferingPairs(first, second, *(np.concatenate([item[k] for item in found]) for k in (2, 3)))
 
-    def _has_undecided_sample(self) -> np.ndarray:
+    def _cells_with_undecided_sample(self) -> np.ndarray:
         """Return for each cell (m, n) whether it has an undecided sample, so that its attractors are not all known."""
         return (self.slots[0] == UNDECIDED).any(axis=0)
 

@@ -193,7 +193,7 @@ class _WorkerProcesses:
         self._start, self._n_workers, self._should_stop = pickle.dumps(start), n_workers, should_stop
         self._cluster = cluster
         self.started, self._over = Event(), Event()
-        self._thread = Thread(target=self._keep_running, name="keep-workers", daemon=True)
+        self._thread = Thread(target=self._keep_nanny_process_running, name="keep-workers", daemon=True)
 
     def __enter__(self) -> "_WorkerProcesses":
         self._thread.start()
@@ -217,7 +217,7 @@ class _WorkerProcesses:
                     "start-up was cancelled" if self._should_stop() else "the process that starts the workers has ended"
                 )
 
-    def _keep_running(self) -> None:
+    def _keep_nanny_process_running(self) -> None:
         while not self._over.is_set():
             self._run()
             if not self.started.is_set() or self._cluster.status != Status.running:
@@ -240,7 +240,7 @@ class _WorkerProcesses:
                         logging.getLogger("asyncio").setLevel(logging.CRITICAL)
                         self._over.set()
             finally:
-                nannies.end_processes_of(process.pid)
+                nannies.end_process_tree(process.pid)
 
 
 def _environment() -> dict[str, str]:

@@ -80,7 +80,7 @@ class CompletionTasks(SubmittedTasks[_TaskAttempt, Any]):
                 end_tasks_and_wait(self._client, futures)
         return found
 
-    def batch_size(self) -> int:
+    def count_batch_tasks(self) -> int:
         """Return the number of tasks of a batch: several for each thread, so that the threads are seldom idle."""
         return TASKS_PER_THREAD * max(self.count_threads(WORKERLESS_SECONDS), 1)
 

@@ -61,10 +61,10 @@ async def _run_nannies(start: StartMessage) -> None:
 
 def _end_with_parent() -> None:
     sys.stdin.buffer.read()
-    end_processes_of(os.getpid())
+    end_process_tree(os.getpid())
 
 
-def end_processes_of(pid: int) -> None:
+def end_process_tree(pid: int) -> None:
     """Kill a process and all its descendants, frozen ones too. Python's resource tracker is spared; it ends itself."""
     import psutil
 

@@ -82,18 +82,18 @@ def compute_tile_partly(
         The tile with more cells computed.
     """
     began = time.perf_counter()
-    part = before or _empty_part(tile)
+    part = before or _create_empty_part(tile)
     if before is None and expected * part.done.size < QUICK_SHARE * seconds:
-        return _compute_group(part, request, tile, *(slice(0, size) for size in part.done.shape))
+        return _compute_group_of_cells(part, request, tile, *(slice(0, size) for size in part.done.shape))
     while True:
         left = max(seconds - (time.perf_counter() - began), 0.0)
         most = int(min(max(left / part.slowest, 1.0), part.done.size)) if part.slowest else 1
-        part = _compute_group(part, request, tile, *_next_group_of_cells(part.done, most))
+        part = _compute_group_of_cells(part, request, tile, *_next_group_of_cells(part.done, most))
         if part.is_whole or time.perf_counter() - began >= seconds:
             return part
 
 
-def _empty_part(tile: AnyTile) -> PartialTile:
+def _create_empty_part(tile: AnyTile) -> PartialTile:
     shape = tuple(span.stop - span.start for span in tile.spans)
     return PartialTile({}, np.zeros((1, *shape)[-2:], bool), TileRecord(tile.index, 0, (), 0, 0.0), 0.0)
 
@@ -114,7 +114,9 @@ def _next_group_of_cells(done: np.ndarray, most: int) -> tuple[slice, slice]:
     return slice(row, row + 1), slice(first, first + (int(np.argmax(free)) if free.any() else free.size))
 
 
-def _compute_group(part: PartialTile, request: AnyRequest, tile: AnyTile, rows: slice, columns: slice) -> PartialTile:
+def _compute_group_of_cells(
+    part: PartialTile, request: AnyRequest, tile: AnyTile, rows: slice, columns: slice
+) -> PartialTile:
     began = time.perf_counter()
     values, record = compute_tile(request, _subtile(tile, rows, columns))
     slowest = max((time.perf_counter() - began) / record.cells, part.slowest)

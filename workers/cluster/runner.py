@@ -29,7 +29,7 @@ from gear_rattle.workers.cluster.costs import RunState
 from gear_rattle.workers.cluster.isolation import compute_tile_isolated
 from gear_rattle.workers.cluster.joining import CompletionTasks
 from gear_rattle.workers.cluster.partial import PART_SECONDS, PartialTile, compute_tile_partly, is_tile_divisible
-from gear_rattle.workers.cluster.submission import Submission
+from gear_rattle.workers.cluster.submission import SubmittedTiles
 from gear_rattle.workers.completion import complete
 from gear_rattle.workers.errors import ClusterLostError, StoppedError, SurveyError
 from gear_rattle.workers.kinds import AnyRequest, AnyTile, compute_tile, template_of
@@ -81,7 +81,7 @@ def advance_tile(
     """
     if isolated or not is_tile_divisible(request, tile.n_cells):
         return compute_and_write_tile(request, path, tile, isolated)
-    if not (loaded := _kernels_loaded_list(request)):
+    if not (loaded := _kernel_loading_note(request)):
         compute_tile_partly(
             request, tile, None, 0.0
         )  # computes one cell, so that no measured time includes loading kernels
@@ -93,7 +93,7 @@ def advance_tile(
 
 
 @lru_cache(maxsize=16)
-def _kernels_loaded_list(_request: AnyRequest) -> list[bool]:
+def _kernel_loading_note(_request: AnyRequest) -> list[bool]:
     """Return the list in which this process notes that it has loaded the kernels of a request.
 
     Returns
@@ -189,7 +189,7 @@ def complete_on_cluster(
     """
     place, joining = place_of(where), CompletionTasks(client, should_stop)
     with place.lock_for_writing():
-        complete(request, place, joining.run_for_each, joining.batch_size(), on_proved, should_pause)
+        complete(request, place, joining.run_for_each, joining.count_batch_tasks(), on_proved, should_pause)
 
 
 def certify_on_cluster(
@@ -205,7 +205,7 @@ def certify_on_cluster(
     def prove(parts: Sequence[list[AttractorClaim]]) -> list[ProofResults]:
         return joining.map(certify_claims, [(part,) for part in parts])
 
-    return certify_survey(survey, out, prove, joining.batch_size(), on_done)
+    return certify_survey(survey, out, prove, joining.count_batch_tasks(), on_done)
 
 
 def run_tiles(
@@ -265,7 +265,7 @@ def run_tiles(
                     CompletionTasks(client, should_stop).map(require_proof_extra, [()])
         run_state, columns = run_state or RunState(), request.tile_grid_shape[1]
         run_state.predict_costs(tiles, columns)
-        submission = Submission(advance_tile, request, str(place), client, run_state.partial)
+        submission = SubmittedTiles(advance_tile, request, str(place), client, run_state.partial)
         left = {tile.index: tile for tile in tiles}
 
         with tile_recorder(place) as note:
@@ -303,7 +303,7 @@ def run_tiles(
 
                 if not should_stop():
                     _run_submission(submission, waiting, on_ended, *asked, on_part)
-                if submission.superseded and isinstance(request, SurveyRequest) and request.has_bound:
+                if submission.superseded and isinstance(request, SurveyRequest) and request.has_wrong_share_bound:
                     # Later rounds of audits write some tiles again; an old attempt still running would overwrite them.
                     end_tasks_and_wait(client, submission.superseded)
             finally:
@@ -311,7 +311,7 @@ def run_tiles(
 
 
 def _run_submission(
-    submission: Submission,
+    submission: SubmittedTiles,
     waiting: deque[AnyTile],
     on_tile: Callable[[TileRecord], None],
     should_stop: Callable[[], bool],

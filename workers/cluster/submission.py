@@ -45,7 +45,7 @@ class TileAttempt:
     isolated: bool
 
 
-class Submission(SubmittedTasks[TileAttempt, TileResult]):
+class SubmittedTiles(SubmittedTasks[TileAttempt, TileResult]):
     """The tiles of one run that are submitted to the cluster and have not ended."""
 
     def __init__(

@@ -24,7 +24,7 @@ from gear_rattle.workers.survey.stored_families import (
     attractors_in_slots,
 )
 from rattle import Attractors
-from rattle.families import Rectangle
+from rattle.families import CellRectangle
 
 #: Largest number of slots in a block, for which a worker needs some 100 MB. With another number about one
 #: continued orbit in 10⁸ would get another family; all others would keep theirs.
@@ -42,7 +42,7 @@ class FamilyBlock:
 
     row: int
     column: int
-    cells: Rectangle
+    cells: CellRectangle
     side: int
     along: Along = ()
 
@@ -65,23 +65,23 @@ def blocks_of_grid(request: SurveyRequest, along: Along = ()) -> list[FamilyBloc
     """Return the blocks that cover the grid of a slice, or of a survey without a third axis, row by row."""
     side, (rows, columns) = max(1, math.isqrt(SLOTS_OF_BLOCK // request.n_slots)), request.shape
     return [
-        FamilyBlock(i // side, j // side, Rectangle(i, min(i + side, rows), j, min(j + side, columns)), side, along)
+        FamilyBlock(i // side, j // side, CellRectangle(i, min(i + side, rows), j, min(j + side, columns)), side, along)
         for i in range(0, rows, side)
         for j in range(0, columns, side)
     ]
 
 
-def extend_by_rim(cells: Rectangle, shape: tuple[int, int], before: int = 1) -> Rectangle:
+def extend_by_rim(cells: CellRectangle, shape: tuple[int, int], before: int = 1) -> CellRectangle:
     """Extend a rectangle by a rim one cell wide, but not beyond a grid of this shape.
 
     before: 1 for a rim on all sides, 0 for a rim only after the last row and column.
 
     Returns
     -------
-    Rectangle
+    CellRectangle
         The larger rectangle.
     """
-    return Rectangle(
+    return CellRectangle(
         max(cells.top - before, 0),
         min(cells.bottom + 1, shape[0]),
         max(cells.left - before, 0),
@@ -89,26 +89,26 @@ def extend_by_rim(cells: Rectangle, shape: tuple[int, int], before: int = 1) -> 
     )
 
 
-def are_cells_in_rectangle(cell: np.ndarray, cells: Rectangle, columns: int) -> np.ndarray:
+def are_cells_in_rectangle(cell: np.ndarray, cells: CellRectangle, columns: int) -> np.ndarray:
     """Return for each cell number whether the cell is in a rectangle. columns: number of columns of the whole grid."""
     row, column = np.divmod(cell, columns)
     found: np.ndarray = (cells.top <= row) & (row < cells.bottom) & (cells.left <= column) & (column < cells.right)
     return found
 
 
-def renumber_cells_in_rectangle(table: Attractors, cells: Rectangle, columns: int) -> Attractors:
+def renumber_cells_in_rectangle(table: Attractors, cells: CellRectangle, columns: int) -> Attractors:
     """Return attractors with the numbers of their cells in a rectangle, instead of the numbers in the grid."""
     row, column = np.divmod(table.cell, columns)
     return table.replace(cell=(row - cells.top) * (cells.right - cells.left) + column - cells.left)
 
 
-def renumber_in_grid(table: Attractors, cells: Rectangle, columns: int) -> Attractors:
+def renumber_in_grid(table: Attractors, cells: CellRectangle, columns: int) -> Attractors:
     """Return attractors with the numbers of their cells in the grid, instead of the numbers in a rectangle."""
     row, column = np.divmod(table.cell, cells.right - cells.left)
     return table.replace(cell=(row + cells.top) * columns + column + cells.left)
 
 
-def read_attractors(request: SurveyRequest, place: Place, cells: Rectangle, along: Along) -> ListedAttractors:
+def read_attractors(request: SurveyRequest, place: Place, cells: CellRectangle, along: Along) -> ListedAttractors:
     """Read the attractors that a survey lists in a rectangle of a slice. Cells are numbered in the whole grid.
 
     Returns
@@ -145,9 +145,9 @@ def read_components(place: Place, block: FamilyBlock) -> np.ndarray:
         return np.frombuffer(place.read(block.temporary_key(COMPONENTS)), np.int32).astype(np.int64)
 
 
-def intersection(one: Rectangle, other: Rectangle) -> Rectangle:
+def intersection(one: CellRectangle, other: CellRectangle) -> CellRectangle:
     """Return the intersection of two rectangles; an empty intersection has bottom ≤ top or right ≤ left."""
-    return Rectangle(
+    return CellRectangle(
         max(one.top, other.top),
         min(one.bottom, other.bottom),
         max(one.left, other.left),
@@ -156,7 +156,7 @@ def intersection(one: Rectangle, other: Rectangle) -> Rectangle:
 
 
 def read_target_slots(
-    request: SurveyRequest, place: Place, cells: Rectangle, blocks: Iterable[FamilyBlock]
+    request: SurveyRequest, place: Place, cells: CellRectangle, blocks: Iterable[FamilyBlock]
 ) -> np.ndarray:
     """Read the slots to which the attractors in a rectangle of cells must move.
 
@@ -178,7 +178,7 @@ def read_target_slots(
     return found
 
 
-def _index_of_part(part: Rectangle, whole: Rectangle) -> tuple[slice, slice, slice]:
+def _index_of_part(part: CellRectangle, whole: CellRectangle) -> tuple[slice, slice, slice]:
     """Return the index that selects a part of a rectangle in an array (slots, m, n) over the whole rectangle."""
     return (
         slice(None),
@@ -187,7 +187,7 @@ def _index_of_part(part: Rectangle, whole: Rectangle) -> tuple[slice, slice, sli
     )
 
 
-def positions_in_cells(cell: np.ndarray) -> np.ndarray:
+def ranks_within_cells(cell: np.ndarray) -> np.ndarray:
     """Return for each attractor, sorted by cell, how many attractors of the same cell precede it."""
     found: np.ndarray = np.arange(cell.size) - np.searchsorted(cell, cell)
     return found

@@ -25,12 +25,12 @@ from gear_rattle.workers.families.tasks import (
     BlockComponents,
     BlockSummary,
     BorderAttractors,
-    connect_block,
+    connect_attractors_of_block,
     continue_orbits_into_block,
     summarize_block,
     write_families,
 )
-from gear_rattle.workers.storage.added import RunForEach, run_in_process
+from gear_rattle.workers.storage.added import RunForEach, run_in_this_process
 from gear_rattle.workers.storage.location import Place, place_of
 from gear_rattle.workers.storage.manifest import read_required_manifest, tile_recorder
 from gear_rattle.workers.storage.store import add_to_store, has_added_node
@@ -69,7 +69,7 @@ def lacks_families(request: SurveyRequest, where: str | Path | Place) -> bool:
 
 
 def join_attractors_of_survey(
-    request: SurveyRequest, where: str | Path | Place, each: RunForEach = run_in_process, at_once: int = 1
+    request: SurveyRequest, where: str | Path | Place, each: RunForEach = run_in_this_process, at_once: int = 1
 ) -> None:
     """Join the attractors of a survey whose tiles are all computed, slice by slice, and store their families.
 
@@ -128,7 +128,7 @@ class _FamilyJoiner:
         curves = _read_curves(self._request, self._place, self.along)
         entered = self._continue_into_blocks()
         parts: list[BlockComponents] = self._run_on_blocks(
-            connect_block, zip(entered, self._rows_after_blocks(entered), strict=True)
+            connect_attractors_of_block, zip(entered, self._attractors_beyond_blocks(entered), strict=True)
         )
         component = self._connect_components(parts)
         summaries = self._summarize_blocks(entered, parts, component, curves)
@@ -182,7 +182,7 @@ class _FamilyJoiner:
         rows, columns = (range(span.start // side, (span.stop - 1) // side + 1) for span in tile.spans)
         return [self.blocks[self._number[at]] for at in product(rows, columns)]
 
-    def _rows_after_blocks(self, tables: Sequence[Rows]) -> list[Rows]:
+    def _attractors_beyond_blocks(self, tables: Sequence[Rows]) -> list[Rows]:
         """Return for each block the attractors in the cells just after the block's last row and column of cells."""
         return [self._attractors_around_block(block, tables, before=0) for block in self.blocks]
 
@@ -264,7 +264,7 @@ class _FamilyJoiner:
             part.first.replace(component=of[part.first.component]) for part, of in zip(parts, component, strict=True)
         ]
         return self._run_on_blocks(
-            summarize_block, zip(entered, component, self._rows_after_blocks(first), passed, strict=True)
+            summarize_block, zip(entered, component, self._attractors_beyond_blocks(first), passed, strict=True)
         )
 
     def _slots_of_families(self, summaries: Sequence[BlockSummary], family: np.ndarray, families: int) -> np.ndarray:

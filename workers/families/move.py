@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from gear_rattle.workers.families.blocks import FamilyBlock, positions_in_cells, read_target_slots
+from gear_rattle.workers.families.blocks import FamilyBlock, ranks_within_cells, read_target_slots
 from gear_rattle.workers.kinds import compute_tile
 from gear_rattle.workers.storage.location import Place, place_of
 from gear_rattle.workers.storage.store import read_tile, write_tile
@@ -14,7 +14,7 @@ from gear_rattle.workers.survey.request import SurveyRequest
 from gear_rattle.workers.survey.stored_families import attractors_in_slots, complete_sources
 from gear_rattle.workers.survey.tiles import Tile, TileArrays
 from gear_rattle.workers.survey.values.schema import SLOT
-from rattle.families import Rectangle
+from rattle.families import CellRectangle
 
 
 def move_attractors_to_slots(
@@ -63,10 +63,10 @@ def _source_slots(
     np.ndarray
         Shape (slots, m, n); in each cell a permutation of the slots.
     """
-    cells = Rectangle(tile.epsilon.start, tile.epsilon.stop, tile.delta.start, tile.delta.stop)
+    cells = CellRectangle(tile.epsilon.start, tile.epsilon.stop, tile.delta.start, tile.delta.stop)
     target = read_target_slots(request, place, cells, blocks).reshape(request.n_slots, -1)
     found = attractors_in_slots(values, request.initial_conditions.count)
     cell = found.attractors.cell
     source = np.full(target.shape, -1, np.int8)
-    source[target[positions_in_cells(cell), cell], cell] = found.slot
+    source[target[ranks_within_cells(cell), cell], cell] = found.slot
     return complete_sources(source.reshape(request.n_slots, cells.bottom - cells.top, -1))

@@ -21,7 +21,7 @@ from gear_rattle.workers.families.blocks import (
     FamilyBlock,
     are_cells_in_rectangle,
     extend_by_rim,
-    positions_in_cells,
+    ranks_within_cells,
     read_attractors,
     read_components,
     renumber_cells_in_rectangle,
@@ -36,8 +36,8 @@ from rattle import Attractors
 from rattle.families import (
     NO_FAMILY,
     QUIET_FAMILY,
+    CellRectangle,
     ComponentSums,
-    Rectangle,
     argsort_attractors,
     concat_tables,
     connect_attractors,
@@ -118,12 +118,12 @@ def continue_orbits_into_block(
     tables = table.take(order), beside
     here, there = (renumber_cells_in_rectangle(each, frame, columns) for each in tables)
     top, left = frame.top, frame.left
-    piece = Rectangle(cells.top - top, cells.bottom - top, cells.left - left, cells.right - left)
+    piece = CellRectangle(cells.top - top, cells.bottom - top, cells.left - left, cells.right - left)
     new = continue_into_piece(here, there, tried, frame.right - left, piece, _kernel_cells(request, frame))
     return renumber_in_grid(new, frame, columns)
 
 
-def connect_block(
+def connect_attractors_of_block(
     request: SurveyRequest, path: str, block: FamilyBlock, entered: Attractors, beside: Attractors
 ) -> BlockComponents:
     """Connect the attractors of a block with each other, and with attractors just after its last row and column.
@@ -147,7 +147,7 @@ def connect_block(
     component = connect_attractors(
         renumber_cells_in_rectangle(table, frame, columns), shape, _kernel_cells(request, frame)
     )
-    inside, where = are_cells_in_rectangle(table.cell, block.cells, columns), positions_in_cells(table.cell)
+    inside, where = are_cells_in_rectangle(table.cell, block.cells, columns), ranks_within_cells(table.cell)
     mine = np.unique(component[inside & (component > QUIET_FAMILY)])
     numbers = np.full(int(component.max(initial=QUIET_FAMILY)) + 2, NO_FAMILY)  # the last entry is for component −1
     numbers[QUIET_FAMILY], numbers[mine] = QUIET_FAMILY, 1 + np.arange(mine.size)
@@ -196,7 +196,7 @@ def summarize_block(
     of, columns = component[of], request.shape[1]
     cell, each = np.append(table.cell, beyond.cell), np.append(of, beyond.component)
     edges = find_edges_in_part(block.cells, columns, cell, each, crossings)
-    pairs = _pairs_in_cells(table.cell[is_listed], of[is_listed])
+    pairs = _component_pairs_in_cells(table.cell[is_listed], of[is_listed])
     return BlockSummary(sum_over_components(table, of, columns), edges, pairs)
 
 
@@ -223,7 +223,7 @@ def write_families(
     shape = request.n_slots, cells.bottom - cells.top, cells.right - cells.left
     numbers = np.full((request.n_slots, shape[1] * shape[2]), NO_FAMILY, np.int32)
     targets = np.full(numbers.shape, -1, np.int8)
-    numbers[target, cell], targets[positions_in_cells(cell), cell] = here, target
+    numbers[target, cell], targets[ranks_within_cells(cell), cell] = here, target
     place.put(block.temporary_key(TARGETS), targets.tobytes())
     kept: dict[str, Buffer] = {}
     array = create_family_array(zarr.create_group(MemoryStore(kept), zarr_format=3), request, block.side)
@@ -235,7 +235,7 @@ def write_families(
     return digest(content)
 
 
-def _kernel_cells(request: SurveyRequest, cells: Rectangle) -> object:
+def _kernel_cells(request: SurveyRequest, cells: CellRectangle) -> object:
     """Return the cells of a rectangle of the grid as kernels take them."""
     delta, epsilon = request.delta.values(), request.epsilon.values()
     return request.gear_model.cells(delta[cells.left : cells.right], epsilon[cells.top : cells.bottom])
@@ -257,7 +257,7 @@ def _attractors_of_block(
     return table.take(order), read_components(place, block), listed
 
 
-def _pairs_in_cells(cell: np.ndarray, component: np.ndarray) -> np.ndarray:
+def _component_pairs_in_cells(cell: np.ndarray, component: np.ndarray) -> np.ndarray:
     """Return each pair (k, 2) of different components that occur in the same cell once, the smaller number first."""
     found = [np.zeros((0, 2), np.int64)]
     for apart in range(1, int(np.bincount(np.unique(cell, return_inverse=True)[1]).max(initial=0))):

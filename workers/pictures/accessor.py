@@ -42,7 +42,7 @@ class SurveyAccessor:
         SurveyError
             The survey has no such map, or the map cannot be read.
         """
-        from gear_rattle.workers.pictures.maps import map_figure
+        from gear_rattle.workers.pictures.maps import draw_map_figure
         from gear_rattle.workers.survey.slices import select_slice
 
-        return map_figure(select_slice(self._survey, slice_number), variable, index)
+        return draw_map_figure(select_slice(self._survey, slice_number), variable, index)

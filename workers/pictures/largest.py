@@ -166,7 +166,7 @@ def family_colours(table: xr.Dataset) -> list[str]:
     return found
 
 
-def dominant_family(family: np.ndarray, share: np.ndarray, first: int = 0) -> np.ndarray:
+def dominant_families(family: np.ndarray, share: np.ndarray, first: int = 0) -> np.ndarray:
     """Return for each cell the family with the largest share of its samples.
 
     Shares of several slots of one family are added. Of two families with equal shares, the lower number is returned.
@@ -240,7 +240,7 @@ class _LargestFamilyMaps(_FamilyMaps):
         super().__init__(survey, len(WHICH), np.int8)
 
     def _values_on_map(self, index: int, family: np.ndarray, share: np.ndarray) -> np.ndarray:
-        return np.minimum(dominant_family(family, share, first=index) + 1, OTHERS).astype(np.int8)
+        return np.minimum(dominant_families(family, share, first=index) + 1, OTHERS).astype(np.int8)
 
 
 class _FamilyShareMaps(_FamilyMaps):

@@ -14,7 +14,14 @@ import xarray as xr
 from gear_rattle.workers.errors import report_damage
 from gear_rattle.workers.pictures.planes import map_of_variable, mask_nonperiodic, values_to_draw
 from gear_rattle.workers.survey.levels import reduce
-from gear_rattle.workers.survey.levels.grid import GROUP, Level, Pair, level_centres, levels_of, possible_levels
+from gear_rattle.workers.survey.levels.grid import (
+    GROUP,
+    Pair,
+    PyramidLevel,
+    centres_of_level_cells,
+    possible_levels,
+    stored_levels_of_shape,
+)
 from gear_rattle.workers.survey.levels.template import LEVEL_CELL, OCCURS, SHARE, STATISTIC
 from gear_rattle.workers.survey.slices import select_slice
 from gear_rattle.workers.survey.values.evaluate import FAILED
@@ -51,11 +58,11 @@ class LevelPart:
     level: the level, or None for the full map. at: the rows and the columns of the rectangle on this level.
     """
 
-    level: Level | None
+    level: PyramidLevel | None
     at: tuple[slice, slice]
 
 
-def finest_level_part(levels: Sequence[Level], first: Pair, end: Pair, room: Pair) -> LevelPart:
+def finest_level_part(levels: Sequence[PyramidLevel], first: Pair, end: Pair, room: Pair) -> LevelPart:
     """Return the finest pyramid level on which a window has at most `room` cells along (epsilon, delta).
 
     first, end: the first cell of the window, and the cell after the last one, as (row, column) of the map. If no level
@@ -75,7 +82,7 @@ def finest_level_part(levels: Sequence[Level], first: Pair, end: Pair, room: Pai
     return found
 
 
-def reduce_cells(plane: xr.DataArray, values: np.ndarray, status: np.ndarray, level: Level) -> DisplayedCells:
+def reduce_cells(plane: xr.DataArray, values: np.ndarray, status: np.ndarray, level: PyramidLevel) -> DisplayedCells:
     """Reduce a map to the cells of a pyramid level. values: the map's `values_to_draw`. status: the stored variable."""
     steps = [_halving_factors(level.cells, number) for number in range(max(level.cells).bit_length() - 1)]
     states = _reduce_codes(status, status > 0, steps, FAILED + 1, level.cells[0])
@@ -83,7 +90,9 @@ def reduce_cells(plane: xr.DataArray, values: np.ndarray, status: np.ndarray, le
     if count := _number_of_codes(plane):
         found = _reduce_codes(values, known, steps, count, level.cells[0])
         everything = slice(None)
-        sizes = (_covered_cells(size, cells, everything) for size, cells in zip(values.shape, level.cells, strict=True))
+        sizes = (
+            _covered_cell_counts(size, cells, everything) for size, cells in zip(values.shape, level.cells, strict=True)
+        )
         return _choose_displayed_codes(found, states, *sizes)
     *_, statistics = (reduce.reduced_phases if is_phase(str(plane.name)) else reduce.reduced_numbers)(
         values, known, steps
@@ -115,7 +124,7 @@ def _reduce_codes(
 
 
 def read_displayed_level_cells(
-    plane: xr.DataArray, stored: xr.Dataset, index: int, level: Level, at: tuple[slice, slice]
+    plane: xr.DataArray, stored: xr.Dataset, index: int, level: PyramidLevel, at: tuple[slice, slice]
 ) -> DisplayedCells:
     """Return the displayed cells in the part `at` of a stored pyramid level. plane: the map in full resolution."""
     name = str(plane.name)
@@ -131,7 +140,7 @@ def read_displayed_level_cells(
         if _number_of_codes(plane):
             found = reduce.LevelCodes(*(read_part(name + end) for end in ("", SHARE, OCCURS)))
             return _choose_displayed_codes(
-                found, states, *(_covered_cells(*each) for each in zip(plane.shape, level.cells, at, strict=True))
+                found, states, *(_covered_cell_counts(*each) for each in zip(plane.shape, level.cells, at, strict=True))
             )
         return _choose_displayed_numbers(plane, read_part(name), states)
 
@@ -160,14 +169,16 @@ def reduce_map(dataset: xr.Dataset, variable: str, index: int, room: Pair, opene
     part = finest_level_part(possible_levels(shape), (0, 0), shape, room)
     if (level := part.level) is None:
         return dataset
-    stored = opened(level.path) if opened and level in levels_of(shape) else None
+    stored = opened(level.path) if opened and level in stored_levels_of_shape(shape) else None
     if stored is not None and variable in stored:  # maps of families have no stored levels
         seen = read_displayed_level_cells(plane, stored, index, level, part.at)
     else:
         with report_damage(f"the map of {variable}"):
             cells = values_to_draw(mask_nonperiodic(dataset, plane.load(), index))
             seen = reduce_cells(plane, cells, np.asarray(dataset["status"]), level)
-    axes = {name: level_centres(dataset[name].values, cells) for name, cells in zip(CELL, level.cells, strict=True)}
+    axes = {
+        name: centres_of_level_cells(dataset[name].values, cells) for name, cells in zip(CELL, level.cells, strict=True)
+    }
     modulus = {"long_name": f"|{plane.attrs.get('long_name', variable)}|"} if np.iscomplexobj(plane) else {}
     whole = np.issubdtype(plane.dtype, np.integer) or plane.dtype == bool
     values = np.nan_to_num(seen.values).astype(plane.dtype) if whole else seen.values
@@ -217,7 +228,7 @@ def _reduced_status(states: reduce.LevelCodes) -> np.ndarray:
     return found
 
 
-def _covered_cells(size: int, cells: int, at: slice) -> np.ndarray:
+def _covered_cell_counts(size: int, cells: int, at: slice) -> np.ndarray:
     """Return how many of the `size` map cells of an axis each level cell in `at` covers: at most `cells`."""
     begins = np.arange(0, size, cells)[at]
     found: np.ndarray = np.minimum(size - begins, cells)

@@ -90,7 +90,7 @@ class PictureLook:
         low, high, _ = colour_limits(values, (float(usual.vmin or 0.0), float(usual.vmax or 0.0)), self.span)
         log = False
         if self.log:
-            low, high, log, _ = logarithmic_limits(values, low, high, "")
+            low, high, log, _ = logarithmic_scale_limits(values, low, high, "")
         return (LogNorm if log else Normalize)(low, high)
 
 
@@ -155,7 +155,7 @@ def colour_limits(shown: np.ndarray, auto: Pair, span: Span | Pair) -> tuple[flo
     return low, high, ""
 
 
-def logarithmic_limits(shown: np.ndarray, low: float, high: float, note: str) -> tuple[float, float, bool, str]:
+def logarithmic_scale_limits(shown: np.ndarray, low: float, high: float, note: str) -> tuple[float, float, bool, str]:
     """Return limits (low, high) of a logarithmic scale, whether such a scale is possible, and a note for the viewer.
 
     low, high, note: the limits and the note for a linear scale.

@@ -39,7 +39,7 @@ from gear_rattle.workers.pictures.look import (
 from gear_rattle.workers.pictures.machine_axes import draw_machine_axes
 from gear_rattle.workers.pictures.overlay import CURVES_ON, draw_codimension_two_points, draw_curves
 from gear_rattle.workers.pictures.planes import SLOT_ORDER, UNJOINED, map_of_variable, mask_nonperiodic, values_to_draw
-from gear_rattle.workers.survey.levels.grid import level_centres, possible_levels
+from gear_rattle.workers.survey.levels.grid import centres_of_level_cells, possible_levels
 from gear_rattle.workers.survey.levels.reduce import pool_cells
 from gear_rattle.workers.survey.request import BY_FAMILY, BY_FRACTION
 from gear_rattle.workers.survey.slices import third_axis_value
@@ -105,7 +105,7 @@ COLOURS_OF_KINDS = tuple(
 )
 
 
-def map_picture(
+def render_map_picture(
     dataset: xr.Dataset,
     variable: str,
     index: int = 0,
@@ -114,7 +114,7 @@ def map_picture(
     form: Form = "png",
     over: OverlayData = NO_OVERLAYS,
 ) -> bytes:
-    """Return the picture that `map_figure` draws, with the same arguments, as the content of a file.
+    """Return the picture that `draw_map_figure` draws, with the same arguments, as the content of a file.
 
     Parameters
     ----------
@@ -129,15 +129,15 @@ def map_picture(
     Raises
     ------
     SurveyError
-        See `map_figure`.
+        See `draw_map_figure`.
     """
-    figure = map_figure(dataset, variable, index, opened, look, over)
+    figure = draw_map_figure(dataset, variable, index, opened, look, over)
     with BytesIO() as file:
         figure.savefig(file, format=form)
         return file.getvalue()
 
 
-def map_figure(
+def draw_map_figure(
     dataset: xr.Dataset,
     variable: str,
     index: int = 0,
@@ -368,8 +368,8 @@ def _dim_cells_without_family(axes: Axes, dataset: xr.Dataset, family: int) -> N
     level = finest_level_part(possible_levels(shape), (0, 0), shape, MOST_DRAWN_CELLS).level
     along, across = level.cells if level else (1, 1)
     shown = FinerCells(
-        level_centres(dataset["delta"].values, across),
-        level_centres(dataset["epsilon"].values, along),
+        centres_of_level_cells(dataset["delta"].values, across),
+        centres_of_level_cells(dataset["epsilon"].values, along),
         pool_cells(np.nan_to_num(values), (along, across), np.maximum),
     )
     others = np.where(shown.values > 0, np.nan, 1.0)
@@ -394,7 +394,7 @@ def _exceeded_colour_bar_ends(norm: Normalize, values: np.ndarray) -> str:
     return {(True, True): "both", (True, False): "min", (False, True): "max"}.get((low, high), "neither")
 
 
-def _is_listed(plane: xr.DataArray, code: int, values: np.ndarray) -> bool:
+def _is_code_in_colour_bar(plane: xr.DataArray, code: int, values: np.ndarray) -> bool:
     """Return whether the colour bar lists the region, family or motion with this code.
 
     Families, and regions that the paper does not name, are listed only if they occur among the values.
@@ -425,7 +425,7 @@ def colour_scale_of(
         meanings = meanings_of_codes(plane)
         colours = colours_of_codes(plane)
         first = 0 if (values == 0).any() else 1
-        codes = [code for code in range(first, len(meanings)) if _is_listed(plane, code, values)] or [first]
+        codes = [code for code in range(first, len(meanings)) if _is_code_in_colour_bar(plane, code, values)] or [first]
         cmap = ListedColormap([colours[code] for code in codes])
         between = [(low + high) / 2 for low, high in pairwise(codes)]
         norm = BoundaryNorm([codes[0] - 0.5, *between, codes[-1] + 0.5], cmap.N)

@@ -49,4 +49,4 @@ def _survey_window(dataset: xr.Dataset) -> Window:
 
 def draw_codimension_two_points(axes: Axes, dataset: xr.Dataset, curves: Sequence[np.ndarray]) -> None:
     """Mark the codimension-two points of the model, and write their names away from the curves and existing text."""
-    plot.draw_points(axes, surveyed_model(dataset).codimension_two(), curves)
+    plot.mark_codimension_two_points(axes, surveyed_model(dataset).codimension_two(), curves)

@@ -29,7 +29,7 @@ class NormalNumber(StrictRecord):
         return Normal(self.mean, self.deviation, **ends)
 
 
-class UniformNumber(StrictRecord):
+class UniformDistribution(StrictRecord):
     """A uniform distribution from `low` to `high`."""
 
     distribution: Literal["uniform"]
@@ -42,7 +42,7 @@ class UniformNumber(StrictRecord):
         return Uniform(self.low, self.high)
 
 
-class TriangularNumber(StrictRecord):
+class TriangularDistribution(StrictRecord):
     """A triangular distribution from `low` to `high`, with its peak at `mode`."""
 
     distribution: Literal["triangular"]
@@ -56,7 +56,7 @@ class TriangularNumber(StrictRecord):
         return Triangular(self.low, self.mode, self.high)
 
 
-class LogNormalNumber(StrictRecord):
+class LogNormalDistribution(StrictRecord):
     """A log-normal distribution. deviation: standard deviation of the natural logarithm."""
 
     distribution: Literal["lognormal"]
@@ -82,7 +82,7 @@ class MeasuredDistribution(StrictRecord):
 
 
 AnyDistribution = Annotated[
-    NormalNumber | UniformNumber | TriangularNumber | LogNormalNumber | MeasuredDistribution,
+    NormalNumber | UniformDistribution | TriangularDistribution | LogNormalDistribution | MeasuredDistribution,
     Field(discriminator="distribution"),
 ]
 

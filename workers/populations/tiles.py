@@ -80,7 +80,7 @@ def compute_tile(
         arrays, failed = _gather_outcomes(request, tile, outcomes)
     else:
         try:
-            arrays, failed = _evaluate(request, tile.gear), list[FailedCell]()
+            arrays, failed = _evaluate_gears(request, tile.gear), list[FailedCell]()
         except MACHINE_FAILURES:
             raise
         except Exception:  # the model failed for some gear: compute the gears one by one to find out which
@@ -105,7 +105,7 @@ def evaluate_cells_one_by_one(
     """
     for row in range(tile.gear.start + first, tile.gear.stop):
         try:
-            yield _evaluate(request, slice(row, row + 1))
+            yield _evaluate_gears(request, slice(row, row + 1))
         except Exception as error:
             if isinstance(error, MACHINE_FAILURES) and not isinstance(error, failing):
                 raise
@@ -118,7 +118,7 @@ def tile_name(request: PopulationRequest, tile: GearTile) -> str:
     return f"tile {tile.index} (gears {tile.gear.start} to {tile.gear.stop - 1} of a population that varies {numbers})"
 
 
-def _evaluate(request: PopulationRequest, rows: slice) -> TileArrays:
+def _evaluate_gears(request: PopulationRequest, rows: slice) -> TileArrays:
     found = compute_gears(request.plan, rows.start, rows.stop)
     return {each.name: _variable_values(each, request, found) for each in variables_of_population(request)}
 

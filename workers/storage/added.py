@@ -10,7 +10,7 @@ from gear_rattle.workers.survey.request import SurveyRequest
 RunForEach = Callable[[Callable[..., Any], SurveyRequest, str, Sequence[tuple[Any, ...]]], list[Any]]
 
 
-def run_in_process(
+def run_in_this_process(
     task: Callable[..., Any], request: SurveyRequest, path: str, items: Sequence[tuple[Any, ...]]
 ) -> list[Any]:
     """Run a task in this process for each item, one after the other."""

@@ -33,7 +33,7 @@ MARKERS = (CREATING, DELETING, LOCK)
 RETRIES, RETRY_SECONDS = 1000, 60
 
 
-class Bucket:
+class StoreInBucket:
     """The location of a store in a bucket: all objects whose keys begin with a prefix.
 
     Parameters

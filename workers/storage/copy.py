@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, NamedTuple, Protocol
 from zipfile import ZIP_STORED, BadZipFile, ZipFile
 
 from gear_rattle.workers.errors import SurveyError, storage_error
-from gear_rattle.workers.storage.bucket import CREATING, LOCK, Bucket
+from gear_rattle.workers.storage.bucket import CREATING, LOCK, StoreInBucket
 from gear_rattle.workers.storage.location import Place, StoreDirectory, place_of
 from gear_rattle.workers.survey.manifest import MANIFEST, ROOT, Manifest, digest
 from rattle import MissingExtraError
@@ -190,7 +190,7 @@ def _read_with_known_digest(files: FileSource, key: str, known: Sequence[str]) -
 def _copy_to_place(
     files: FileSource, manifest: Manifest, content: bytes, place: Place, on_file: Callable[[int, int], None] | None
 ) -> CopyResult:
-    if isinstance(place, Bucket):
+    if isinstance(place, StoreInBucket):
         place.put(CREATING, b"")
     place.put(MANIFEST, content)
 
@@ -214,7 +214,7 @@ def _copy_to_place(
             if on_file:
                 on_file(done, total)
     length, was_there = copy_file(keys[-1])
-    if isinstance(place, Bucket):
+    if isinstance(place, StoreInBucket):
         place.remove_leftovers()
     if on_file:
         on_file(total, total)

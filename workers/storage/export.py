@@ -105,10 +105,10 @@ def table_bands(dataset: xr.Dataset, form: RowForm = RowForm.CELLS) -> Iterator[
         Columns of a band, by name.
     """
     for one in slices_of(dataset):
-        yield from _slice_bands(one, form)
+        yield from _yield_bands_of_slice(one, form)
 
 
-def _slice_bands(dataset: xr.Dataset, form: RowForm) -> Iterator[dict[str, np.ndarray]]:
+def _yield_bands_of_slice(dataset: xr.Dataset, form: RowForm) -> Iterator[dict[str, np.ndarray]]:
     names, rows = names_of_column_variables(dataset, form), _rows_per_band(dataset)
     beside = [name for name in AXES if name in dataset.variables]
     fixed = {name: float(dataset[name]) for name in FIXED if name in dataset.coords}

@@ -58,7 +58,7 @@ class StoreIntegrity:
         return not self.damaged and not self.template
 
     @property
-    def is_decoded(self) -> bool:
+    def was_checked_by_decoding(self) -> bool:
         """True if the chunks were checked by decoding, because this version cannot read a manifest of the store."""
         return not self.tiles
 
@@ -181,7 +181,7 @@ def examine_tiles(place: Place, manifest: Manifest, should_stop: Callable[[], bo
     """
     done, damaged = set[int](), dict[int, tuple[str, ...]]()
     with ThreadPoolExecutor(READERS) as readers:
-        found = _map_in_batches(readers, lambda index: _damaged_variables(place, manifest, index), manifest.tiles)
+        found = _apply_in_batches(readers, lambda index: _damaged_variables(place, manifest, index), manifest.tiles)
         for index, lost in zip(manifest.tiles, found, strict=True):
             if should_stop and should_stop():
                 readers.shutdown(cancel_futures=True)  # waits only for tiles that a thread is reading
@@ -193,7 +193,7 @@ def examine_tiles(place: Place, manifest: Manifest, should_stop: Callable[[], bo
     return done, damaged
 
 
-def _map_in_batches(
+def _apply_in_batches(
     threads: ThreadPoolExecutor, function: Callable[[Item], Answer], items: Iterable[Item]
 ) -> Iterator[Answer]:
     """Yield the results of `threads.map`, submitting the items in batches."""
@@ -246,5 +246,5 @@ def find_damaged_template_files(place: Place, manifest: Manifest) -> tuple[str, 
     """Return the keys of lost or damaged files of a store, except the chunks of tiles."""
     lost = [ROOT] if read_undamaged_root(place, manifest) is None else []
     with ThreadPoolExecutor(READERS) as readers:
-        whole = _map_in_batches(readers, lambda key: _is_whole(place, key, manifest.files[key]), manifest.files)
+        whole = _apply_in_batches(readers, lambda key: _is_whole(place, key, manifest.files[key]), manifest.files)
         return (*lost, *(key for key, is_whole in zip(manifest.files, whole, strict=True) if not is_whole))

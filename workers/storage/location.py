@@ -1,8 +1,8 @@
 """The location of a store: a directory, or a prefix of a bucket.
 
-`StoreDirectory` and `Bucket` have the same methods, so other code does not distinguish them. Both guarantee that a
-store appears whole or not at all, that a file is replaced in one step or not at all, and that only one run writes to a
-store.
+`StoreDirectory` and `StoreInBucket` have the same methods, so other code does not distinguish them. Both guarantee that
+a store appears whole or not at all, that a file is replaced in one step or not at all, and that only one run writes to
+a store.
 """
 
 import fcntl
@@ -15,7 +15,7 @@ from pathlib import Path
 from uuid import uuid4
 
 from gear_rattle.workers.errors import SurveyError, storage_error
-from gear_rattle.workers.storage.bucket import LOCK, SCHEME, Bucket
+from gear_rattle.workers.storage.bucket import LOCK, SCHEME, StoreInBucket
 from gear_rattle.workers.survey.manifest import ROOT
 
 CERTIFICATES = ".certificates.zarr"  # ending of the path of a store of certificates
@@ -128,12 +128,12 @@ class StoreDirectory:
             stray.unlink(missing_ok=True)
 
 
-Place = StoreDirectory | Bucket
+Place = StoreDirectory | StoreInBucket
 
 
 def place_of(where: str | Path | Place) -> Place:
     """Return the location for a path or the URL of a bucket. Raises SurveyError for other URLs."""
-    if isinstance(where, StoreDirectory | Bucket):
+    if isinstance(where, StoreDirectory | StoreInBucket):
         return where
     if "://" not in str(where):
         return StoreDirectory(where)
@@ -145,7 +145,7 @@ def place_of(where: str | Path | Place) -> Place:
 def certificates_path(where: str | Path | Place) -> Path:
     """Return the path of the store for a survey's certificates, beside the survey. Raises SurveyError for a bucket."""
     place = place_of(where)
-    if isinstance(place, Bucket):
+    if isinstance(place, StoreInBucket):
         raise SurveyError(
             f"certificates are written to a directory beside the survey's, and {place} is in a bucket: leave out "
             "certify, and prove the survey afterwards with rattle certify STORE --out PATH"
@@ -154,5 +154,5 @@ def certificates_path(where: str | Path | Place) -> Path:
 
 
 @lru_cache(maxsize=64)
-def _bucket_at(url: str) -> Bucket:
-    return Bucket(url)
+def _bucket_at(url: str) -> StoreInBucket:
+    return StoreInBucket(url)

@@ -197,7 +197,7 @@ def tile_recorder(place: Place) -> Iterator[RecordTiles]:
             write_manifest()
 
 
-def set_attributes(place: Place, attributes: Mapping[str, Any]) -> None:
+def set_store_attributes(place: Place, attributes: Mapping[str, Any]) -> None:
     """Set attributes of the store's root; the value None removes an attribute. The caller holds the lock of the store.
 
     Raises
@@ -212,7 +212,7 @@ def set_attributes(place: Place, attributes: Mapping[str, Any]) -> None:
     known = json.loads(root)["attributes"]
     changed = {name: value for name, value in {**known, **attributes}.items() if value is not None}
     if changed != known:
-        replace_root(place, manifest, replace_attributes(root, changed), manifest)
+        replace_root_file(place, manifest, replace_attributes(root, changed), manifest)
 
 
 def replace_attributes(root: bytes, attributes: Mapping[str, Any]) -> bytes:
@@ -258,10 +258,10 @@ def update_metadata(
     }
     consolidate_metadata(MemoryStore(kept))
     after = replace(manifest, files=files | file_digests(added) | dict(written))
-    replace_root(place, manifest, kept[ROOT].to_bytes(), after)
+    replace_root_file(place, manifest, kept[ROOT].to_bytes(), after)
 
 
-def replace_root(place: Place, before: Manifest, root: bytes, after: Manifest) -> None:
+def replace_root_file(place: Place, before: Manifest, root: bytes, after: Manifest) -> None:
     """Replace the root file of a store. before, after: the manifests that belong to the old and to the new root.
 
     At every instant the manifest on disk has the digest of the root on disk. Raises OSError.

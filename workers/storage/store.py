@@ -26,9 +26,9 @@ from gear_rattle.workers.storage.manifest import (
     read_unchecked_attributes,
     read_undamaged_root,
     replace_attributes,
-    replace_root,
+    replace_root_file,
     require_store,
-    set_attributes,
+    set_store_attributes,
     update_metadata,
 )
 from gear_rattle.workers.survey.levels.grid import GROUP as LEVELS
@@ -114,7 +114,7 @@ def _repair_store(request: AnyRequest, place: Place, make: TemplateMaker) -> Non
         after.tiles.update(manifest.tiles)
     attributes = json.loads(template[ROOT])["attributes"]
     kept = {name: trusted[name] for name in KEPT if name in trusted}
-    replace_root(place, manifest or after, replace_attributes(template[ROOT], attributes | kept), after)
+    replace_root_file(place, manifest or after, replace_attributes(template[ROOT], attributes | kept), after)
 
 
 def _decodable_tiles(request: AnyRequest, place: Place) -> Iterator[tuple[int, dict[str, str]]]:
@@ -321,8 +321,8 @@ def finish_store(where: str | Path | Place) -> None:
             # A survey without the variable LEAF has no rounds of audits, which would have counted the audited cells, so
             # these cells are counted here.
             if AUDIT in manifest.chunks and LEAF not in manifest.chunks:
-                attributes |= _count_audit_attributes(place)
-            set_attributes(place, attributes)
+                attributes |= _compute_audit_attributes(place)
+            set_store_attributes(place, attributes)
         except OSError as error:
             refusal = storage_error(f"{place} cannot be finished", error)
             raise refusal from error
@@ -365,7 +365,7 @@ def remove_outdated_results(request: AnyRequest, place: Place) -> None:
     """
     try:
         if AUDIT_ATTRIBUTES[-1] in read_unchecked_attributes(place):
-            set_attributes(place, dict.fromkeys(AUDIT_ATTRIBUTES))
+            set_store_attributes(place, dict.fromkeys(AUDIT_ATTRIBUTES))
         if isinstance(request, SurveyRequest) and request.slots_follow_families and has_added_node(place, FAMILY):
             update_metadata(place, {}, {}, _is_of_families_or_levels)
     except OSError as error:
@@ -378,7 +378,7 @@ def _is_of_families_or_levels(key: str) -> bool:
     return not {FAMILY, FAMILIES, LEVELS}.isdisjoint(key.split("/"))
 
 
-def _count_audit_attributes(place: Place) -> dict[str, int | float]:
+def _compute_audit_attributes(place: Place) -> dict[str, int | float]:
     """Count the filled, audited and wrong cells of a stored refined survey; return AUDIT_ATTRIBUTES for its root."""
     counts: dict[int, list[int]] = {}
     for i, (source, audit) in enumerate(zip(read_bands(place, SOURCE_LEVEL), read_bands(place, AUDIT), strict=True)):

@@ -81,7 +81,7 @@ def plane_range_of_axis(machine: SurveyedMachine, name: str, axis: Axis) -> tupl
     return low, high
 
 
-def convert_fields_to_model(given: Mapping[str, Any]) -> dict[str, Any]:
+def convert_fields_to_dimensionless(given: Mapping[str, Any]) -> dict[str, Any]:
     """Return the fields of a survey request, with the machine's speeds, eccentricities and backlash as δ, ε and β.
 
     Returns

@@ -241,7 +241,7 @@ def traced_curve(name: str, model: Model, window: Window) -> Curve | MissingCurv
 
 
 @lru_cache(maxsize=8)
-def traced_crossings(model: Model, delta: Axis, epsilon: Axis) -> tuple[CurveCrossings, ...]:
+def cell_pairs_crossed_by_curves(model: Model, delta: Axis, epsilon: Axis) -> tuple[CurveCrossings, ...]:
     """Return for each curve of a model the pairs of neighbouring cells of a grid between which the curve passes."""
     grid = delta.values(), epsilon.values()
     found = (traced_curve(name, model, window_around(*grid)) for name in model.curve_names)

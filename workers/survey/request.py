@@ -20,7 +20,7 @@ from pydantic import (
 
 from gear_rattle.workers.errors import SurveyError
 from gear_rattle.workers.survey.axes import Axis, Name, NumberOrAxis, Real, StrictRecord
-from gear_rattle.workers.survey.machine import SurveyedMachine, convert_fields_to_model
+from gear_rattle.workers.survey.machine import SurveyedMachine, convert_fields_to_dimensionless
 from gear_rattle.workers.survey.refined.asked import BLOCK, RefineOptions, RefineOrNot, require_refinable
 from gear_rattle.workers.survey.values.quantities import BOUNDED, REFINED, stored_variables, variable_groups_of_model
 from gear_rattle.workers.survey.values.schema import DEFAULT, FIXED, NEEDS, SAMPLED, Group, Quantity
@@ -109,7 +109,7 @@ class InitialConditions(StrictRecord):
     v_min: Annotated[Real, Field(ge=0)] = 0.0
 
     @model_validator(mode="after")
-    def _check_box(self) -> Self:
+    def _check_range_of_states(self) -> Self:
         if not self.tau_min < self.tau_max:
             raise ValueError(f"tau_min ({self.tau_min}) must be less than tau_max ({self.tau_max})")
         if self.v_min > 0 and not isinstance(self.v_max, float):
@@ -203,7 +203,7 @@ class SurveyRequest(_ModelFields):
     def _convert_machine(cls, given: Any) -> Any:
         """Compute β and the axes of δ and ε from a machine's dimensions, speeds and eccentricities."""
         if isinstance(given, dict) and isinstance(given.get("machine"), dict):
-            return convert_fields_to_model(given)
+            return convert_fields_to_dimensionless(given)
         return given
 
     @field_validator("delta")
@@ -359,7 +359,7 @@ class SurveyRequest(_ModelFields):
         return stored_variables(self.quantities, self.model, more)
 
     @property
-    def has_bound(self) -> bool:
+    def has_wrong_share_bound(self) -> bool:
         """True if the request has a bound for the share of wrong cells among the filled ones."""
         return self.refine is not None and self.refine.bound is not None
 
@@ -370,7 +370,7 @@ class SurveyRequest(_ModelFields):
             raise SurveyError(
                 f"this survey has {self.n_slices} values of {self.third_axis_name}: choose one of its slices"
             )
-        return with_harmonics(model_of(**self.other_parameters), self.harmonics)
+        return with_harmonics(model_of(**self.beta_and_added_parameters), self.harmonics)
 
     @property
     def has_closed_forms(self) -> bool:
@@ -378,7 +378,7 @@ class SurveyRequest(_ModelFields):
         return Capability.CLOSED_FORM in MODELS[self.model].has
 
     @property
-    def other_parameters(self) -> dict[str, Any]:
+    def beta_and_added_parameters(self) -> dict[str, Any]:
         """β and the parameters that the model adds, by name. Each value is a number, or the third axis."""
         return {each.name: getattr(self, each.name) for each in MODELS[self.model].parameters()}
 
@@ -390,7 +390,7 @@ class SurveyRequest(_ModelFields):
         """
         return {
             name: value.stop if isinstance(value, Axis) else value
-            for name, value in self.other_parameters.items()
+            for name, value in self.beta_and_added_parameters.items()
             if name in ADDED
         }
 

@@ -192,13 +192,14 @@ def shared_parameters(request: SurveyRequest) -> dict[str, tuple[float | Axis, s
         Value and description by name.
     """
     return {
-        each.name: (request.other_parameters[each.name], each.long_name) for each in MODELS[request.model].parameters()
+        each.name: (request.beta_and_added_parameters[each.name], each.long_name)
+        for each in MODELS[request.model].parameters()
     }
 
 
 def _model_attributes(request: SurveyRequest) -> dict[str, Any]:
     """Return attributes with the model's name, its numbers and harmonics. No value is None: NetCDF cannot hold null."""
-    numbers = {name: value for name, value in request.other_parameters.items() if isinstance(value, float)}
+    numbers = {name: value for name, value in request.beta_and_added_parameters.items() if isinstance(value, float)}
     harmonics = {"harmonics": json.dumps(request.harmonics)} if request.harmonics else {}
     return {"model": str(request.model), **numbers, **harmonics}
 

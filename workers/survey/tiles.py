@@ -7,9 +7,9 @@ from types import EllipsisType
 
 import numpy as np
 
-from gear_rattle.workers.survey.plane_curves import traced_crossings
+from gear_rattle.workers.survey.plane_curves import cell_pairs_crossed_by_curves
 from gear_rattle.workers.survey.refined.fill import FillingPlan, RefinedCells, refine_cells
-from gear_rattle.workers.survey.refined.rounds import AuditRound, first_round
+from gear_rattle.workers.survey.refined.rounds import AuditRound, create_first_audit_round
 from gear_rattle.workers.survey.request import Along, SurveyRequest
 from gear_rattle.workers.survey.values.cells import Cells
 from gear_rattle.workers.survey.values.evaluate import FAILED, SOME_UNDECIDED
@@ -134,7 +134,7 @@ def compute_tile(
     else:
         try:
             cells = cells if request.refine is None else _refined_tile_cells(request, tile)
-            arrays, failed = _evaluate(request, cells), list[FailedCell]()
+            arrays, failed = _evaluate_cells_of_survey(request, cells), list[FailedCell]()
             impacts = int(cells.attractors.impacts.sum()) if cells.count else 0
         except MACHINE_FAILURES:
             raise
@@ -157,11 +157,15 @@ def _refined_tile_cells(request: SurveyRequest, tile: Tile) -> RefinedCells:
     """Return the cells of a refined tile, of which only some are computed."""
     whole = cells_of_tile(request.slice_request(tile.along))
     # If a model has no closed form, its curves take minutes to trace, so its tiles are refined without curves.
-    curves = traced_crossings(whole.model, request.delta, request.epsilon) if whole.model.has_closed_forms else ()
+    curves = (
+        cell_pairs_crossed_by_curves(whole.model, request.delta, request.epsilon)
+        if whole.model.has_closed_forms
+        else ()
+    )
     # An upper bound of the share of wrong cells combines the audits of all slices, so no two slices audit the same
     # positions of the grid. Without such a bound, a slice audits the same cells as a survey of its plane alone, and so
     # has the same values.
-    seed = request.seed + (sum(tile.along) << 32) * request.has_bound
+    seed = request.seed + (sum(tile.along) << 32) * request.has_wrong_share_bound
     plan = FillingPlan((first_audit_round(request), *tile.rounds), request.quantities, curves, seed)
     return refine_cells(whole, *tile.spans, plan)
 
@@ -169,10 +173,10 @@ def _refined_tile_cells(request: SurveyRequest, tile: Tile) -> RefinedCells:
 def first_audit_round(request: SurveyRequest) -> AuditRound:
     """Return the first round of audits of a refined survey."""
     assert request.refine is not None
-    return first_round(request.refine.audit, request.refine.bound, request.n_cells)
+    return create_first_audit_round(request.refine.audit, request.refine.bound, request.n_cells)
 
 
-def _evaluate(request: SurveyRequest, cells: Cells) -> TileArrays:
+def _evaluate_cells_of_survey(request: SurveyRequest, cells: Cells) -> TileArrays:
     quantities = [quantity for quantity in request.variables if quantity.is_per_cell]
     return {each.name: np.asarray(_quantity_values(each, cells)).astype(each.dtype) for each in quantities}
 
@@ -200,7 +204,7 @@ def evaluate_cells_one_by_one(
     cells = cells_of_tile(request, tile)
     for number in range(first, cells.delta.size * cells.epsilon.size):
         try:
-            yield _evaluate(request, cells.single_cell(*divmod(number, cells.delta.size)))
+            yield _evaluate_cells_of_survey(request, cells.single_cell(*divmod(number, cells.delta.size)))
         except Exception as error:
             if isinstance(error, MACHINE_FAILURES) and not isinstance(error, failing):
                 raise

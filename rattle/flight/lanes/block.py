@@ -10,7 +10,14 @@ import numpy as np
 from numpy import float32 as f32
 
 from rattle.flight.contact_phase import ENDLESS, MOST_BOUNCES
-from rattle.flight.forcing import DRIFT, NegativeArc, add_slope, has_force_amplitude_above, negative_arc, sine_cosine_at
+from rattle.flight.forcing import (
+    DRIFT,
+    NegativeArc,
+    add_slope,
+    find_negative_force_arc,
+    has_force_amplitude_above,
+    sine_cosine_at,
+)
 from rattle.flight.law import Flight
 from rattle.numerics.compile import inline, kernel
 
@@ -111,7 +118,7 @@ def double_precision_flight(b, i):
 
 
 @inline
-def negative_arc32(b, i):
+def negative_force_arc32(b, i):
     """Return the arc of negative contact force of lane i, in single precision."""
     k = np.uint64(i)
     return NegativeArc(not b.no_arc[k] > ZERO, b.arc_exit[k], b.arc_length[k], b.sin_entry[k], b.sin_exit[k])
@@ -128,7 +135,7 @@ def put_trajectory_on_lane(b, i, tau, v, delta, epsilon, beta, limit):
     for field in range(len(b.parameters)):
         b.parameters_[field, i] = b.parameters[field, i]
     b.t_tangent[i], b.determinant[i] = 1.0, 1.0 / v
-    arc = negative_arc(delta, epsilon)
+    arc = find_negative_force_arc(delta, epsilon)
     b.arc_exit[i], b.arc_length[i], b.sin_entry[i], b.sin_exit[i] = arc.leave, arc.length, arc.sin_entry, arc.sin_exit
     b.no_arc[i] = ZERO if arc.exists else ONE
     b.rough[i] = convert_flag_to_float(has_force_amplitude_above(ROUGHNESS, delta, epsilon))
@@ -203,7 +210,7 @@ def clear_block(b):
 
 
 @inline
-def check_lane_limits(b, i):
+def stop_lane_at_limit(b, i):
     """Stop lane i if it made too many impacts on Σ⁻. Return whether it is stopped or at its limit of impacts on Σ⁺."""
     if b.n_minus[i] > MOST_BOUNCES * (b.n_plus[i] + 1.0):
         b.stuck[i], b.limit[i] = ENDLESS, -1.0
@@ -236,7 +243,7 @@ def prepare_flights(b, groups, is_queue_empty):
 
 
 @inline
-def classify_force(b, groups):
+def classify_contact_force_of_lanes(b, groups):
     """Return the kind of the contact force on the lanes in use; the kind decides which stages the lanes need.
 
     Returns

@@ -17,10 +17,10 @@ from rattle.flight.guess import (
     ScanState,
     advance_scan,
     estimate_minimum,
+    height_at_next_wall,
     refine_time,
-    step_to_level,
     taylor_coefficients,
-    wall_level,
+    time_step_to_level,
 )
 from rattle.flight.lanes.block import ARCS, GROUP, ONE, ZERO, convert_flag_to_float
 from rattle.flight.law import Flight
@@ -122,8 +122,8 @@ def locate_impacts(b, n):
         # whether the flight falls below Σ⁻ at its minimum, which may be between two points of the scan
         misses = (turn > ZERO) & (wall > ZERO) & (lowest < -gap)
         falls = convert_flag_to_float(misses | (scanned_fall > ZERO))
-        level = wall_level(wall, falls > ZERO, gap)
-        near_turn = turn + step_to_level(falls == ZERO, level, series)
+        level = height_at_next_wall(wall, falls > ZERO, gap)
+        near_turn = turn + time_step_to_level(falls == ZERO, level, series)
         from_turn = (end < ZERO) | (misses & (scanned_fall == ZERO))
         s = near_turn if from_turn else end
         s, _u, _speed = refine_time(s, level, flight)

@@ -18,11 +18,11 @@ from rattle.flight.guess import (
     FlightMinimum,
     estimate_minimum,
     guess_time_of_turn_or_arrival,
+    height_at_next_wall,
     improve_guess_by_newton_step,
     refine_time,
-    step_to_level,
     taylor_coefficients,
-    wall_level,
+    time_step_to_level,
 )
 from rattle.flight.impact_law import reflected_velocity
 from rattle.flight.lanes.block import (
@@ -32,7 +32,7 @@ from rattle.flight.lanes.block import (
     ZERO,
     convert_flag_to_float,
     double_precision_flight,
-    negative_arc32,
+    negative_force_arc32,
     single_precision_flight,
 )
 from rattle.flight.lanes.rescan import SAFE, rescan_unproved_lanes
@@ -45,7 +45,7 @@ MOST_NEGATIVE = -np.finfo(np.float64).max  # the most negative finite number
 
 
 @inline
-def copy_to_single(b, groups):
+def copy_to_single_precision(b, groups):
     """Copy the state of each lane to single precision.
 
     This is a loop of its own, because a loop that mixes single and double precision uses vectors of half the length.
@@ -76,7 +76,7 @@ def improve_time_guesses(b, groups):
 
 
 @inline
-def expand_heights(b, groups):
+def compute_height_coefficients(b, groups):
     """Compute the Taylor coefficients of the height F of each flight at the guessed time."""
     for i in range(GROUP * groups):
         c = taylor_coefficients(b.s_[i], single_precision_flight(b, i))
@@ -98,24 +98,24 @@ def choose_wall(b, groups):
 def solve_impact_time_locally(b, groups):
     """Move the time of the guess to the impact, where the Taylor polynomial reaches the level of the wall."""
     for i in range(GROUP * groups):
-        level = wall_level(b.wall_[i], b.falls[i] > ZERO, b.gap_[i])
+        level = height_at_next_wall(b.wall_[i], b.falls[i] > ZERO, b.gap_[i])
         series = b.c0[i], b.c1[i], b.c2[i], b.c3[i], b.c4[i], b.c5[i]
-        b.s_[i] += step_to_level(not b.falls[i] > ZERO, level, series)
+        b.s_[i] += time_step_to_level(not b.falls[i] > ZERO, level, series)
 
 
 @inline
 def expand_and_solve_again(b, groups):
     """Expand F at the new time and solve again, because the first polynomial is poor far from the turning point."""
     for i in range(GROUP * groups):
-        level, flight = wall_level(b.wall_[i], b.falls[i] > ZERO, b.gap_[i]), single_precision_flight(b, i)
-        b.s_[i] += step_to_level(not b.falls[i] > ZERO, level, taylor_coefficients(b.s_[i], flight))
+        level, flight = height_at_next_wall(b.wall_[i], b.falls[i] > ZERO, b.gap_[i]), single_precision_flight(b, i)
+        b.s_[i] += time_step_to_level(not b.falls[i] > ZERO, level, taylor_coefficients(b.s_[i], flight))
 
 
 @inline
 def refine_impact_times(b, groups):
     """Refine the time of each impact by a step of fourth order, and keep the step and the speed for the proof."""
     for i in range(GROUP * groups):
-        level = wall_level(b.wall_[i], b.falls[i] > ZERO, b.gap_[i])
+        level = height_at_next_wall(b.wall_[i], b.falls[i] > ZERO, b.gap_[i])
         b.s_[i], b.step[i], b.speed[i] = refine_time(b.s_[i], level, single_precision_flight(b, i))
 
 
@@ -137,7 +137,9 @@ def reject_lanes_with_two_turns(b, groups):
     """
     for i in range(GROUP * groups):
         flight, rising = single_precision_flight(b, i), b.falls[i] == ZERO
-        certain = has_at_most_one_turn(b.wall_[i], rising, b.tau_[i], b.s_[i], b.turn[i], flight, negative_arc32(b, i))
+        certain = has_at_most_one_turn(
+            b.wall_[i], rising, b.tau_[i], b.s_[i], b.turn[i], flight, negative_force_arc32(b, i)
+        )
         b.proved[i] = b.proved[i] if certain else ZERO
 
 
@@ -176,7 +178,7 @@ def select_number(go, new, old):
     return new if go else max(old, MOST_NEGATIVE)
 
 
-def _build_landing_stage(tangent):
+def _build_impact_stage(tangent):
     """Build the stage that moves lanes to their impacts. With `tangent` this stage also prepares `carry_tangents`."""
 
     @inline
@@ -215,7 +217,7 @@ def _build_landing_stage(tangent):
     return move_lanes_to_impacts
 
 
-land_plain, land_tangent = _build_landing_stage(False), _build_landing_stage(True)
+land_plain, land_tangent = _build_impact_stage(False), _build_impact_stage(True)
 
 
 @inline
@@ -256,7 +258,7 @@ def has_lossy_lane(b, groups):
 
 
 @inline
-def stop_completing_chatters(b, groups):
+def stop_lanes_with_completing_chatter(b, groups):
     """Stop the lanes whose chatter is certain to complete. The caller computes when their motions leave the wall."""
     for i in range(GROUP * groups):
         pressing = b.wall[i] * contact_force(b.sin0[i], b.cos0[i], b.delta[i], b.epsilon[i], DRIFT)
@@ -313,19 +315,19 @@ def advance(memory, groups, flights, force, tangent, paths):
     """Compute the next `flights` flights of every lane that has made fewer impacts on Σ⁺ than its limit.
 
     memory: the block, as `allocate_lane_block` returns it. groups: number of groups of lanes in use. force: the result
-    of `classify_force`. tangent: whether tangent vectors are carried along. paths: two counters, of the flights that
+    of `classify_contact_force_of_lanes`. tangent: whether tangent vectors are carried along. paths: two counters, of the flights that
     need a scan and of the flights that also need the safe search.
     """
     b = memory[0]
     lossy = has_lossy_lane(b, groups)
     for _ in range(flights):
         if lossy:
-            stop_completing_chatters(b, groups)
-        copy_to_single(b, groups)
+            stop_lanes_with_completing_chatter(b, groups)
+        copy_to_single_precision(b, groups)
         guess_flight_times(b, groups)
         if force >= ROUGH:
             improve_time_guesses(b, groups)
-        expand_heights(b, groups)
+        compute_height_coefficients(b, groups)
         choose_wall(b, groups)
         solve_impact_time_locally(b, groups)
         expand_and_solve_again(b, groups)

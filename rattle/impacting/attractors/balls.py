@@ -21,10 +21,10 @@ from rattle.flight.lanes.block import (
     NONE,
     ONCE,
     SMOOTH,
-    check_lane_limits,
-    classify_force,
+    classify_contact_force_of_lanes,
     clear_block,
     put_trajectory_on_lane,
+    stop_lane_at_limit,
 )
 from rattle.flight.lanes.stages import advance
 from rattle.flight.law import LONGEST_DECAY, decay_remainder64, flight_from_sine_cosine
@@ -73,7 +73,7 @@ def load_cell_of_centre(b, group, i, centres, cells):
 
 
 @inline
-def load_states(b, work, group, i, level, few, centres):
+def load_states_onto_lanes(b, work, group, i, level, few, centres):
     """Put on each lane of a group the state that the lane tries next around the centre of capture region i.
 
     level: number of halvings; the largest radius of the group is LARGEST / 2^level. few: True if the group tries four
@@ -91,12 +91,12 @@ def load_states(b, work, group, i, level, few, centres):
 
 
 @inline
-def fly_once(memory, work, groups, force, paths):
+def advance_lanes_by_flight(memory, work, groups, force, paths):
     """Advance the state of every unfinished lane by one flight, and multiply the lane's tangent matrix by the flight's.
 
-    force: the result of `classify_force`, SMOOTH, ROUGH or ARCS, which decides how first impacts are guessed and
-    proved. `work` holds the tangent matrices. `paths` (2,) counts flights whose first impact needs a scan, and flights
-    whose first impact needs the slower safe search.
+    force: the result of `classify_contact_force_of_lanes`, SMOOTH, ROUGH or ARCS, which decides how first impacts are
+    guessed and proved. `work` holds the tangent matrices. `paths` (2,) counts flights whose first impact needs a scan,
+    and flights whose first impact needs the slower safe search.
     """
     b = memory[0]
     for i in range(GROUP * groups):
@@ -126,7 +126,7 @@ def stop_lost_lanes(b, group, most):
     for lane in range(group * GROUP, (group + 1) * GROUP):
         if b.n_minus[lane] > most:
             b.limit[lane] = -1.0
-        left |= not check_lane_limits(b, lane)
+        left |= not stop_lane_at_limit(b, lane)
     return left
 
 
@@ -170,7 +170,7 @@ def halvings_without_failure(b, work, group, i, level, few, centres):
 
 
 @kernel
-def write_radii(memory, work, centres, cells, paths):
+def write_outer_radii(memory, work, centres, cells, paths):
     """Write to `centres.radius` the largest tried radius at which the conditions hold; 0 if they hold at none.
 
     This is the radius of the outer ellipse, twice the radius of the capture region (`CaptureCentres.radius`).
@@ -203,13 +203,13 @@ def write_radii(memory, work, centres, cells, paths):
                     load_cell_of_centre(b, group, fresh, centres, cells)
                 fresh += 1
             if of[group] >= 0:
-                load_states(b, work, group, of[group], level[group], few[group], centres)
+                load_states_onto_lanes(b, work, group, of[group], level[group], few[group], centres)
                 groups, begun = group + 1, True
         if groups == 0:
             break
         if begun:
-            force = classify_force(b, groups)
-        fly_once(memory, work, groups, force, paths)
+            force = classify_contact_force_of_lanes(b, groups)
+        advance_lanes_by_flight(memory, work, groups, force, paths)
 
 
 def find_capture_radii_in_lanes(memory, centres, cells):
@@ -217,4 +217,4 @@ def find_capture_radii_in_lanes(memory, centres, cells):
 
     The radius of a capture region is half that of its outer ellipse (`CaptureCentres.radius`).
     """
-    write_radii(memory, np.zeros(1, WORK)[0], centres, cells, np.zeros(2, np.int64))
+    write_outer_radii(memory, np.zeros(1, WORK)[0], centres, cells, np.zeros(2, np.int64))

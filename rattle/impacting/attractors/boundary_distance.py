@@ -116,7 +116,7 @@ class _QuietCells:
         self.longer = most_impacts_until_quiet(delta) / LONGEST_REST
         self.tau, self.v = np.full((n, STARTS), np.nan), np.full((n, STARTS), np.inf)
         self.balls = np.zeros(n, np.int64)  # number of the cell's capture regions whose preimages are already computed
-        self.sampled = self.first_states(n)
+        self.sampled = self.draw_first_states(n)
         tau, v = (each.copy() for each in self.sampled)
         at = Parameters(ImpactingClassifier.model, delta, epsilon, beta)
         self.classifier = ImpactingClassifier.classify(at, tau, v)
@@ -132,14 +132,14 @@ class _QuietCells:
         self.most = self.most.astype(np.int64)
         self.undecided = np.full(n, np.inf)
 
-    def first_states(self, n: int) -> tuple[Array, Array]:
+    def draw_first_states(self, n: int) -> tuple[Array, Array]:
         """Return τ and v (n, 2 · SAMPLED) of the states to classify first: half uniform in ln v, half uniform in v."""
         (tau, v), (x, y) = self.draw_states_in_strip(self.v_max, 0), sobol_points(SAMPLED).T
         plane = self.v_max[:, None] * (y + 0.5 / SAMPLED)
         return np.hstack([tau, np.tile(x, (n, 1))]), np.hstack([v, plane])
 
     def keep_first_states(self) -> None:
-        """Keep the slowest states of `first_states` that leave quiet motion, and the slowest of their preimages."""
+        """Keep the slowest of the first states that leave quiet motion, and the slowest of their preimages."""
         (tau, v), status = self.sampled, self.classifier.status
         away = (status == Outcome.PERIODIC) | ((status == Outcome.UNRESOLVED) & self.chaos[:, None])
         self.undecided = np.where((status != Outcome.QUIET) & ~away, v, np.inf).min(axis=1)
@@ -230,7 +230,7 @@ class _QuietCells:
         found_tau[cell, rank], found[cell, rank] = tau, np.where(low, v, np.inf)
         self.keep_slowest(found_tau, found)
 
-    def search_strip(self) -> None:
+    def search_below_least_speed(self) -> None:
         """Classify sets of states below the least speed that is known to end quiet motion, until it falls no more."""
         pending = np.arange(len(self.v))
         for i in range(1, ROUNDS + 1):
@@ -313,7 +313,7 @@ def boundary_distances(
     if quiet.size:
         cells = _QuietCells(d[quiet], e[quiet], b[quiet], highest[quiet])
         cells.keep_first_states()
-        cells.search_strip()
+        cells.search_below_least_speed()
         cells.search_around_kept_states()
         cells.confirm_chaos()
         one = np.argmin(cells.v, axis=1)[:, None]

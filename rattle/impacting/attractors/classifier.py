@@ -17,7 +17,7 @@ from rattle.flight.forcing import Forcing
 from rattle.impacting.attractors.balls import find_capture_radii_in_lanes
 from rattle.impacting.attractors.settle import CHUNK, LONG_CHUNK, ImpactingCells, follow_probes, settle
 from rattle.impacting.map.iterate import iterate, lane_block_of_thread
-from rattle.impacting.map.quiet import capture_invariant, capture_invariants
+from rattle.impacting.map.quiet import capture_invariant_limit, capture_invariant_limits
 from rattle.impacting.orbits.stable import find_stable_orbits
 from rattle.parameters import Parameters
 
@@ -41,7 +41,7 @@ def elastic_cells(
 def cells_of(parameters: Parameters) -> ImpactingCells:
     """Return the cells at these parameters (n,) as the record that kernels take."""
     delta, epsilon, beta = parameters.delta, parameters.epsilon, parameters.beta
-    return elastic_cells(delta, epsilon, beta, capture_invariants(delta, epsilon, beta))
+    return elastic_cells(delta, epsilon, beta, capture_invariant_limits(delta, epsilon, beta))
 
 
 def relative_force_amplitudes(cells: Any) -> NDArray[np.float64]:
@@ -77,7 +77,7 @@ def quiet_invariant(parameters: Parameters) -> float:
         The limit of v³/g.
     """
     point = parameters.point()
-    return capture_invariant(point["delta"], point["epsilon"], point["beta"])
+    return capture_invariant_limit(point["delta"], point["epsilon"], point["beta"])
 
 
 class ImpactingClassifier(Classifier):
@@ -129,7 +129,7 @@ class ImpactingClassifier(Classifier):
         most = int(found.n.max(initial=0))
         if most > ROOM:
             found = find_stable_orbits(delta, epsilon, beta, most)
-            self.make_room(most)
+            self.make_room_for_orbits(most)
         n, label, state = found.n, (found.n_plus, found.n_minus), (found.tau, found.v)
         append_period_one_orbits(n, *label, *state, found.trace, self.cells, self.orbits.to_kernel_tuple())
         self.grow_capture_regions()

@@ -22,19 +22,19 @@ from rattle.attractors.samples import (
     find_capturing_orbit,
     mark_visited_cell,
 )
-from rattle.flight.contact_phase import IN_CONTACT, is_captured
+from rattle.flight.contact_phase import IN_CONTACT, is_bounce_captured
 from rattle.flight.forcing import DRIFT, contact_force
 from rattle.flight.lanes.block import (
     GROUP,
     GROUPS,
     NONE,
-    check_lane_limits,
-    classify_force,
+    classify_contact_force_of_lanes,
     clear_block,
     is_near_overflow,
     normalise_tangent,
     prepare_flights,
     put_trajectory_on_lane,
+    stop_lane_at_limit,
 )
 from rattle.flight.lanes.stages import advance
 from rattle.flight.law import speed_unit, wrap_phase_difference
@@ -74,7 +74,7 @@ class ImpactingCells(NamedTuple):
 def is_certain_to_become_quiet(b, i, largest_invariant):
     """Return whether the bounce of lane i on Σ⁺ is certain to become quiet."""
     force = contact_force(b.sin0[i], b.cos0[i], b.delta[i], b.epsilon[i], DRIFT)
-    return is_captured(-b.w[i], force, largest_invariant)
+    return is_bounce_captured(-b.w[i], force, largest_invariant)
 
 
 @inline
@@ -93,7 +93,7 @@ def outcome_of_lane(b, i, cell, cells, balls):
 
 
 @inline
-def start_sample(b, i, k, cells, samples):
+def put_sample_on_lane(b, i, k, cells, samples):
     """Put sample k on lane i, which follows it until the sample's limit of impacts."""
     c = samples.cell[k]
     limit = float(samples.limit[k] - samples.impacts[k])
@@ -135,7 +135,7 @@ def has_recurred(b, i, k, samples):
 
 
 @inline
-def check_lane(b, i, k, cells, samples, balls):
+def check_outcome_of_lane(b, i, k, cells, samples, balls):
     """Check lane i, which holds sample k, for an outcome.
 
     Returns
@@ -144,7 +144,7 @@ def check_lane(b, i, k, cells, samples, balls):
         The status, UNRESOLVED if there is no outcome; the number of the orbit that captures the state, or −1; and
         whether the sample ends here, because it has an outcome or has reached its limit of impacts.
     """
-    over = check_lane_limits(b, i)
+    over = stop_lane_at_limit(b, i)
     if b.wall[i] > 0.0:
         status, orbit = outcome_of_lane(b, i, samples.cell[k], cells, balls)
         if status != Outcome.UNRESOLVED:
@@ -173,12 +173,12 @@ def check_lanes(b, groups, fresh, which, cells, samples, balls):
     for i in range(GROUP * groups):
         k = b.who[i]
         if k >= 0:
-            status, orbit, over = check_lane(b, i, k, cells, samples, balls)
+            status, orbit, over = check_outcome_of_lane(b, i, k, cells, samples, balls)
             if over:
                 finish_sample(b, i, k, status, orbit, samples)
                 b.who[i] = -1
         if b.who[i] < 0 and fresh < which.size:
-            start_sample(b, i, which[fresh], cells, samples)
+            put_sample_on_lane(b, i, which[fresh], cells, samples)
             b.who[i] = which[fresh]
             fresh += 1
     return fresh
@@ -197,7 +197,7 @@ def settle(memory, which, flights, cells, samples, balls, paths):
     while groups > 0:
         fresh = check_lanes(b, groups, fresh, which, cells, samples, balls)
         groups = prepare_flights(b, groups, fresh == which.size)
-        advance(memory, groups, flights, classify_force(b, groups), False, paths)
+        advance(memory, groups, flights, classify_contact_force_of_lanes(b, groups), False, paths)
 
 
 @inline
@@ -255,7 +255,7 @@ def check_probes(b, groups, fresh, which, cells, samples, balls, watch):
             share = min((b.n_plus[i] - ALIGNMENT) / (watch.least[j] - ALIGNMENT), b.time[i] / watch.periods[j])
             share = max(share, b.n_plus[i] / b.limit[i])
             batch = min(int(share * BATCHES), BATCHES - 1) if b.n_plus[i] >= ALIGNMENT else -1
-            status, orbit, over = check_lane(b, i, k, cells, samples, balls)
+            status, orbit, over = check_outcome_of_lane(b, i, k, cells, samples, balls)
             over |= share >= 1.0 and b.wall[i] > 0.0
             if over or batch != b.batch[i] or is_near_overflow(b, i):
                 record_tangent_growth(b, i, watch.sums[j])
@@ -264,7 +264,7 @@ def check_probes(b, groups, fresh, which, cells, samples, balls, watch):
                 finish_sample(b, i, k, status, orbit, samples)
                 b.who[i] = -1
         if b.who[i] < 0 and fresh < which.size:
-            start_sample(b, i, which[fresh], cells, samples)
+            put_sample_on_lane(b, i, which[fresh], cells, samples)
             b.who[i] = fresh
             fresh += 1
     return fresh
@@ -293,14 +293,14 @@ def follow_probes(memory, which, least, periods, cells, samples, balls, sums, fo
     while groups > 0:
         fresh = check_probes(b, groups, fresh, which, cells, samples, balls, watch)
         groups = prepare_flights(b, groups, fresh == which.size)
-        force = classify_force(b, groups)
+        force = classify_contact_force_of_lanes(b, groups)
         for flights in STRIDES:
             advance(memory, groups, flights, force, True, paths)
             mark_visited_cells(b, groups, footprints)
 
 
 @implement_for_type(point_of_cell, ImpactingCells)
-def _point_of(cell, cells):
+def _point_of_cell(cell, cells):
     return ImpactingPoint(cells.delta[cell], cells.epsilon[cell], cells.beta[cell], cells.quiet_invariant[cell])
 
 

@@ -14,7 +14,7 @@ from rattle.flight.lanes.block import (
     LANES,
     NONE,
     ONCE,
-    classify_force,
+    classify_contact_force_of_lanes,
     clear_block,
     prepare_flights,
     put_trajectory_on_lane,
@@ -84,7 +84,7 @@ def follow_and_sum_impacts(memory, lanes, cell, tau, v, checks, cells, sums, pat
                 b.who[i] = fresh
                 fresh += 1
         groups = prepare_flights(b, groups, fresh == cell.size)
-        force = classify_force(b, groups)
+        force = classify_contact_force_of_lanes(b, groups)
         lanes[:] = 0.0
         for _ in range(CHUNK):
             advance(memory, groups, ONCE, force, False, paths)

@@ -11,7 +11,7 @@ import numpy as np
 
 from rattle.continuation.arclength import (
     CLOSED,
-    Bound,
+    BoundsOfUnknown,
     CurveFollower,
     OneWayPath,
     make_longest_step_function,
@@ -146,7 +146,7 @@ def branch(
     solved = solve_on_curve(equations_on_line(orbit.itinerary, line.origin, line.direction), start, fixed)
     if solved is None:
         raise RattleError("the orbit does not solve the impact equations: get an orbit from periodic_orbit")
-    return _follow_both_ways(orbit.itinerary, line, solved[0])
+    return _follow_branch_both_ways(orbit.itinerary, line, solved[0])
 
 
 def doubled(
@@ -197,8 +197,8 @@ def beyond(event: Event, parameter: Parameter = "epsilon", span: Span = None) ->
     line = parameter_line_through(event.delta, event.epsilon, parameter, span)
     misses, touches = np.delete(event.unknowns, event.impact)[:-2], event.unknowns[:-2]
     return (
-        _follow_both_ways(event.itinerary.without_impact(event.impact), line, np.append(misses, 0.0)),
-        _follow_both_ways(event.itinerary, line, np.append(touches, 0.0)),
+        _follow_branch_both_ways(event.itinerary.without_impact(event.impact), line, np.append(misses, 0.0)),
+        _follow_branch_both_ways(event.itinerary, line, np.append(touches, 0.0)),
     )
 
 
@@ -213,7 +213,7 @@ def branch_through(itinerary: Itinerary, x: Array, parameter: Parameter, span: S
         Points in order along the branch.
     """
     line = parameter_line_through(float(x[-2]), float(x[-1]), parameter, span, resolution)
-    return _follow_both_ways(itinerary, line, np.append(x[:-2], 0.0))
+    return _follow_branch_both_ways(itinerary, line, np.append(x[:-2], 0.0))
 
 
 def continue_to(orbit: PeriodicOrbit | Orbit, delta: float, epsilon: float) -> PeriodicOrbit | Event | None:
@@ -240,7 +240,7 @@ def continue_to(orbit: PeriodicOrbit | Orbit, delta: float, epsilon: float) -> P
     there = solve_at_parameters(orbit.itinerary, np.append(orbit.times, [delta, epsilon]))
     if there is not None and np.max(np.abs(there[:-2] - orbit.times)) < LONGEST:
         found = orbit_of(orbit.itinerary, there)
-        if found.admissible and found.stable == orbit.stable and _leads_back(found, orbit):
+        if found.admissible and found.stable == orbit.stable and _does_newton_return_to_orbit(found, orbit):
             return found
     here = branch(orbit, (delta - orbit.delta, epsilon - orbit.epsilon), (0.0, 1.0), FEW_POINTS)
     for event in here.events:
@@ -252,7 +252,7 @@ def continue_to(orbit: PeriodicOrbit | Orbit, delta: float, epsilon: float) -> P
     return here.orbit(-1) if arrived else None
 
 
-def _leads_back(found: PeriodicOrbit, orbit: PeriodicOrbit) -> bool:
+def _does_newton_return_to_orbit(found: PeriodicOrbit, orbit: PeriodicOrbit) -> bool:
     """Return whether Newton's method leads from `found` back to `orbit`; next to a fold it may lead elsewhere."""
     back = solve_at_parameters(orbit.itinerary, np.append(found.times, [orbit.delta, orbit.epsilon]))
     return back is not None and bool(np.max(np.abs(back[:-2] - orbit.times)) < SAME_MOTION)
@@ -262,7 +262,7 @@ def _branch_follower(itinerary: Itinerary, line: ParameterLine) -> CurveFollower
     """Return the `CurveFollower` of branches of motions with this itinerary on a line of parameters."""
     problem = equations_on_line(itinerary, line.origin, line.direction)
     longest = make_longest_step_function(line.span, line.resolution, LONGEST)
-    bounds = (Bound(-1, *line.span),)
+    bounds = (BoundsOfUnknown(-1, *line.span),)
     return CurveFollower(
         problem,
         bounds,
@@ -279,7 +279,7 @@ def _reason_of_degeneracy(itinerary: Itinerary, y: Array) -> str | None:
     return HALF_PERIOD if repeats_first_half(itinerary, y, HALF_TOLERANCE) else None
 
 
-def _follow_both_ways(itinerary: Itinerary, line: ParameterLine, start: Array) -> Branch:
+def _follow_branch_both_ways(itinerary: Itinerary, line: ParameterLine, start: Array) -> Branch:
     """Return the branch through `start` = (times, position p on the line), ordered so that p rises at `start`."""
     followed = _branch_follower(itinerary, line).follow_both_ways(start, -1, MOST_POINTS)
     ends = (CLOSED, CLOSED)

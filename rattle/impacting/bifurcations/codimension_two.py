@@ -32,7 +32,7 @@ LEAST_BACKLASH = 1e-6
 Residual = Callable[[float, float], float]
 
 
-def _scaled_cosine(delta: float, beta: float) -> float:
+def _scaled_cosine_of_graze(delta: float, beta: float) -> float:
     """Return 1 + e^(−δ) − T for the grazing motion at this damping; it is proportional to ε cos 2πτ of the motion.
 
     T is the sum of the multipliers of the grazing motion without the impact on Σ⁻.
@@ -42,26 +42,26 @@ def _scaled_cosine(delta: float, beta: float) -> float:
     float
         1 + e^(−δ) − T; NaN if there is no graze.
     """
-    cosine, _ = closed_form.grazing_cosine(delta, beta)
+    cosine, _ = closed_form.first_graze_cosine_and_epsilon(delta, beta)
     return 4 * math.pi * -math.expm1(-delta) * cosine / delta**2
 
 
 def _flip_at_graze_residual(delta: float, beta: float) -> float:
     """Return a number that vanishes where the grazing motion flips, at COD20."""
-    return _scaled_cosine(delta, beta) - 2 * (1 + math.exp(-delta))
+    return _scaled_cosine_of_graze(delta, beta) - 2 * (1 + math.exp(-delta))
 
 
 def _residual_of_equal_multipliers(delta: float, beta: float) -> float:
     """Return a number that vanishes where both multipliers of the grazing motion are e^(−δ/2), at COD21."""
-    return _scaled_cosine(delta, beta) - (1 - math.exp(-delta / 2)) ** 2
+    return _scaled_cosine_of_graze(delta, beta) - (1 - math.exp(-delta / 2)) ** 2
 
 
-def _two_thirds_condition(delta: float, beta: float) -> float:
+def _two_thirds_multiplier_condition(delta: float, beta: float) -> float:
     """Return a number that vanishes where the larger multiplier of the grazing motion is 2/3."""
-    return _scaled_cosine(delta, beta) - (1 / 3 - math.exp(-delta) / 2)
+    return _scaled_cosine_of_graze(delta, beta) - (1 / 3 - math.exp(-delta) / 2)
 
 
-def _cod23_condition(delta: float, beta: float) -> float:
+def _negative_mean_determinant(delta: float, beta: float) -> float:
     """Return −M = −(det J(1) + det J(−1))/2 of the grazing motion. It is 0 at COD23, and NaN if there is no graze."""
     sigma = closed_form.find_next_grazing_sigma(closed_form.EDGE, delta, beta)
     if not sigma < 0.5:
@@ -92,12 +92,12 @@ POINTS = {
     ),
     "COD23": CodimensionTwoCondition(
         "SN2 and PD1 end on G1: beyond this point C meets D instead of B",
-        _cod23_condition,
+        _negative_mean_determinant,
         {"SN2": -1, "PD1": -1, "G1": -1},
     ),
     "COD22": CodimensionTwoCondition(
         "SN1 ends where A and C are born grazing: G1 becomes G2",
-        _scaled_cosine,
+        _scaled_cosine_of_graze,
         {"SN1": -1, "G1": -1, "G2": 1},
     ),
 }
@@ -146,11 +146,11 @@ def codimension_two(beta: float = 0.6) -> tuple[CodimensionTwo, ...]:
         If beta is outside its domain.
     """
     beta = require_number("beta", beta, positive=True)
-    return _cached_points(beta)
+    return _cached_codimension_two_points(beta)
 
 
 @lru_cache(maxsize=64)
-def _cached_points(beta: float) -> tuple[CodimensionTwo, ...]:
+def _cached_codimension_two_points(beta: float) -> tuple[CodimensionTwo, ...]:
     found = []
     for name, definition in POINTS.items():
         try:
@@ -177,7 +177,7 @@ def _point_on_grazing_curve(name: str, residual: Residual, beta: float) -> tuple
         raise RattleError(f"{name} was not found at beta = {beta}: choose another beta")
     lo, hi = scan[falls[0]], scan[falls[0] + 1]
     delta = float(brentq(residual, lo, hi, args=(beta,), xtol=1e-15 * beta, rtol=4 * np.finfo(float).eps))
-    return delta, float(closed_form.grazing_cosine(delta, beta)[1])
+    return delta, float(closed_form.first_graze_cosine_and_epsilon(delta, beta)[1])
 
 
 def _tangency_orders(curves: dict[str, int], delta: float, epsilon: float, beta: float) -> dict[tuple[str, str], float]:
@@ -274,5 +274,5 @@ def robust_chaos_interval(beta: float = 0.6) -> tuple[float, float]:
     beta = require_number("beta", beta, positive=True)
     lower, upper = (_point_on_grazing_curve(name, POINTS[name].residual, beta)[0] for name in ("COD21", "COD22"))
     if math.exp(-lower / 2) < 2 / 3:
-        lower = _point_on_grazing_curve("multiplier 2/3", _two_thirds_condition, beta)[0]
+        lower = _point_on_grazing_curve("multiplier 2/3", _two_thirds_multiplier_condition, beta)[0]
     return lower, upper

@@ -10,9 +10,9 @@ from rattle.continuation.curve_continuation import (
     Curve,
     MotionAtCurvePoint,
     PlaneWindow,
-    interior_points,
+    evenly_spaced_numbers_between,
     require_window_range,
-    trace_problem,
+    trace_curve_of_problem,
     trace_quiet_limit,
 )
 from rattle.errors import RattleError, require, require_integer, require_number, require_one_of
@@ -88,14 +88,14 @@ def _trace_registered_curve(name: str, beta: float, window: PlaneWindow, damping
     """Return a curve of the registry in a window. Its starting points are searched at these dampings."""
     definition = CURVES[name]
     itinerary = definition.itinerary(beta)
-    return trace_problem(
+    return trace_curve_of_problem(
         name,
         beta,
         condition(itinerary, definition.kind, definition.impact),
         (x for d in dampings for x in definition.starts(float(d), beta)),
         window,
         lambda x: _reason_off_curve(definition, itinerary, x),
-        lambda x: describe_motion(itinerary, x, definition.impact),
+        lambda x: motion_at_curve_point(itinerary, x, definition.impact),
         lambda x, reason: _reason_with_point(name, x, reason, beta),
     )
 
@@ -105,9 +105,9 @@ def _dampings_to_search(window: PlaneWindow, beta: float) -> Array:
     low, high = window.delta
     ends = [point.delta * (1.0 + side * NEIGHBOUR_DISTANCE) for point in codimension_two(beta) for side in (-1.0, 1.0)]
     inside = [delta for delta in ends if low < delta < high]
-    spread = interior_points(low, high)
+    spread = evenly_spaced_numbers_between(low, high)
     if low < REACH * beta < high - low:  # in a wide window equal spacing would miss the curves
-        spread = np.concatenate([interior_points(low, REACH * beta), spread])
+        spread = np.concatenate([evenly_spaced_numbers_between(low, REACH * beta), spread])
     return np.array([*spread, low, high, *inside])
 
 
@@ -144,14 +144,14 @@ def bifurcation_curve(
     )
     itinerary, x, impact = _rotate_to_sigma_plus(event)
     m, n_plus, n_minus = itinerary.label
-    return trace_problem(
+    return trace_curve_of_problem(
         f"{'' if event.admissible else 'virtual '}{event.kind} of P({m},{n_plus},{n_minus})",
         itinerary.beta,
         condition(itinerary, event.kind, impact),
         [x],
         window,
         lambda y: reason_for_virtual_motion(itinerary, y, impact) if event.admissible else None,
-        lambda y: describe_motion(itinerary, y, impact),
+        lambda y: motion_at_curve_point(itinerary, y, impact),
         lambda _, reason: reason,
     )
 
@@ -169,7 +169,7 @@ def _reason_off_curve(definition: CurveDefinition, itinerary: Itinerary, x: Arra
     return definition.belongs(x) or reason_for_virtual_motion(itinerary, x, definition.impact)
 
 
-def describe_motion(itinerary: Itinerary, x: Array, grazed: int | None = None) -> MotionAtCurvePoint:
+def motion_at_curve_point(itinerary: Itinerary, x: Array, grazed: int | None = None) -> MotionAtCurvePoint:
     """Return phase, speed and multipliers of the motion at x; at a graze, multipliers without the grazing impact."""
     tau = float(x[0] - np.floor(x[0]))
     return MotionAtCurvePoint(tau, float(-itinerary.flights(x).w0[0]), multipliers_without_graze(itinerary, x, grazed))

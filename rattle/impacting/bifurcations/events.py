@@ -182,7 +182,7 @@ def points_between_close_events(
 def _values_of_test_functions(itinerary: Itinerary, line: ParameterLine, points: Array, tangents: Array) -> Array:
     """Return the values (k, tests) of the test functions at k solutions, in the order of `_event_test_functions`."""
     departures = np.array([itinerary.flights(line.unknowns_at(y)).w0 for y in points])
-    flips = [_flip_test(itinerary, line, y) for y in points]
+    flips = [_scaled_flip_determinant(itinerary, line, y) for y in points]
     return np.column_stack([tangents[:, -1], flips, departures])
 
 
@@ -201,12 +201,12 @@ def _event_test_functions(
 
     return [
         (EventKind.SADDLE_NODE, None, lambda along, y: float(tangent_at(problem, y, along)[-1])),
-        (EventKind.FLIP, None, lambda _, y: _flip_test(itinerary, line, y)),
+        (EventKind.FLIP, None, lambda _, y: _scaled_flip_determinant(itinerary, line, y)),
         *((EventKind.GRAZING, impact, graze_test(impact)) for impact in range(itinerary.n)),
     ]
 
 
-def _flip_test(itinerary: Itinerary, line: ParameterLine, y: Array) -> float:
+def _scaled_flip_determinant(itinerary: Itinerary, line: ParameterLine, y: Array) -> float:
     """Return the determinant of the Jacobian J(−1), with its rows scaled to length 1. It vanishes at a flip."""
     matrix = itinerary.jacobian(line.unknowns_at(y), -1.0)
     return float(np.linalg.det(matrix / np.linalg.norm(matrix, axis=1, keepdims=True)))
@@ -233,7 +233,9 @@ def _find_touch_candidates(
         return []
     departure, wall, time = failure
     guess = np.insert(line.unknowns_at(edge), departure + 1, time)
-    return [EventCandidate(edge, EventKind.GRAZING, itinerary.with_impact(departure + 1, wall), guess, departure + 1)]
+    return [
+        EventCandidate(edge, EventKind.GRAZING, itinerary.with_added_impact(departure + 1, wall), guess, departure + 1)
+    ]
 
 
 def _solve_event(line: ParameterLine, candidate: EventCandidate, after: int, near: float) -> Event | None:
@@ -248,7 +250,7 @@ def _solve_event(line: ParameterLine, candidate: EventCandidate, after: int, nea
         The event, or None.
     """
     _, kind, itinerary, guess, impact = candidate
-    half = _half_period_motion(itinerary, guess) if kind is EventKind.SADDLE_NODE else None
+    half = _guess_half_period_motion(itinerary, guess) if kind is EventKind.SADDLE_NODE else None
     if half is not None:
         kind, (itinerary, guess) = EventKind.FLIP, half
     found = solve_on_curve(condition(itinerary, kind, impact), guess, line.line_normal(itinerary.n))
@@ -281,7 +283,7 @@ def find_flip_of_doubled_branch(itinerary: Itinerary, line: ParameterLine, y: Ar
     )
 
 
-def _half_period_motion(itinerary: Itinerary, x: Array) -> tuple[Itinerary, Array] | None:
+def _guess_half_period_motion(itinerary: Itinerary, x: Array) -> tuple[Itinerary, Array] | None:
     """Return a motion of half the period of the motion x, a guess for Newton's method, if both halves of x are similar.
 
     Returns

@@ -61,7 +61,7 @@ def two_impact_family(delta: float, beta: float) -> TwoImpactFamily:
     return family_members(sigma[(sigma > 0.0) & np.isfinite(epsilon)], delta, beta)
 
 
-def find_zeros(
+def find_zeros_along_family(
     values: Callable[[TwoImpactFamily], Array], coarse: TwoImpactFamily, members_at: Callable[[Array], TwoImpactFamily]
 ) -> list[Array]:
     """Find the roots of a function along a family of motions, close enough to start Newton's method.
@@ -98,7 +98,9 @@ def find_zeros(
 
 def _motions_at_zeros(values: Callable[[TwoImpactFamily], Array], delta: float, beta: float) -> list[Array]:
     """Return the unknowns at the roots of a function along the P(1,1,1) motions at one damping."""
-    return find_zeros(values, two_impact_family(delta, beta), lambda sigma: family_members(sigma, delta, beta))
+    return find_zeros_along_family(
+        values, two_impact_family(delta, beta), lambda sigma: family_members(sigma, delta, beta)
+    )
 
 
 def two_impact_folds(delta: float, beta: float) -> list[Array]:

@@ -136,7 +136,7 @@ class SaddleManifolds:
         ok, states, word, _ = self.unstable_manifold.map(self.manifold_points(s), n)
         return np.where(ok, self.signed_distances(states)[0], np.inf), word
 
-    def least_distance(self, window: tuple[float, float], n: int) -> tuple[float, float]:
+    def least_distance_from_stable_manifold(self, window: tuple[float, float], n: int) -> tuple[float, float]:
         """Return the least distance of Πⁿ(W(s)) from W^s(A) for s in a window, and the s of this point.
 
         W(s) is the point of W^u(A) at position s, and Π the impact map. The minimum is searched on ever finer grids.
@@ -202,7 +202,7 @@ def solve_manifold_contact(
     floor = float(sn1_formula(delta))
 
     def least_distance_at(x: float) -> float:
-        return saddle_manifolds_at(delta, floor + x, beta).least_distance(window, n)[0]
+        return saddle_manifolds_at(delta, floor + x, beta).least_distance_from_stable_manifold(window, n)[0]
 
     return _build_crisis(
         delta,
@@ -228,7 +228,9 @@ def solve_manifold_contact_above_sn1(
     """
 
     def least_distance_at(x: float) -> float:
-        return saddle_manifolds_at(x, float(sn1_formula(x)) + gap, beta).least_distance(window, n)[0]
+        return saddle_manifolds_at(x, float(sn1_formula(x)) + gap, beta).least_distance_from_stable_manifold(window, n)[
+            0
+        ]
 
     found = _solve_for_manifold_contact("delta", least_distance_at, delta, bracket, most / delta)
     return _build_crisis(found, float(sn1_formula(found)) + gap, beta, window, n)
@@ -274,7 +276,7 @@ def _solve_for_manifold_contact(
 def _build_crisis(delta: float, epsilon: float, beta: float, window: tuple[float, float], n: int) -> Crisis:
     """Return the crisis at these parameters, with the position and the shape of the contact in a window of s."""
     here = saddle_manifolds_at(delta, epsilon, beta)
-    s = here.least_distance(window, n)[1]
+    s = here.least_distance_from_stable_manifold(window, n)[1]
     if min(s - window[0], window[1] - s) < 1e-3 * (window[1] - window[0]):
         raise RattleError(
             f"W^u(A) comes closest to W^s(A), near epsilon = {epsilon}, at an end of the searched part of W^u(A), so "

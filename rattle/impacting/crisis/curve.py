@@ -96,7 +96,7 @@ def _window_to_search(known: list[Crisis], s: float) -> tuple[float, float]:
     return s * (1.0 - width), s * (1.0 + width)
 
 
-def _steps_of_next_crisis(last: Crisis) -> int:
+def _count_impacts_of_next_crisis(last: Crisis) -> int:
     """Return the number of impacts on Σ⁺ in which the contact's orbit comes back to A, for the crisis after `last`."""
     return last.steps + (1 if manifold_contact_position(last) > INSIDE else 0)
 
@@ -119,11 +119,16 @@ def crisis_at_damping(known: list[Crisis], delta: float) -> Crisis:
     y = np.log([[point.epsilon_above_sn1, point.parameter] for point in known])
     gap, s = np.exp(_extrapolate_crises(known, np.array([point.delta for point in known]), y, delta))
     return solve_manifold_contact(
-        delta, known[-1].beta, float(gap), _window_to_search(known, float(s)), _steps_of_next_crisis(known[-1]), BRACKET
+        delta,
+        known[-1].beta,
+        float(gap),
+        _window_to_search(known, float(s)),
+        _count_impacts_of_next_crisis(known[-1]),
+        BRACKET,
     )
 
 
-def contact_above_sn1(known: list[Crisis], gap: float, end: float) -> Crisis:
+def find_crisis_above_sn1(known: list[Crisis], gap: float, end: float) -> Crisis:
     """Return the crisis at ε = SN1 + gap, close to COD22, by a search that starts from an extrapolated guess.
 
     known: the crises found so far, in the order of the curve; the last of them is the nearest to COD22. end: δ of
@@ -144,7 +149,7 @@ def contact_above_sn1(known: list[Crisis], gap: float, end: float) -> Crisis:
         last.beta,
         gap,
         _window_to_search(known, float(s)),
-        _steps_of_next_crisis(last),
+        _count_impacts_of_next_crisis(last),
         bracket,
         abs(last.delta - end),
     )
@@ -195,7 +200,7 @@ def _follow_towards_cod22(start: Crisis, top: float, end: float) -> tuple[list[C
     while known[-1].epsilon_above_sn1 > last and known[-1].delta <= top:
         gap = max(known[-1].epsilon_above_sn1 * RATIO, 0.999 * last)
         try:
-            known.append(contact_above_sn1(known, gap, end))
+            known.append(find_crisis_above_sn1(known, gap, end))
         except RattleError as error:
             return known, str(error)
     return known, "it continues to COD22, and is not followed this close to SN1"

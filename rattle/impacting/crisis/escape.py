@@ -83,7 +83,7 @@ class Saddles(NamedTuple):
         return self._impacts_until_quiet(RETURNS)
 
     @property
-    def decidable_points(self) -> Flags:
+    def is_decidable_at_points(self) -> Flags:
         """Flags (n,) of the points at which W^u(A) can be followed until it is decided whether a part becomes quiet.
 
         There A is a saddle, quiet motion exists, and becoming quiet takes fewer impacts than a limit (MOST_IMPACTS, at
@@ -148,7 +148,7 @@ def _unstable_direction(
 class FollowedManifold:
     """Samples of W^u(A) at n parameter points, `count` for each, followed for `impacts` (n,) impacts on Σ⁺.
 
-    `Saddles.decidable_points` must hold at each point. The samples lie in one fundamental domain. s (n, count) holds
+    `Saddles.is_decidable_at_points` must hold at each point. The samples lie in one fundamental domain. s (n, count) holds
     the initial distances of the samples from A, which are their positions on W^u(A).
     """
 
@@ -168,10 +168,10 @@ class FollowedManifold:
         return np.asarray(self.samples.status.reshape(self.s.shape) == Outcome.QUIET)
 
 
-def has_escaping_part(delta: float, epsilon: Array, beta: float) -> Flags:
-    """Return flags (n,) of ε at which a part of W^u(A) becomes quiet; False where not `decidable_points`."""
+def flag_epsilon_with_escaping_part(delta: float, epsilon: Array, beta: float) -> Flags:
+    """Return flags (n,) of ε at which a part of W^u(A) becomes quiet; False where not `is_decidable_at_points`."""
     a = saddles_at(np.full(epsilon.size, delta), epsilon, np.full(epsilon.size, beta))
-    found = a.decidable_points
+    found = a.is_decidable_at_points
     if found.any():
         a = a.select(found)
         found[found] = FollowedManifold(a, SAMPLES, a.impacts_until_quiet_at_first_return).quiet_sample_flags.any(
@@ -181,9 +181,9 @@ def has_escaping_part(delta: float, epsilon: Array, beta: float) -> Flags:
 
 
 def saddle_at(delta: float, epsilon: float, beta: float) -> Saddles:
-    """Return the saddle A at one point. Raises RattleError unless the point is `Saddles.decidable_points`."""
+    """Return the saddle A at one point. Raises RattleError unless the point is `Saddles.is_decidable_at_points`."""
     a = saddles_at(*(np.array([x]) for x in (delta, epsilon, beta)))
-    if not a.decidable_points[0]:
+    if not a.is_decidable_at_points[0]:
         raise RattleError(
             f"W^u(A) cannot be followed at delta = {delta}, epsilon = {epsilon}, beta = {beta}: the saddle A or quiet "
             "motion does not exist there, or becoming quiet takes too many impacts; choose another point"

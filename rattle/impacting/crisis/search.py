@@ -14,7 +14,7 @@ from rattle.impacting.crisis.contact import Crisis, saddle_manifolds_at, solve_m
 from rattle.impacting.crisis.escape import (
     SAMPLES,
     FollowedManifold,
-    has_escaping_part,
+    flag_epsilon_with_escaping_part,
     is_chaotic_above_crisis,
     is_chaotic_below_crisis,
     saddle_at,
@@ -95,7 +95,7 @@ def _follow_manifold(delta: float, beta: float, gap: float, density: int) -> Fol
     Raises
     ------
     RattleError
-        If the point is not `Saddles.decidable_points`.
+        If the point is not `Saddles.is_decidable_at_points`.
     """
     a = saddle_at(delta, float(sn1_formula(delta)) + gap, beta)
     return FollowedManifold(a, int(SAMPLES + density * np.log(a.multiplier[0])), a.impacts_until_quiet_at_first_return)
@@ -236,7 +236,7 @@ def _contact_of_escaping_samples(delta: float, beta: float, low: float, high: fl
         width = float(run[-1] - run[0])
         for _ in range(MOST_WIDENINGS_OF_WINDOW):  # widen the window until it holds a minimum
             window = (max(run[0] - width, 0.5 * run[0]), run[-1] + width)
-            s = here.least_distance(window, n)[1]
+            s = here.least_distance_from_stable_manifold(window, n)[1]
             if min(s - window[0], window[1] - s) > 0.1 * (window[1] - window[0]):
                 break
             width *= 2.0
@@ -311,7 +311,7 @@ def boundary_crisis(delta: float, beta: float = 0.6) -> Crisis:
             f"the saddle A exists at fewer than two of the tried values of epsilon at delta = {delta}, beta = {beta}: "
             "choose another delta"
         )
-    gone = np.asarray(has_escaping_part(delta, float(sn1_formula(delta)) + gaps, beta), np.bool_)
+    gone = np.asarray(flag_epsilon_with_escaping_part(delta, float(sn1_formula(delta)) + gaps, beta), np.bool_)
     reasons = []
     for i in np.flatnonzero(gone[1:] & ~gone[:-1])[::-1]:
         try:

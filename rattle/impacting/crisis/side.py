@@ -42,7 +42,7 @@ def crisis_side(delta: ArrayLike, epsilon: ArrayLike, beta: ArrayLike = 0.6) -> 
     """
     broadcast = broadcast_parameters(delta, epsilon, beta)
     a = saddles_at(*(np.array(x, order="C").ravel() for x in broadcast))
-    side, known = np.where(a.exists, UNSURE, NO_SADDLE).astype(np.int8), a.decidable_points
+    side, known = np.where(a.exists, UNSURE, NO_SADDLE).astype(np.int8), a.is_decidable_at_points
     if known.any():
         a = a.select(known)
         side[known] = np.where(

@@ -49,12 +49,12 @@ def gamma(delta: float, epsilon: float, beta: float, spacing: float, unit: float
     spacing = require_number("spacing", spacing, positive=True)
     require(spacing >= FINEST, f"spacing must be at least {FINEST:g}, got {spacing:g}")
 
-    def points_of_touch(times: NDArray[np.float64]) -> NDArray[np.float64]:
+    def touch_times_and_states(times: NDArray[np.float64]) -> NDArray[np.float64]:
         tau, v = np.empty(times.size), np.empty(times.size)
         fill_states_before_touch(times, delta, epsilon, beta, tau, v)
         return np.stack([times, tau, v])
 
-    points = points_of_touch(np.arange(FIRST_POINTS) / FIRST_POINTS)
+    points = touch_times_and_states(np.arange(FIRST_POINTS) / FIRST_POINTS)
     while True:
         last = points[:, :1] + np.array([[1.0], [1.0], [0.0]])  # repeat the first point one period later
         touch, tau, v = np.concatenate([points, last], axis=1)
@@ -65,7 +65,7 @@ def gamma(delta: float, epsilon: float, beta: float, spacing: float, unit: float
         if not open_.any():
             break
         middle = 0.5 * (touch[:-1] + touch[1:])[open_]
-        points = np.concatenate([points, points_of_touch(middle)], axis=1)
+        points = np.concatenate([points, touch_times_and_states(middle)], axis=1)
         points = points[:, np.argsort(points[0])]
     if joined.all():
         return (GammaPiece(tau, v, touch, True),)

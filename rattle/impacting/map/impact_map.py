@@ -8,9 +8,9 @@ kernel computes the inverse map, because these signs reverse time.
 import math
 from typing import NamedTuple
 
-from rattle.flight.contact_phase import ENDLESS, IN_CONTACT, MOST_BOUNCES, is_captured, stays_in_contact
+from rattle.flight.contact_phase import ENDLESS, IN_CONTACT, MOST_BOUNCES, is_bounce_captured, stays_in_contact
 from rattle.flight.first_impact import OK, SIGMA_PLUS, first_impact
-from rattle.flight.forcing import DRIFT, contact_force, mean_force, sine_cosine_at
+from rattle.flight.forcing import DRIFT, contact_force, mean_contact_force, sine_cosine_at
 from rattle.flight.impact_law import impulse_of, reflected_velocity
 from rattle.flight.law import fold_phase
 from rattle.flight.tangent import flight_tangent
@@ -125,14 +125,14 @@ def _inverse_step(tau, v, point):
 
 @implement_for_type(mean_force_at, ImpactingPoint)
 def _mean_force_at(point):
-    return mean_force(point.delta)
+    return mean_contact_force(point.delta)
 
 
 @implement_for_type(bounce, ImpactingPoint)
 def _bounce(wall, tau, w, point):
     sine, cosine = sine_cosine_at(tau)
     force = contact_force(sine, cosine, point.delta, point.epsilon, DRIFT)
-    captured = wall > 0 and is_captured(abs(w), force, point.quiet_invariant)
+    captured = wall > 0 and is_bounce_captured(abs(w), force, point.quiet_invariant)
     if captured or stays_in_contact(wall, w, tau, point.delta, point.epsilon, DRIFT):
         return IN_CONTACT, 0.0, wall, abs(w), 0.0, 0.0, abs(w)
     status, s, wall, w1, _d, _flight, _s1, _c1 = first_impact(

@@ -13,13 +13,13 @@ from rattle.flight.lanes.block import (
     GROUPS,
     NONE,
     allocate_lane_block,
-    check_lane_limits,
-    classify_force,
+    classify_contact_force_of_lanes,
     clear_block,
     is_near_overflow,
     normalise_tangent,
     prepare_flights,
     put_trajectory_on_lane,
+    stop_lane_at_limit,
 )
 from rattle.flight.lanes.rescan import SAFE, SCANNED
 from rattle.flight.lanes.stages import advance
@@ -69,7 +69,7 @@ def _build_iterate_lanes(tangent: bool) -> Any:
         while groups > 0:
             for i in range(GROUP * groups):
                 k = b.who[i]
-                over = check_lane_limits(b, i)
+                over = stop_lane_at_limit(b, i)
                 if tangent and k >= 0 and (over or is_near_overflow(b, i)):
                     stretch, contraction = normalise_tangent(b, i)
                     growth[1, k] += stretch
@@ -87,7 +87,7 @@ def _build_iterate_lanes(tangent: bool) -> Any:
                     b.who[i] = fresh
                     fresh += 1
             groups = prepare_flights(b, groups, fresh == size)
-            advance(memory, groups, FLIGHTS, classify_force(b, groups), tangent, paths)
+            advance(memory, groups, FLIGHTS, classify_contact_force_of_lanes(b, groups), tangent, paths)
         return status, out_tau, out_v, n_plus, n_minus, growth
 
     # the name by which a compiling process finds the kernel

@@ -24,7 +24,7 @@ from rattle.flight.forcing import (
     contact_force,
     contact_force_amplitude,
     contact_force_rate,
-    sampled_phases,
+    sines_cosines_of_spaced_phases,
 )
 from rattle.numerics.compile import kernel
 
@@ -33,7 +33,7 @@ Array = NDArray[np.float64]
 # number of phases at which the contact force is sampled; number of maxima that are kept side by side, so that the loop
 # over phases can use vector instructions
 PHASES, ABREAST = 2048, 16
-SINES, COSINES = sampled_phases(PHASES)
+SINES, COSINES = sines_cosines_of_spaced_phases(PHASES)
 LARGEST_ETA = 0.5  # the bound 10 e^(−1.9/η), which was measured (see the top of this file), is used up to this η
 # the constants of 10 e^(−1.9/η), the measured bound of the change of ln I in a period (see the top of this file)
 KICK, DECAY_RATE = 10.0, 1.9
@@ -60,7 +60,7 @@ def largest_eta(delta):
 
 @kernel
 def compiled_capture_invariant(delta, epsilon, beta, largest):
-    """Return what `capture_invariant` returns, for callers in kernels. `largest` (ABREAST,) is scratch memory."""
+    """Return what `capture_invariant_limit` returns, for callers in kernels. `largest` (ABREAST,) is scratch memory."""
     smallest = DRIFT * delta - contact_force_amplitude(delta, epsilon)
     if smallest <= 0.0:
         return 0.0
@@ -83,19 +83,19 @@ def compiled_capture_invariant(delta, epsilon, beta, largest):
 
 @kernel
 def fill_invariants(delta, epsilon, beta, largest, found):
-    """Write the results of `capture_invariant` to `found` (n,). `largest` (ABREAST,) is scratch memory for maxima."""
+    """Write the results of `capture_invariant_limit` to `found` (n,). `largest` (ABREAST,) is scratch memory."""
     for i in range(delta.size):
         found[i] = compiled_capture_invariant(delta[i], epsilon[i], beta[i], largest)
 
 
-def capture_invariants(delta: Array, epsilon: Array, beta: Array) -> Array:
-    """Return `capture_invariant` for each of n parameter points; delta, epsilon and beta have the shape (n,)."""
+def capture_invariant_limits(delta: Array, epsilon: Array, beta: Array) -> Array:
+    """Return `capture_invariant_limit` for each of n parameter points; delta, epsilon and beta have the shape (n,)."""
     found = np.zeros(delta.size)
     fill_invariants(delta, epsilon, beta, np.zeros(ABREAST), found)
     return found
 
 
-def capture_invariant(delta: float, epsilon: float, beta: float) -> float:
+def capture_invariant_limit(delta: float, epsilon: float, beta: float) -> float:
     """Return the largest v³/g at which a bounce is certain to become quiet; 0 if no quiet motion exists.
 
     v is the speed of the bounce, and g the contact force at its impact.
@@ -105,7 +105,7 @@ def capture_invariant(delta: float, epsilon: float, beta: float) -> float:
     float
         The limit of v³/g.
     """
-    return float(capture_invariants(*(np.array([x]) for x in (delta, epsilon, beta)))[0])
+    return float(capture_invariant_limits(*(np.array([x]) for x in (delta, epsilon, beta)))[0])
 
 
 def capture_speed(delta: float, epsilon: float, beta: float) -> float:
@@ -116,7 +116,9 @@ def capture_speed(delta: float, epsilon: float, beta: float) -> float:
 def capture_speeds(delta: Array, epsilon: Array, beta: Array) -> Array:
     """Return the results of `capture_speed` at flat arrays of parameters."""
     smallest = Forcing(epsilon).least_force(delta)
-    return np.asarray((capture_invariants(delta, epsilon, beta) * np.maximum(smallest, 0.0)) ** (1 / 3), np.float64)
+    return np.asarray(
+        (capture_invariant_limits(delta, epsilon, beta) * np.maximum(smallest, 0.0)) ** (1 / 3), np.float64
+    )
 
 
 def impacts_until_quiet(delta: Array, epsilon: Array, beta: Array) -> Array:

@@ -65,7 +65,7 @@ def guess_bounce_times(work, n, offset, least):
 
 
 @kernel
-def find_node(n, least, work, delta, epsilon, beta):
+def find_node_orbit(n, least, work, delta, epsilon, beta):
     """Search for the node P(1, n, 0), which is born stable at a saddle-node; add it to `work.found` if stable.
 
     least: the phase of least contact force.
@@ -106,7 +106,7 @@ def find_bouncing_orbits(work, delta, epsilon, beta):
             n += 1
         else:
             n = min(unstable + 1 + unstable // 3, MOST_IMPACTS) if none > MOST_IMPACTS else (unstable + none) // 2
-        state = find_node(n, least, work, delta, epsilon, beta)
+        state = find_node_orbit(n, least, work, delta, epsilon, beta)
         if state == NONE:
             if n <= few and not strong:
                 return
@@ -116,5 +116,5 @@ def find_bouncing_orbits(work, delta, epsilon, beta):
     if state == STABLE and not strong:
         for side in (-1, 1):
             k = n + side
-            while max(unstable, few) < k < none and find_node(k, least, work, delta, epsilon, beta) == STABLE:
+            while max(unstable, few) < k < none and find_node_orbit(k, least, work, delta, epsilon, beta) == STABLE:
                 k += side

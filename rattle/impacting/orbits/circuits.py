@@ -202,7 +202,7 @@ def is_step_short_enough(s, f0, slope0, f1, slope1):
 
 
 @kernel
-def passes_start(work, n, s):
+def does_step_pass_start(work, n, s):
     """Return whether the next step along a curve, of length s, passes the curve's start: then the curve is closed."""
     ahead, square = 0.0, 0.0
     for i in range(n):
@@ -274,7 +274,7 @@ def walk_circuit(work, n, span, longest, delta, epsilon, beta):
                 zeros += 2
                 keep_stable_orbit_between(work, n, 0.0, at, f0, f, s, delta, epsilon, beta)
                 keep_stable_orbit_between(work, n, at, s, f, f1, s, delta, epsilon, beta)
-        if step > 2 and passes_start(work, n, s):
+        if step > 2 and does_step_pass_start(work, n, s):
             return CLOSED, zeros
         if abs(work.next_point[0] - work.start[0]) >= span:
             return WOUND, zeros

@@ -136,7 +136,7 @@ def find_root_in_bracket(kind, level, lo, hi, delta, beta):
 
 
 @kernel
-def turning_point(lo, hi, sign, delta, beta):
+def find_sigma_of_extreme_epsilon(lo, hi, sign, delta, beta):
     """Return the σ inside (lo, hi) at which ε(σ) has its minimum (sign = 1) or maximum (−1), by golden section."""
     ratio = 0.5 * (math.sqrt(5.0) - 1.0)
     x1, x2 = hi - ratio * (hi - lo), lo + ratio * (hi - lo)
@@ -168,7 +168,7 @@ def write_family_nodes(delta, beta, sigma, e):
         above = e[i] > e[i - 1] and e[i] > e[i + 1]
         pole = i == n - 1 or i == n
         if (below or above) and not pole and size < sigma.size:
-            sigma[size] = turning_point(sigma[i - 1], sigma[i + 1], 1.0 if below else -1.0, delta, beta)
+            sigma[size] = find_sigma_of_extreme_epsilon(sigma[i - 1], sigma[i + 1], 1.0 if below else -1.0, delta, beta)
             e[size] = family_eccentricity(sigma[size], delta, beta)
             size += 1
     for i in range(2 * n, size):  # insertion sort, because only a few turning points join nodes that are in order
@@ -196,7 +196,7 @@ def nodes_of_family(delta: float, beta: float) -> tuple[Array, Array]:
 
 
 @kernel
-def trace_of_one_flight(delta, x):
+def trace_of_single_impact_orbit(delta, x):
     """Return the trace of the tangent map DΠ at A or C. x is ε cos 2πτ of the orbit."""
     return 1.0 + math.exp(-delta) + FOUR_PI * math.expm1(-delta) * x / (delta * delta)
 
@@ -219,11 +219,11 @@ def single_impact_orbit(cosine, delta, epsilon, beta, offset):
     tau = fold_phase(math.atan2(offset, x) / TWO_PI)
     status, time, wall, _w, _d, _f, _s, _c = first_impact(SIGMA_PLUS, tau, -v, delta, epsilon, beta, DRIFT)
     admissible = status == 0 and wall == 1 and abs(time - 1.0) < SAME_TIME
-    return admissible, tau, v, trace_of_one_flight(delta, x)
+    return admissible, tau, v, trace_of_single_impact_orbit(delta, x)
 
 
 @kernel
-def double_impact_orbit(sigma, delta, epsilon, beta):
+def two_impact_orbit_at_sigma(sigma, delta, epsilon, beta):
     """Return existence and state of the P(1,1,1) with time 1/2 + σ from Σ⁺ to Σ⁻, whose eccentricity is epsilon.
 
     Returns
@@ -291,7 +291,7 @@ def fill_period_one_orbits(order, delta, epsilon, beta, offset, sigma, e, exists
         for j in range(n - 2, -1, -1):
             if (e[j] - eps) * (e[j + 1] - eps) <= 0.0 and not sigma[j] < 0.0 < sigma[j + 1]:
                 root = find_root_in_bracket(0, eps, sigma[j], sigma[j + 1], d, b)
-                ok, tau, v, trace = double_impact_orbit(root, d, eps, b)
+                ok, tau, v, trace = two_impact_orbit_at_sigma(root, d, eps, b)
                 record_orbit(D if e[j + 1] > e[j] else B, ok, tau, v, trace, exists, phase, speed, traces, i)
 
 
@@ -354,7 +354,7 @@ def grazing_motion_at_sigma(sigma, delta, beta):
 
 
 @kernel
-def fill_grazing(curve, delta, beta, epsilon, phase, trace):
+def fill_grazing_curve(curve, delta, beta, epsilon, phase, trace):
     """Write ε, τ and the trace of `grazing_curve` to epsilon, phase and trace (n,), which must hold NaN at the start.
 
     curve: 0 for G1, 1 for G2. The entries of points at which the curve does not exist remain NaN.
@@ -364,7 +364,7 @@ def fill_grazing(curve, delta, beta, epsilon, phase, trace):
         while sigma < 0.5:
             admissible, eps, tau, x = grazing_motion_at_sigma(sigma, delta[i], beta[i])
             if admissible and (x >= 0.0) == (curve == 0):
-                epsilon[i], phase[i], trace[i] = eps, tau, trace_of_one_flight(delta[i], x)
+                epsilon[i], phase[i], trace[i] = eps, tau, trace_of_single_impact_orbit(delta[i], x)
                 break
             sigma = find_next_grazing_sigma(sigma * (1.0 + 1e-11), delta[i], beta[i])
 
@@ -378,12 +378,12 @@ def grazing_curve(curve: int, delta: Array, beta: Array) -> tuple[Array, Array, 
         ε, τ, and the trace of the tangent map without the graze, each (n,); NaN where the curve does not exist.
     """
     epsilon, phase, trace = np.full((3, delta.size), np.nan)
-    fill_grazing(curve, delta, beta, epsilon, phase, trace)
+    fill_grazing_curve(curve, delta, beta, epsilon, phase, trace)
     return epsilon, phase, trace
 
 
 @kernel
-def grazing_cosine(delta, beta):
+def first_graze_cosine_and_epsilon(delta, beta):
     """Return ε cos 2πτ and ε at the first σ > 0 at which the P(1,1,1) grazes Σ⁻; NaN if there is none."""
     sigma = find_next_grazing_sigma(EDGE, delta, beta)
     x, y, _v, _u, determinant = closure_numerators(sigma, delta, beta)

@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 from rattle.continuation.arclength import ContinuationProblem, line_scale
 from rattle.flight.between import DECAY, PULL, W0, W0_T0, W1, W1_T1, Flights, flight_between
 from rattle.flight.forcing import sine_cosine_of_complex_time
-from rattle.flight.impact_law import arrival_term, impact_mismatch
+from rattle.flight.impact_law import arrival_term_of_mismatch, impact_mismatch
 from rattle.numerics.compile import kernel
 from rattle.numerics.complex_step import Array, reshape_like, to_complex_batch
 from rattle.orbits.orbits_a_to_d import multipliers_of
@@ -66,7 +66,9 @@ def fill_equations(x, gaps, m, multiplier, flights, residual, matrix):
             pull = flights[PULL, j, i]
             matrix[j, i, i] += impact_mismatch(flights[W1_T1, j, i - 1], flights[W0_T0, j, i])
             matrix[j, i, after] -= pull * flights[W1, j, i] * later  # −pull · w₁ is ∂w₀/∂t₁
-            matrix[j, after, i] += arrival_term(np.divide(flights[DECAY, j, i] * pull * flights[W0, j, i], later))
+            matrix[j, after, i] += arrival_term_of_mismatch(
+                np.divide(flights[DECAY, j, i] * pull * flights[W0, j, i], later)
+            )
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,7 @@ from rattle.flight.forcing import (
     slope_loss_from_sine_change,
     versines,
 )
-from rattle.flight.impact_law import arrival_term
+from rattle.flight.impact_law import arrival_term_of_mismatch
 from rattle.flight.law import LONGEST_DECAY, decay_remainder64, fold_phase
 from rattle.numerics.compile import inline, kernel
 
@@ -84,7 +84,7 @@ def flight_velocities(s, sin0, cos0, gap, delta, epsilon):
 
 
 @inline
-def following_impact(i, n):
+def following_impact_and_period(i, n):
     """Return the number of the impact after impact i of n, and 1.0 if it belongs to the next period, else 0.0."""
     return (i + 1, 0.0) if i < n - 1 else (0, 1.0)
 
@@ -104,7 +104,7 @@ def write_equations(work, n, delta, epsilon, beta):
         work.residual[i], at[i] = 0.0, 0.0
     real = True
     for i in range(n):
-        j, later = following_impact(i, n)
+        j, later = following_impact_and_period(i, n)
         s = times[j] + later - times[i]
         gap = beta * (walls[j] - walls[i])
         w0, w1, lost = flight_velocities(s, work.sines[i], work.cosines[i], gap, delta, epsilon)
@@ -113,10 +113,10 @@ def write_equations(work, n, delta, epsilon, beta):
         sin0, cos0, sin1, cos1 = work.sines[i], work.cosines[i], work.sines[j], work.cosines[j]
         c = add_slope(DRIFT, sin0, cos0, epsilon) - w0
         work.residual[i] += w0
-        work.residual[j] += arrival_term(w1)
+        work.residual[j] += arrival_term_of_mismatch(w1)
         at[i] += add_acceleration(w0 * pull + delta * c, sin0, cos0, epsilon)
-        at[j] += arrival_term(add_acceleration((delta * c - w1 * pull) * decay, sin1, cos1, epsilon))
-        work.after[i], work.before[j] = -pull * w1, arrival_term(decay * pull * w0)
+        at[j] += arrival_term_of_mismatch(add_acceleration((delta * c - w1 * pull) * decay, sin1, cos1, epsilon))
+        work.after[i], work.before[j] = -pull * w1, arrival_term_of_mismatch(decay * pull * w0)
     return real
 
 
@@ -174,7 +174,7 @@ def move_impact_times(work, n, first):
         work.change[i] += first * work.response[i]
         size = max(size, abs(work.change[i]))
     for i in range(n):
-        j, later = following_impact(i, n)
+        j, later = following_impact_and_period(i, n)
         most = (1.0 - SHARE_LEFT) * (work.times[j] + later - work.times[i])
         shorter = work.change[i] - work.change[j]
         if shorter > most:
@@ -221,7 +221,7 @@ def find_fastest_impact(work, n, delta, epsilon, beta):
     """
     tau, v = 0.0, 0.0
     for i in range(n):
-        j, later = following_impact(i, n)
+        j, later = following_impact_and_period(i, n)
         wall, t = work.walls[i], fold_phase(work.times[i])
         s, gap = work.times[j] + later - work.times[i], beta * (work.walls[j] - wall)
         sin0, cos0 = sine_cosine_at(t)

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rattle.errors import real_array, require
+from rattle.errors import require, require_real_array
 from rattle.flight.forcing import quiet_eccentricity
 from rattle.numerics.compile import inline
 
@@ -23,7 +23,7 @@ FloatArray = NDArray[np.float64]
 
 def _require_valid_damping(delta: ArrayLike) -> FloatArray:
     """Return the damping as an array. Raises ParameterError unless all values are finite and greater than 0."""
-    value = real_array("delta", delta)
+    value = require_real_array("delta", delta)
     require(bool(np.all(np.isfinite(value) & (value > 0))), "delta must be finite and greater than 0")
     return value
 

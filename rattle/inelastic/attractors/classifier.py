@@ -147,7 +147,7 @@ class InelasticClassifier(Classifier):
         """
         return super().flag_cells_losing_samples(cells) & (~self.is_lossy[cells] | self.weak[cells])
 
-    def cells_with_deferred_probes(self, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
+    def flag_cells_with_deferred_probes(self, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
         """Return flags (k,) of the cells whose probes are not measured while samples still reach attractors.
 
         Returns
@@ -221,7 +221,7 @@ class InelasticClassifier(Classifier):
             waiting = left[: find_orbits_of_contact_samples(waiting, self.cells, *tables, self.states, left)]
             self.grow_capture_regions()
             if waiting.size:
-                self.make_room(2 * self.orbits.m.shape[1])
+                self.make_room_for_orbits(2 * self.orbits.m.shape[1])
         super().resolve(which[~exact], samples)
 
     def find_capture_radii(self, centres: CaptureCentres) -> None:

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rattle.continuation.arclength import (
-    Bound,
+    BoundsOfUnknown,
     ContinuationProblem,
     CurveFollower,
     OneWayPath,
@@ -68,14 +68,14 @@ def _birth_condition(x: NDArray) -> NDArray:
     return np.asarray(np.cos(2 * np.pi * x[..., TAU]))
 
 
-def _determinant_condition(beta: float, x: NDArray) -> NDArray:
+def _jacobian_determinant_at_graze(beta: float, x: NDArray) -> NDArray:
     """Return the determinant of the Jacobian of the equations of P(1,1,1) at the graze, which is 0 at COD23."""
     flights, r = Itinerary(TWO_IMPACT_WALLS, 1, beta).flights(x[..., :R]), x[..., R]
     first = flights.w0_t0[..., 0] + r * flights.w1_t1[..., 1]
     return np.asarray(first * (flights.w0_t0[..., 1] + r * flights.w1_t1[..., 0]))
 
 
-def _second_conditions(beta: float) -> dict[str, Residual]:
+def _conditions_besides_graze(beta: float) -> dict[str, Residual]:
     """Return the second condition of each codimension-two point; the first is that the motion grazes.
 
     Returns
@@ -86,7 +86,7 @@ def _second_conditions(beta: float) -> dict[str, Residual]:
     return {
         "COD20": _flip_condition,
         "COD21": _equal_multipliers_condition,
-        "COD23": partial(_determinant_condition, beta),
+        "COD23": partial(_jacobian_determinant_at_graze, beta),
         "COD22": _birth_condition,
     }
 
@@ -153,7 +153,7 @@ class CodimensionTwoCurve(TabularResult):
         i = int(passed[0])
         share = apart[i] / (apart[i] - apart[i + 1]) if apart[i] != apart[i + 1] else 0.0
         guess = self._points[i] + share * (self._points[i + 1] - self._points[i])
-        found = solve_with_fixed_unknown(_problem_of_point(self.name, self.beta), guess, R, r)
+        found = solve_with_fixed_unknown(_continuation_problem_of_point(self.name, self.beta), guess, R, r)
         if found is None:
             raise RattleError(
                 f"Newton's method finds no {self.name} at restitution = {r:g}: give a slightly different restitution"
@@ -161,7 +161,7 @@ class CodimensionTwoCurve(TabularResult):
         return float(found[DELTA]), float(found[EPSILON])
 
 
-def _problem_of_point(name: str, beta: float) -> ContinuationProblem:
+def _continuation_problem_of_point(name: str, beta: float) -> ContinuationProblem:
     """Return the four equations of a codimension-two point in five unknowns, as a continuation problem.
 
     Returns
@@ -169,7 +169,7 @@ def _problem_of_point(name: str, beta: float) -> ContinuationProblem:
     ContinuationProblem
         The laws of both impacts, the graze, and the second condition of the point.
     """
-    condition = _second_conditions(beta)[name]
+    condition = _conditions_besides_graze(beta)[name]
 
     def equations(x: NDArray) -> NDArray:
         flights, r = Itinerary(TWO_IMPACT_WALLS, 1, beta).flights(x[..., :R]), x[..., R]
@@ -204,7 +204,7 @@ def follow_codimension_two(name: str, beta: float = 0.6, lowest: float = LEAST_R
     RattleError
         If the elastic gear has no such point at this half-backlash.
     """
-    require_one_of("name", name, tuple(_second_conditions(1.0)))
+    require_one_of("name", name, tuple(_conditions_besides_graze(1.0)))
     beta = require_number("beta", beta, positive=True)
     known = {point.name: point for point in codimension_two(beta)}
     if name not in known:
@@ -215,7 +215,7 @@ def follow_codimension_two(name: str, beta: float = 0.6, lowest: float = LEAST_R
         raise RattleError(
             f"the elastic gear has no graze at beta = {beta:g} from which {name} can be followed: give another beta"
         )
-    problem = _problem_of_point(name, beta)
+    problem = _continuation_problem_of_point(name, beta)
     closest = min(near, key=lambda x: abs(float(x[-1]) - at.epsilon))
     start = solve_with_fixed_unknown(problem, np.append(closest, 1.0), R, 1.0)
     if start is None:
@@ -228,7 +228,7 @@ def follow_codimension_two(name: str, beta: float = 0.6, lowest: float = LEAST_R
             return "the damping leaves the range that is followed"
         return reason_for_virtual_motion(InelasticItinerary(TWO_IMPACT_WALLS, 1, beta, float(x[R])), x[:R], 1)
 
-    bounds = (Bound(R, lowest, 1.0), Bound(DELTA, 1e-3, LARGEST_DAMPING * beta))
+    bounds = (BoundsOfUnknown(R, lowest, 1.0), BoundsOfUnknown(DELTA, 1e-3, LARGEST_DAMPING * beta))
     follower = CurveFollower(problem, bounds, lambda x: reason_to_end(x) is None, lambda _: LONGEST_STEP)
     down = np.zeros(5)
     down[R] = -1.0

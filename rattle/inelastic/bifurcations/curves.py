@@ -14,13 +14,13 @@ from rattle.continuation.curve_continuation import (
     Curve,
     MotionAtCurvePoint,
     PlaneWindow,
-    interior_points,
+    evenly_spaced_numbers_between,
     require_window_range,
-    trace_problem,
+    trace_curve_of_problem,
 )
 from rattle.errors import RattleError, broadcast_parameters, require, require_one_of
 from rattle.flight.forcing import DRIFT, TWO_PI
-from rattle.impacting.bifurcations.curve_tracing import ALL_EPSILON, LEAST_DELTA, REACH, describe_motion
+from rattle.impacting.bifurcations.curve_tracing import ALL_EPSILON, LEAST_DELTA, REACH, motion_at_curve_point
 from rattle.impacting.orbits.periodic import reason_for_virtual_motion
 from rattle.inelastic.bifurcations.codimension_two import codimension_two_points_at
 from rattle.inelastic.bifurcations.registry import INELASTIC_CURVES, NAMES
@@ -92,10 +92,10 @@ def trace(
 def _dampings_to_search(window: PlaneWindow, beta: float) -> Array:
     """Return the dampings at which a curve is searched for: values spread over the window, and its edges in δ."""
     low, high = window.delta
-    spread = interior_points(low, high)
+    spread = evenly_spaced_numbers_between(low, high)
     # every curve has points below REACH · beta, which dampings spread over a wide window could miss
     if low < REACH * beta < high - low:
-        spread = np.concatenate([interior_points(low, REACH * beta), spread])
+        spread = np.concatenate([evenly_spaced_numbers_between(low, REACH * beta), spread])
     return np.array([*spread, low, high])
 
 
@@ -116,7 +116,7 @@ def _trace_motion_curve(
         )
 
     def describe_solution(x: Array) -> MotionAtCurvePoint:
-        found = describe_motion(itinerary, unknowns_without_load(x, load), definition.impact)
+        found = motion_at_curve_point(itinerary, unknowns_without_load(x, load), definition.impact)
         return found._replace(v=found.v * unit)
 
     problem = add_load_to_problem(condition(itinerary, definition.kind, definition.impact), load)
@@ -128,7 +128,7 @@ def _trace_motion_curve(
         ]
         return ": ".join([*near[:1], reason])
 
-    return trace_problem(
+    return trace_curve_of_problem(
         name, beta, problem, starting_points(), window, reason_to_leave, describe_solution, add_point_to_reason
     )
 
@@ -159,7 +159,7 @@ def _quiet_limit_curve(
         return None if x[-1] <= first * (1.0 + SAME_EPSILON) else "the contact force reaches 0 at another phase first"
 
     nothing = np.full(2, complex(np.nan, np.nan))
-    return trace_problem(
+    return trace_curve_of_problem(
         QUIET_LIMIT,
         beta,
         ContinuationProblem(equations, scale=scale_of_unknowns),

@@ -59,7 +59,7 @@ _DEFINITIONS = (
     ),
     InelasticCurveDefinition("SN2", "saddle-node at which B and D, P(1,1,1), are born as ε grows", starts.fold_guesses),
     InelasticCurveDefinition(
-        "PD1", "flip (period doubling) at which D, P(1,1,1), loses stability as ε grows", starts.first_flip
+        "PD1", "flip (period doubling) at which D, P(1,1,1), loses stability as ε grows", starts.flip_next_to_sn2
     ),
     InelasticCurveDefinition(
         "G1", "grazing of C, P(1,1,0), on Σ⁻: there C and B or D become one", starts.graze_guesses
@@ -70,7 +70,9 @@ _DEFINITIONS = (
         "flip (period doubling) at which C, P(1,1,0), loses stability as ε grows; closed form for any restitution",
         lambda delta, _beta, r: starts.one_impact_guesses(EventKind.FLIP, delta, r),
     ),
-    InelasticCurveDefinition("PD2", "flip at which D, P(1,1,1), becomes stable again at high ε", starts.later_flips),
+    InelasticCurveDefinition(
+        "PD2", "flip at which D, P(1,1,1), becomes stable again at high ε", starts.flips_after_first
+    ),
 )
 #: The curves in the order in which a picture's legend lists them.
 INELASTIC_CURVES = {each.name: each for each in _DEFINITIONS}

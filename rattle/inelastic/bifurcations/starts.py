@@ -14,10 +14,10 @@ import numpy as np
 
 from rattle.continuation.conditions import EventKind
 from rattle.flight.forcing import DRIFT
-from rattle.impacting.bifurcations.starts import TwoImpactFamily, find_zeros
+from rattle.impacting.bifurcations.starts import TwoImpactFamily, find_zeros_along_family
 from rattle.inelastic.orbits.closed_form import flip_of_c, forcing_slope_at_departure, saddle_node
 from rattle.inelastic.orbits.equations import InelasticItinerary
-from rattle.inelastic.orbits.family import family_nodes, family_numerators
+from rattle.inelastic.orbits.family import tabulate_epsilon_of_family, two_impact_family_numerators
 from rattle.numerics.complex_step import Array
 
 TWO_IMPACT_WALLS = (1, -1)  # walls of P(1,1,1), in order
@@ -25,7 +25,7 @@ TWO_IMPACT_WALLS = (1, -1)  # walls of P(1,1,1), in order
 
 def inelastic_family_members(sigma: Array, delta: float, beta: float, r: float) -> TwoImpactFamily:
     """Return the motions P(1,1,1) whose times from Σ⁺ to Σ⁻ are 1/2 + σ, for increasing σ (k,)."""
-    closed = np.array([family_numerators(each, delta, beta, r) for each in sigma]).reshape(-1, 5)
+    closed = np.array([two_impact_family_numerators(each, delta, beta, r) for each in sigma]).reshape(-1, 5)
     x, y = closed[:, 0] / closed[:, 4], closed[:, 1] / closed[:, 4]
     tau = np.arctan2(y, x) / (2 * np.pi)
     unknowns = np.column_stack([tau, tau + 0.5 + sigma, np.full_like(sigma, delta), np.hypot(x, y)])
@@ -38,14 +38,14 @@ def inelastic_family_members(sigma: Array, delta: float, beta: float, r: float) 
 def two_impact_family_members(delta: float, beta: float, r: float) -> TwoImpactFamily:
     """Return motions P(1,1,1) whose times from Σ⁺ to Σ⁻ are 1/2 + σ with σ > 0.
 
-    The values of σ are those of `family_nodes` at which ε(σ) is finite.
+    The values of σ are those of `tabulate_epsilon_of_family` at which ε(σ) is finite.
 
     Returns
     -------
     TwoImpactFamily
         The motions, in the order of increasing σ.
     """
-    sigma, epsilon = family_nodes(delta, beta, r)
+    sigma, epsilon = tabulate_epsilon_of_family(delta, beta, r)
     return inelastic_family_members(sigma[(sigma > 0.0) & np.isfinite(epsilon)], delta, beta, r)
 
 
@@ -60,7 +60,7 @@ def _zeros_on_family(values: Callable[[TwoImpactFamily], Array], delta: float, b
         The unknowns of each motion.
     """
     coarse = two_impact_family_members(delta, beta, r)
-    return find_zeros(values, coarse, lambda sigma: inelastic_family_members(sigma, delta, beta, r))
+    return find_zeros_along_family(values, coarse, lambda sigma: inelastic_family_members(sigma, delta, beta, r))
 
 
 def fold_guesses(delta: float, beta: float, r: float) -> list[Array]:
@@ -80,7 +80,7 @@ def flip_guesses(delta: float, beta: float, r: float) -> tuple[Array, ...]:
     return tuple(_zeros_on_family(lambda at: at.flip, delta, beta, r))
 
 
-def first_flip(delta: float, beta: float, r: float) -> Sequence[Array]:
+def flip_next_to_sn2(delta: float, beta: float, r: float) -> Sequence[Array]:
     """Return a sequence with the unknowns of the flip next to SN2; empty if D does not lose stability at this flip.
 
     D loses stability if it is stable at smaller ε and unstable at larger ε.
@@ -98,9 +98,9 @@ def first_flip(delta: float, beta: float, r: float) -> Sequence[Array]:
     return found[:1] if loses else ()
 
 
-def later_flips(delta: float, beta: float, r: float) -> Sequence[Array]:
-    """Return the unknowns of all flips of B and D at one damping, except the flip that `first_flip` returns."""
-    return flip_guesses(delta, beta, r)[len(first_flip(delta, beta, r)) :]
+def flips_after_first(delta: float, beta: float, r: float) -> Sequence[Array]:
+    """Return the unknowns of all flips of B and D at one damping, except the flip that `flip_next_to_sn2` returns."""
+    return flip_guesses(delta, beta, r)[len(flip_next_to_sn2(delta, beta, r)) :]
 
 
 def one_impact_guesses(kind: EventKind, delta: float, r: float) -> list[Array]:

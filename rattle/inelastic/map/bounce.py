@@ -23,7 +23,7 @@ from rattle.flight.first_impact import OK
 from rattle.flight.forcing import TWO_PI, sine_cosine_at
 from rattle.flight.law import fold_phase, wrap_phase_difference
 from rattle.inelastic.map.contact import is_chatter_captured
-from rattle.inelastic.map.flight import first_impact_of_forced_flight, forced_flight
+from rattle.inelastic.map.flight import first_impact_of_forced_flight, prepare_forced_flight
 from rattle.inelastic.map.harmonics import AMPLITUDE, ORDER, PHASE, force_at
 from rattle.inelastic.map.impact_map import InelasticPoint, force_piece_number
 from rattle.intensity.forces import spectral_lines_of_force
@@ -46,7 +46,7 @@ def force_antiderivative(tau, delta, harmonics):
 
 
 @inline
-def nearest_release(tau, zeros):
+def index_of_release_zero(tau, zeros):
     """Return the index of the zero that equals tau, the phase of a release, except for rounding errors."""
     nearest, off = 0, math.inf
     for i in range(zeros.size):
@@ -73,11 +73,11 @@ def follow_flight_and_impact(wall, tau, w, point):
     if w == 0.0:
         if zeros.size == 0:
             return IN_CONTACT, 0.0, wall, 0.0, 0.0, 0.0, 0.0
-        number = nearest_release(tau, zeros)
+        number = index_of_release_zero(tau, zeros)
         tau, piece = zeros[number], number + 1
     else:
         piece = force_piece_number(tau, zeros)
-    flight = forced_flight(tau, w, delta, point.drift, harmonics, departure)
+    flight = prepare_forced_flight(tau, w, delta, point.drift, harmonics, departure)
     if zeros.size == 0 and is_chatter_captured(wall, abs(w), flight.force, point):
         return IN_CONTACT, 0.0, wall, abs(w), 0.0, 0.0, abs(w)
     status, s, wall, w1, _bend, _lost = first_impact_of_forced_flight(wall, tau, flight, piece, point, departure)

@@ -88,7 +88,7 @@ def point_at(cell, cells):
 
 
 @implement_for_type(point_of_cell, InelasticCells)
-def _point_of(cell, cells):
+def _point_of_cell(cell, cells):
     return point_at(cell, cells)
 
 

@@ -21,7 +21,7 @@ quiet motion is certain; the fastest harmonic takes the place of the first one i
 import math
 
 from rattle.flight.contact_phase import SHARE, chatter_completes
-from rattle.flight.contact_phase import is_captured as is_quiet
+from rattle.flight.contact_phase import is_bounce_captured as is_quiet
 from rattle.impacting.map.quiet import largest_eta
 from rattle.inelastic.map.harmonics import ORDER, force_at, forcing_derivative_bounds
 from rattle.numerics.compile import inline, kernel

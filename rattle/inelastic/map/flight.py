@@ -27,7 +27,7 @@ COSINE, SINE = range(2)
 
 
 class InelasticFlight(NamedTuple):
-    """Quantities of one flight at its departure, at time t₀, as `forced_flight` returns them."""
+    """Quantities of one flight at its departure, at time t₀, as `prepare_forced_flight` returns them."""
 
     w: float  # velocity of departure
     a: float  # A = q + e'(t₀) − w, with the drift q and the forcing e
@@ -37,7 +37,7 @@ class InelasticFlight(NamedTuple):
 
 
 @inline
-def forced_flight(tau, w, delta, drift, harmonics, departure):
+def prepare_forced_flight(tau, w, delta, drift, harmonics, departure):
     """Return the flight that departs at phase tau with velocity w, and fill the array `departure` (2, K) for it."""
     slope, bend = 0.0, 0.0
     for j in range(harmonics.shape[1]):
@@ -146,7 +146,7 @@ def time_of_forced_extremum(low, high, guess, convex, third, flight, harmonics, 
 
 
 @inline
-def lower_bound_on_piece(length, g0, slope0, g1, slope1, delta):
+def displacement_lower_bound_on_piece(length, g0, slope0, g1, slope1, delta):
     """Return a lower bound of a displacement G over a time `length` in which e^(δs) G' rises through 0.
 
     g0, slope0, g1, slope1: G and G' at the beginning and at the end. Without damping G lies above its tangents at both
@@ -184,7 +184,7 @@ def find_crossing_on_piece(sign, s0, f0, f1, s1, e0, e1, guess, lower, upper, th
     if slope0 < 0.0:
         end, reached = s1, g1
         if slope1 > 0.0:
-            if lower_bound_on_piece(s1 - s0, g0, slope0, g1, slope1, flight.delta) > low:
+            if displacement_lower_bound_on_piece(s1 - s0, g0, slope0, g1, slope1, flight.delta) > low:
                 reached = low
             else:
                 turn = s0 + (s1 - s0) * slope0 / (slope0 - slope1)

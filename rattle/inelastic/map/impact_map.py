@@ -15,7 +15,7 @@ from rattle.flight.contact_phase import ENDLESS, IN_CONTACT, MOST_BOUNCES
 from rattle.flight.first_impact import OK, SIGMA_PLUS
 from rattle.flight.law import fold_phase
 from rattle.inelastic.map.contact import is_chatter_captured
-from rattle.inelastic.map.flight import first_impact_of_forced_flight, forced_flight, forced_flight_tangent
+from rattle.inelastic.map.flight import first_impact_of_forced_flight, forced_flight_tangent, prepare_forced_flight
 from rattle.numerics.compile import implement_for_type, inline, kernel
 from rattle.orbits import return_map
 
@@ -70,7 +70,7 @@ def flight_after_impact(wall, tau, w, piece, point, departure):
 
     wall, tau, w: the wall and the phase of the impact, and the velocity after it; w = 0 at a zero of the contact force
     means that a contact phase ends there. piece: the number of zeros of the contact force at or before tau.
-    departure (2, K): filled with the terms of the forcing at the departure, as `forced_flight` does.
+    departure (2, K): filled with the terms of the forcing at the departure, as `prepare_forced_flight` does.
 
     Returns
     -------
@@ -82,7 +82,7 @@ def flight_after_impact(wall, tau, w, piece, point, departure):
         Phase of departure, the number of its piece, and the flight.
     """
     delta, harmonics, zeros = point.delta, point.harmonics, point.zeros
-    flight = forced_flight(tau, w, delta, point.drift, harmonics, departure)
+    flight = prepare_forced_flight(tau, w, delta, point.drift, harmonics, departure)
     if not is_chatter_captured(wall, abs(w), flight.force, point):
         return False, 0.0, tau, piece, flight
     if zeros.size == 0:
@@ -90,7 +90,7 @@ def flight_after_impact(wall, tau, w, piece, point, departure):
     number = piece if piece < zeros.size else 0
     release = zeros[number]
     wait = release - tau if piece < zeros.size else release + 1.0 - tau
-    flight = forced_flight(release, 0.0, delta, point.drift, harmonics, departure)
+    flight = prepare_forced_flight(release, 0.0, delta, point.drift, harmonics, departure)
     return True, wait, release, number + 1, flight
 
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from rattle.flight.first_impact import OK, SIGMA_PLUS
 from rattle.flight.law import fold_phase
-from rattle.inelastic.map.flight import evaluate_forced_flight, first_impact_of_forced_flight, forced_flight
+from rattle.inelastic.map.flight import evaluate_forced_flight, first_impact_of_forced_flight, prepare_forced_flight
 from rattle.inelastic.map.impact_map import InelasticPoint, flight_after_impact, force_piece_number
 from rattle.numerics.compile import kernel
 from rattle.orbits.iterates import MOST_IMPACTS, Trajectory, sample_motion
@@ -54,7 +54,7 @@ def write_inelastic_motion(tau, v, point, time, phi, velocity, impact_time, impa
     while i < time.size:
         contact, wait, release, number, flight = flight_after_impact(wall, phase, w, piece, point, departure)
         if contact:
-            flight = forced_flight(phase, w, point.delta, point.drift, point.harmonics, departure)
+            flight = prepare_forced_flight(phase, w, point.delta, point.drift, point.harmonics, departure)
             left = remaining_chatter_time(wall, abs(w), flight.force, point)
             if left < SHORT_CHATTER or (point.restitution == 1.0):
                 if wait == math.inf:
@@ -65,7 +65,7 @@ def write_inelastic_motion(tau, v, point, time, phi, velocity, impact_time, impa
                 if wait == math.inf or i == time.size:
                     return OK, impacts, rest
                 now, phase, piece, w = now + wait, release, number, 0.0
-                flight = forced_flight(phase, w, point.delta, point.drift, point.harmonics, departure)
+                flight = prepare_forced_flight(phase, w, point.delta, point.drift, point.harmonics, departure)
         status, s, target, w1, _bend, _lost = first_impact_of_forced_flight(
             wall, phase, flight, piece, point, departure
         )

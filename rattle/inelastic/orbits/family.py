@@ -55,7 +55,7 @@ def departure_speed_over_drift(x, lost):
 
 
 @kernel
-def family_numerators(sigma, delta, beta, r):
+def two_impact_family_numerators(sigma, delta, beta, r):
     """Return numerators, with their common denominator, that describe the P(1,1,1) with time 1/2 + σ from Σ⁺ to Σ⁻.
 
     Returns
@@ -88,22 +88,25 @@ def family_numerators(sigma, delta, beta, r):
 
 
 @kernel
-def epsilon_of_family(sigma, delta, beta, r):
+def epsilon_of_two_impact_family(sigma, delta, beta, r):
     """Return the ε of the P(1,1,1) whose time from Σ⁺ to Σ⁻ is 1/2 + σ; it is infinite at the pole σ = 0."""
-    x, y, _v, _u, determinant = family_numerators(sigma, delta, beta, r)
+    x, y, _v, _u, determinant = two_impact_family_numerators(sigma, delta, beta, r)
     return math.hypot(x, y) / abs(determinant)
 
 
 @kernel
 def sigma_at_epsilon(level, lo, hi, delta, beta, r):
-    """Return the σ in (lo, hi) at which ε(σ), computed by `epsilon_of_family`, equals `level`, by secant steps."""
-    f_lo, f_hi = epsilon_of_family(lo, delta, beta, r) - level, epsilon_of_family(hi, delta, beta, r) - level
+    """Return the σ in (lo, hi) at which `epsilon_of_two_impact_family` equals `level`, by secant steps."""
+    f_lo, f_hi = (
+        epsilon_of_two_impact_family(lo, delta, beta, r) - level,
+        epsilon_of_two_impact_family(hi, delta, beta, r) - level,
+    )
     side, last = 0, math.nan
     for _ in range(MOST_STEPS):
         sigma = (lo * f_hi - hi * f_lo) / (f_hi - f_lo)
         if not (min(lo, hi) < sigma < max(lo, hi)):
             sigma = 0.5 * (lo + hi)
-        f = epsilon_of_family(sigma, delta, beta, r) - level
+        f = epsilon_of_two_impact_family(sigma, delta, beta, r) - level
         if f == 0.0 or abs(sigma - last) <= 1e-16 * abs(sigma):
             return sigma
         last = sigma
@@ -113,19 +116,22 @@ def sigma_at_epsilon(level, lo, hi, delta, beta, r):
 
 @kernel
 def family_turning_point(lo, hi, sign, delta, beta, r):
-    """Return the σ in (lo, hi) at which `epsilon_of_family` is least (sign = 1) or greatest (sign = −1)."""
+    """Return the σ in (lo, hi) at which `epsilon_of_two_impact_family` is least (sign = 1) or greatest (sign = −1)."""
     ratio = 0.5 * (math.sqrt(5.0) - 1.0)
     x1, x2 = hi - ratio * (hi - lo), lo + ratio * (hi - lo)
-    f1, f2 = sign * epsilon_of_family(x1, delta, beta, r), sign * epsilon_of_family(x2, delta, beta, r)
+    f1, f2 = (
+        sign * epsilon_of_two_impact_family(x1, delta, beta, r),
+        sign * epsilon_of_two_impact_family(x2, delta, beta, r),
+    )
     while hi - lo > 1e-9 * abs(0.5 * (lo + hi)):
         if f1 < f2:
             hi, x2, f2 = x2, x1, f1
             x1 = hi - ratio * (hi - lo)
-            f1 = sign * epsilon_of_family(x1, delta, beta, r)
+            f1 = sign * epsilon_of_two_impact_family(x1, delta, beta, r)
         else:
             lo, x1, f1 = x1, x2, f2
             x2 = lo + ratio * (hi - lo)
-            f2 = sign * epsilon_of_family(x2, delta, beta, r)
+            f2 = sign * epsilon_of_two_impact_family(x2, delta, beta, r)
     return 0.5 * (lo + hi)
 
 
@@ -146,14 +152,14 @@ def fill_family_nodes(delta, beta, r, sigma, e):
         sigma[n - 1 - i], sigma[n + i] = -gap, gap
     size = 2 * n
     for i in range(size):
-        e[i] = epsilon_of_family(sigma[i], delta, beta, r)
+        e[i] = epsilon_of_two_impact_family(sigma[i], delta, beta, r)
     for i in range(1, 2 * n - 1):
         below = e[i] < e[i - 1] and e[i] < e[i + 1]
         above = e[i] > e[i - 1] and e[i] > e[i + 1]
         pole = i == n - 1 or i == n
         if (below or above) and not pole and size < sigma.size:
             sigma[size] = family_turning_point(sigma[i - 1], sigma[i + 1], 1.0 if below else -1.0, delta, beta, r)
-            e[size] = epsilon_of_family(sigma[size], delta, beta, r)
+            e[size] = epsilon_of_two_impact_family(sigma[size], delta, beta, r)
             size += 1
     for i in range(2 * n, size):  # insertion sort, because only a few turning points join nodes that are in order
         new, new_e, j = sigma[i], e[i], i
@@ -189,7 +195,7 @@ def flight_at_phase(w, x, y, delta):
 @kernel
 def two_impact_orbit(sigma, delta, epsilon, beta, r):
     """Return (admissible, τ, v, trace of the tangent map) of the P(1,1,1) with time 1/2 + σ from Σ⁺ to Σ⁻."""
-    x, y, v, u, determinant = family_numerators(sigma, delta, beta, r)
+    x, y, v, u, determinant = two_impact_family_numerators(sigma, delta, beta, r)
     x, y, v, u = x / determinant, y / determinant, v / determinant, u / determinant
     tau, s, rest = fold_phase(math.atan2(y, x) / TWO_PI), 0.5 + sigma, 0.5 - sigma
     if not (v > 0.0 and u > 0.0):
@@ -214,7 +220,7 @@ def two_impact_orbit(sigma, delta, epsilon, beta, r):
 
 
 @kernel
-def store_first_orbit(orbit, found, exists, phase, speed, traces, i):
+def store_orbit_unless_stored(orbit, found, exists, phase, speed, traces, i):
     """Store an orbit at parameter point i, if it is admissible and no orbit with its letter is stored there.
 
     orbit: the letter, 0 to 3 for A to D. found: the tuple of `one_impact_orbit` or `two_impact_orbit`. Callers
@@ -238,8 +244,8 @@ def fill_family_orbits(order, delta, epsilon, beta, r, exists, phase, speed, tra
     sigma, e = np.zeros(MOST_NODES), np.zeros(MOST_NODES)
     for i in order:
         d, eps, b, rest = delta[i], epsilon[i], beta[i], r[i]
-        store_first_orbit(A, one_impact_orbit(-1.0, d, eps, b, rest), exists, phase, speed, traces, i)
-        store_first_orbit(C, one_impact_orbit(1.0, d, eps, b, rest), exists, phase, speed, traces, i)
+        store_orbit_unless_stored(A, one_impact_orbit(-1.0, d, eps, b, rest), exists, phase, speed, traces, i)
+        store_orbit_unless_stored(C, one_impact_orbit(1.0, d, eps, b, rest), exists, phase, speed, traces, i)
         if last < 0 or d != delta[last] or b != beta[last] or rest != r[last]:
             n = fill_family_nodes(d, b, rest, sigma, e)
         last = i
@@ -247,10 +253,12 @@ def fill_family_orbits(order, delta, epsilon, beta, r, exists, phase, speed, tra
             if (e[j] - eps) * (e[j + 1] - eps) <= 0.0 and not sigma[j] < 0.0 < sigma[j + 1]:
                 root = sigma_at_epsilon(eps, sigma[j], sigma[j + 1], d, b, rest)
                 which = D if e[j + 1] > e[j] else B
-                store_first_orbit(which, two_impact_orbit(root, d, eps, b, rest), exists, phase, speed, traces, i)
+                store_orbit_unless_stored(
+                    which, two_impact_orbit(root, d, eps, b, rest), exists, phase, speed, traces, i
+                )
 
 
-def family_nodes(delta: float, beta: float, r: float) -> tuple[Array, Array]:
+def tabulate_epsilon_of_family(delta: float, beta: float, r: float) -> tuple[Array, Array]:
     """Return increasing σ, and the ε(σ) of the P(1,1,1) with time 1/2 + σ from Σ⁺ to Σ⁻.
 
     ε is monotone between neighbouring σ, except across its pole at σ = 0.

@@ -10,7 +10,7 @@ from rattle.flight.first_impact import OK
 from rattle.inelastic.map.impact_map import InelasticPoint
 from rattle.inelastic.map.runs import count_contacts_and_merged_impacts, count_returns_of_contact_motion
 from rattle.orbits.orbits_a_to_d import multipliers_of
-from rattle.orbits.return_map import apply_return_map_power, fastest_point, find_fixed_point, least_return_period
+from rattle.orbits.return_map import apply_return_map_power, fastest_departure, find_fixed_point, least_return_period
 
 MOST_RETURNS = 4096  # largest number of impacts on Σ⁺ per period of a sought motion
 # a motion with contact is back at its first state if τ differs by less than this, and v by less than this share of v
@@ -67,7 +67,7 @@ def inelastic_orbit(point: InelasticPoint, tau: float, v: float, n_plus: int = 1
             "to a periodic motion"
         )
     k = least_return_period(tau1, v1, k, point)
-    tau1, v1 = fastest_point(tau1, v1, k, point)
+    tau1, v1 = fastest_departure(tau1, v1, k, point)
     status, _t, _v, time, n_minus, a00, _a, _b, a11, log_det = apply_return_map_power(tau1, v1, k, point)
     if status != OK:
         raise RattleError(

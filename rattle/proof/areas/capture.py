@@ -23,7 +23,7 @@ PARTS = 128
 GROWTH_SHARE = 0.95
 
 
-def require_captures(piece: PlanePiece, speed: Fraction) -> None:
+def require_captures_below_speed(piece: PlanePiece, speed: Fraction) -> None:
     """Raise NotProvedError unless all motions that leave Σ⁺ slower than `speed` provably become quiet on the piece."""
     share = piece.epsilon / quiet_limit_enclosure(arb_series([piece.delta]))[0]
     if not share < 1:
@@ -43,7 +43,7 @@ def require_captures(piece: PlanePiece, speed: Fraction) -> None:
             )
 
 
-def _scaled_force(t: arb, share: arb) -> tuple[arb, arb, arb, arb]:
+def _scaled_force_and_derivatives(t: arb, share: arb) -> tuple[arb, arb, arb, arb]:
     """Return the contact force in units of its mean, g/(4πδ), and three derivatives, a time t after a minimum of g.
 
     share: ε divided by the quiet limit.
@@ -80,11 +80,11 @@ def _half_duration_bound(piece: PlanePiece, share: arb, invariant: arb) -> arb:
     mean, longest = 4 * PI() * piece.delta, arb(0)
     for i in range(PARTS):
         here = hull(arb(i) / PARTS, arb(i + 1) / PARTS)
-        v = upper_end(invariant * upper_end(_scaled_force(here, share)[0])).root(3)
+        v = upper_end(invariant * upper_end(_scaled_force_and_derivatives(here, share)[0])).root(3)
         h = upper_end(v / (1 - upper_end(share))) * (1 + arb(2.0**-10))
         for _ in range(4):  # a smaller bound h gives a larger minimum of g, which gives a smaller h
             time = upper_end(-(1 - 2 * h * piece.delta).log() / piece.delta)
-            least = _scaled_force(hull(here, here + time), share)[0].lower()
+            least = _scaled_force_and_derivatives(hull(here, here + time), share)[0].lower()
             if not least > 0:
                 raise NotProvedError("the contact force may vanish during a bounce: choose a smaller capture speed")
             if v < h * least:
@@ -134,7 +134,7 @@ def _acceleration_derivatives(t: arb, w: arb, delta: arb, share: arb) -> tuple[a
     tuple[arb, arb, arb, arb]
         a/(4πδ), and the first, second and third derivative.
     """
-    g, g1, g2, g3 = _scaled_force(t, share)
+    g, g1, g2, g3 = _scaled_force_and_derivatives(t, share)
     first, second = 2 * delta * g + g1, 6 * delta**2 * g + 5 * delta * g1 + g2
     third = 24 * delta**3 * g + 26 * delta**2 * g1 + 9 * delta * g2 + g3
     return w**2 * g, w**3 * first, w**4 * second, w**5 * third

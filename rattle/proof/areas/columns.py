@@ -21,7 +21,7 @@ from rattle.impacting.orbits.limits import flip_formula, quiet_limit, sn1_formul
 from rattle.impacting.orbits.period_one import CURVES, grazing, period_one
 from rattle.orbits.orbits_a_to_d import NAMES, classify_regions
 from rattle.proof.areas.block import ABSENT, ATTRACTING, CAPTURED, LOUD, QUIET, REGIONS, SADDLE, ProvedBlock
-from rattle.proof.areas.capture import require_captures
+from rattle.proof.areas.capture import require_captures_below_speed
 from rattle.proof.areas.finder import BlockProver
 from rattle.proof.areas.piece import PlanePiece, hull
 from rattle.proof.balls import ball, precision
@@ -68,7 +68,7 @@ def prove_column(beta: Fraction, delta: Ends, epsilon: Ends) -> list[ProvedBlock
     with precision(BITS):
         for kind, parts in COLUMN_DIVISIONS.items():
             for part in cut_into_columns(delta, parts):
-                for claim, low, high in expected_spans(kind, float(beta), part, epsilon):
+                for claim, low, high in expected_claim_spans(kind, float(beta), part, epsilon):
                     limits = _round_inwards(low, high, epsilon)
                     found += [
                         ProvedBlock(claim, beta, part, ends) for ends in _prove_ranges(prover, claim, part, limits)
@@ -95,7 +95,7 @@ def _prove_captures(beta: Fraction, delta: Ends, epsilon: Ends) -> Iterator[Prov
         for _ in range(MOST_SPEED_CUTS):
             speed = round(speed * SPEED_FACTOR, PLACES)
             try:
-                require_captures(piece, speed)
+                require_captures_below_speed(piece, speed)
             except NotProvedError:
                 continue
             yield ProvedBlock(CAPTURED, beta, delta, (low, high), round(speed * PUBLISHED_SHARE, PLACES))
@@ -155,7 +155,7 @@ def _prove_ranges(prover: BlockProver, claim: str, delta: Ends, limits: Ends, de
     return [ends for half in halves for ends in _prove_ranges(prover, claim, delta, half, depth + 1)]
 
 
-def expected_spans(kind: str, beta: float, delta: Ends, epsilon: Ends) -> list[Span]:
+def expected_claim_spans(kind: str, beta: float, delta: Ends, epsilon: Ends) -> list[Span]:
     """Return the spans (intervals) of ε on which each claim of a kind holds, as computed in doubles.
 
     kind: "region", "C", "D" or QUIET. In a span the claim holds at both ends and in the middle of the δ interval.

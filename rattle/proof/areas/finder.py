@@ -39,7 +39,7 @@ class BlockProver:
         """
         piece = PlanePiece(hull(*map(ball, delta)), hull(*map(ball, epsilon)), ball(self.beta))
         try:
-            self._require_on_whole_piece(piece, claim, delta)
+            self._require_claim_on_whole_piece(piece, claim, delta)
         except NotProvedError:
             if depth == DELTA_HALVINGS:
                 raise
@@ -47,7 +47,7 @@ class BlockProver:
             self.require_claim(claim, (delta[0], middle), epsilon, depth + 1)
             self.require_claim(claim, (middle, delta[1]), epsilon, depth + 1)
 
-    def _require_on_whole_piece(self, piece: PlanePiece, claim: str, delta: Ends) -> None:
+    def _require_claim_on_whole_piece(self, piece: PlanePiece, claim: str, delta: Ends) -> None:
         """Raise NotProvedError unless the claim is proved on a piece as a whole, without cutting it."""
         if claim in (QUIET, LOUD):
             if quiet_enclosure.is_quiet_possible(piece) is not (claim == QUIET):

@@ -43,7 +43,7 @@ def exists(piece: PlanePiece, letter: str) -> bool | None:
     y = mean_value_enclosure(minus_y, piece.delta)
     if upper_end(piece.epsilon) < lower_end(y):
         return False
-    x = x_enclosure(piece, letter, y)
+    x = epsilon_cosine_enclosure(piece, letter, y)
     if lower_end(piece.epsilon) > upper_end(y) and _stays_between_walls(piece, lower_end(x), upper_end(x)):
         return True
     return False if _passes_sigma_minus(piece, lower_end(x)) else None
@@ -63,13 +63,13 @@ def attracts(piece: PlanePiece, letter: str) -> bool | None:
         # X < 0 for A, so the trace 1 + E − 4π (1 − E) X/δ² of A, with E = e^(−δ), is above 1 + E: A is a saddle
         return False
     x, limit = (
-        x_enclosure(piece, letter, mean_value_enclosure(minus_y, piece.delta)),
+        epsilon_cosine_enclosure(piece, letter, mean_value_enclosure(minus_y, piece.delta)),
         mean_value_enclosure(x_at_flip, piece.delta),
     )
     return True if upper_end(x) < lower_end(limit) else False if lower_end(x) > upper_end(limit) else None
 
 
-def x_enclosure(piece: PlanePiece, letter: str, y: arb) -> arb:
+def epsilon_cosine_enclosure(piece: PlanePiece, letter: str, y: arb) -> arb:
     """Return X = ε cos 2πτ = ±√(ε² − Y²), (15.2) of docs/proofs.md, over the points of the piece at which ε ≥ |Y|.
 
     The sign is − for A and + for C. τ is the phase of the impact, and y is Y = ε sin 2πτ.

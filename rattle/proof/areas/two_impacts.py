@@ -255,13 +255,13 @@ class SolutionCell:
         if not self.is_solvable:
             return False
         _, _, v, u = self.solution.over_cell
-        low, high = square_range(epsilon)
+        low, high = range_of_epsilon_squared(epsilon)
         if v < 0 or u < 0 or self.epsilon_squared < low or self.epsilon_squared > high:
             return True
         # a motion has u > 0, so ±ε² ≤ ±ε² + λu: an upper bound of this sum may prove ε to be outside the ball `epsilon`
         return bool(self.bound_square_plus_speed(1) < low or self.bound_square_plus_speed(-1) < -high)
 
-    def all_solutions_are(self, letter: str, epsilon: arb) -> bool | None:
+    def are_all_solutions_of_type(self, letter: str, epsilon: arb) -> bool | None:
         """Return whether all solutions of the cell with an ε in this ball are admissible motions `letter`, B or D.
 
         Returns
@@ -280,7 +280,7 @@ class SolutionCell:
             return False
         if not (slope > 0 and self.solution.over_cell[2] > 0):
             return None
-        low, high = square_range(epsilon)
+        low, high = range_of_epsilon_squared(epsilon)
         reaches_sigma_minus = self.solution.over_cell[3] > 0
         # A motion needs a speed u > 0 after Σ⁻. Solutions with u ≤ 0 have ±ε² ≥ ±ε² + λu, with the λ ≥ 0 of
         # `bound_square_plus_speed`. If a lower bound of this sum proves that their ε is outside the ball `epsilon`, all
@@ -347,7 +347,7 @@ class SolutionCell:
         return start - swing - rest * (-self.delta * (t - departure)).expm1()
 
     @cached_property
-    def margins(self) -> list[arb]:
+    def stability_margin_bounds(self) -> list[arb]:
         """The stability margins (19.2) and (19.3) of docs/proofs.md over the cell; motions attract if both are > 0."""
         solution, s, delta = self.solution, self.s, self.delta
         along_s = [arb_series([x, slope]) for x, slope in zip(solution.over_cell, solution.by_s, strict=True)]
@@ -361,13 +361,13 @@ class SolutionCell:
     @property
     def attracts(self) -> bool | None:
         """True if all solutions attract, False if none does (one multiplier outside the unit circle), else None."""
-        above, below = self.margins
+        above, below = self.stability_margin_bounds
         if above < 0 or below < 0:
             return False
         return True if above > 0 and below > 0 else None
 
 
-def square_range(epsilon: arb) -> tuple[arb, arb]:
+def range_of_epsilon_squared(epsilon: arb) -> tuple[arb, arb]:
     """Return the least and the largest ε² for the ε ≥ 0 in a ball. Its lower end may be negative by rounding."""
     least = lower_end(epsilon)
     return least**2 if least > 0 else arb(0), upper_end(epsilon) ** 2
@@ -404,7 +404,7 @@ def enclose_motions_in_cells(
     waiting = list(reversed(cells))
     while waiting:
         cell = waiting.pop()
-        answer = cell.all_solutions_are(letter, piece.epsilon)
+        answer = cell.are_all_solutions_of_type(letter, piece.epsilon)
         if answer is None:
             waiting += reversed(cell.halves)
         else:
@@ -461,7 +461,7 @@ def _crosses_block(piece: PlanePiece, run: list[SolutionCell], letter: str) -> b
     NotProvedError
         If ε(s) at an end of the run is not proved to be below all ε of the piece, nor proved to be above them.
     """
-    (low, high), sides = square_range(piece.epsilon), []
+    (low, high), sides = range_of_epsilon_squared(piece.epsilon), []
     for s in (run[0].start, run[-1].end):
         square = SolutionCell(s, s, piece.delta.mid(), piece.beta).epsilon_squared
         sides.append(1 if square > high else -1 if square < low else 0)

@@ -37,7 +37,7 @@ def _cod23_residual(delta: Series, x: Series, s: Series, decay: Series) -> Serie
     return delta * delta * (2 * (1 + decay) / (1 - decay) - impacts) - 4 * PI() * x
 
 
-def _birth_residual(_delta: Series, x: Series, _s: Series, _decay: Series) -> Series:
+def _birth_of_a_and_c_residual(_delta: Series, x: Series, _s: Series, _decay: Series) -> Series:
     """Return X = ε cos 2πτ, which is 0 where A and C are born (τ: the phase of the departure from Σ⁺)."""
     return x
 
@@ -48,6 +48,6 @@ Condition = Callable[[Series, Series, Series, Series], Series]
 CONDITIONS: dict[str, Condition] = {
     "COD20": _flip_residual,
     "COD21": _double_multiplier_residual,
-    "COD22": _birth_residual,
+    "COD22": _birth_of_a_and_c_residual,
     "COD23": _cod23_residual,
 }

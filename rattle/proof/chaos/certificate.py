@@ -31,7 +31,7 @@ class HorseshoeLoop:
         return len(self.sigma_minus)
 
     @property
-    def first_set(self) -> int:
+    def first_set_number(self) -> int:
         """The number of the first set after set 0, by which loops are distinguished; 0 for a loop of length 1."""
         return (*self.sets, 0)[0]
 

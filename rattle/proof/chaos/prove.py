@@ -76,14 +76,14 @@ def _prove_loops(
     point: ModelPoint, parameters: dict[str, Fraction], candidate: search.HorseshoeCandidate
 ) -> HorseshoeCertificate | None:
     """Return the certificate of those loops of a candidate that are proved, or None if fewer than two are proved."""
-    hub = _exact_set(candidate.hub)
+    hub = _round_to_exact_set(candidate.hub)
     sets, loops = [hub], list[HorseshoeLoop]()
     sources: dict[tuple[int, int], MappedSet] = {}  # all loops share the images of the parts of set 0
     for each in candidate.loops:
-        new = [_exact_set(box) for box in each.boxes]
+        new = [_round_to_exact_set(box) for box in each.boxes]
         numbers = range(len(sets), len(sets) + len(new))
         try:
-            require_disjoint_sets([*new, hub][:1], [sets[loop.first_set] for loop in loops])
+            require_disjoint_sets([*new, hub][:1], [sets[loop.first_set_number] for loop in loops])
             periods = _prove_chain(point, [hub, *new, hub], each.words, sources)
         except NotProvedError:
             continue
@@ -135,7 +135,7 @@ def _prove_chain(
     return tuple(periods)
 
 
-def _exact_set(box: search.StateParallelogram) -> HSet:
+def _round_to_exact_set(box: search.StateParallelogram) -> HSet:
     """Return a set close to a computed box, with exact numbers of few digits, and with its time shifted to [0, 1)."""
     t, v = (Fraction(f"{x:.15f}") for x in (float(box.centre[0]) % 1.0, float(box.centre[1])))
     unstable, stable = (tuple(Fraction(f"{x:.8e}") for x in column) for column in np.asarray(box.sides).T)

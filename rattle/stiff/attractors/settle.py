@@ -36,7 +36,7 @@ class StiffCells(NamedTuple):
 
 
 @implement_for_type(point_of_cell, StiffCells)
-def _point_of(cell, cells):
+def _point_of_cell(cell, cells):
     return StiffPoint(cells.delta[cell], cells.epsilon[cell], cells.beta[cell], cells.kappa[cell])
 
 

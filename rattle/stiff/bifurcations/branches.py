@@ -11,7 +11,7 @@ import numpy as np
 
 from rattle.continuation.arclength import (
     CLOSED,
-    Bound,
+    BoundsOfUnknown,
     ContinuationProblem,
     CurveFollower,
     OneWayPath,
@@ -99,19 +99,19 @@ def stiff_branch(
     return stiff_branch_on_line(line, np.append(here[:-3], 0.0), (float(ends[0]), float(ends[1])), resolution)
 
 
-def _stiff_branch_follower(line: MotionsOnLine, span: tuple[float, float], resolution: int) -> CurveFollower:
+def _create_stiff_branch_follower(line: MotionsOnLine, span: tuple[float, float], resolution: int) -> CurveFollower:
     def is_on_branch(y: Array) -> bool:
         return line.is_admissible(y) and not line.has_equal_halves(y)
 
     longest = make_longest_step_function(span, resolution, LONGEST_STEP)
-    return CurveFollower(line.problem, (Bound(-1, *span),), is_on_branch, longest, line.equivalent_unknowns)
+    return CurveFollower(line.problem, (BoundsOfUnknown(-1, *span),), is_on_branch, longest, line.equivalent_unknowns)
 
 
 def stiff_branch_on_line(line: MotionsOnLine, start: Array, span: tuple[float, float], resolution: int) -> StiffBranch:
     """Return the branch through the motion `start` on a line, followed in both directions while it stays in `span`."""
     if not line.is_admissible(start):
         raise RattleError("the motion is virtual at its parameters: give a motion from rattle.stiff.stiff_orbit")
-    followed = _stiff_branch_follower(line, span, resolution).follow_both_ways(start, -1, MOST_POINTS)
+    followed = _create_stiff_branch_follower(line, span, resolution).follow_both_ways(start, -1, MOST_POINTS)
     ends = (_BranchEnd(CLOSED), _BranchEnd(CLOSED))
     if followed.paths is not None:
         ends = _end_of_path(line, followed.paths[0], span), _end_of_path(line, followed.paths[1], span)
@@ -134,7 +134,7 @@ def period_doubled_branch(
     itinerary = event.itinerary.with_doubled_period()
     line = MotionsOnLine(itinerary.walls, itinerary.m, itinerary.beta, event.parameters, direction)
     start = start_of_doubled_branch(event.itinerary, event.unknowns)
-    path = _stiff_branch_follower(line, span, resolution).follow(*start, MOST_POINTS, FIRST_OF_DOUBLED)
+    path = _create_stiff_branch_follower(line, span, resolution).follow(*start, MOST_POINTS, FIRST_OF_DOUBLED)
     tangents = path.tangents.copy()
     # a doubled branch turns back in the parameter at its first point, the flip; the next point's tangent replaces the
     # first one, so that this turn does not count as a saddle-node
@@ -157,7 +157,7 @@ def _end_of_path(line: MotionsOnLine, path: OneWayPath, span: tuple[float, float
         return _BranchEnd("span")
     half = line.mean_of_halves(last)
     if half is not None and half[2] < (NEARLY_TWICE if path.outside is None else 2 * EQUAL_HALVES):
-        flip = half[0].flip_near(half[1], FLIP_WITHIN * (span[1] - span[0]))
+        flip = half[0].find_flip_near(half[1], FLIP_WITHIN * (span[1] - span[0]))
         if flip is not None:
             return _BranchEnd(HALF_PERIOD, flip=half[0].orbit(flip))
     if path.outside is None:

@@ -15,9 +15,9 @@ from rattle.continuation.curve_continuation import (
     Curve,
     MotionAtCurvePoint,
     PlaneWindow,
-    interior_points,
+    evenly_spaced_numbers_between,
     require_window_range,
-    trace_problem,
+    trace_curve_of_problem,
     trace_quiet_limit,
 )
 from rattle.errors import RattleError, require_number, require_one_of
@@ -35,7 +35,14 @@ from rattle.stiff.orbits.closure import (
     write_residuals,
 )
 from rattle.stiff.orbits.equations import StiffItinerary
-from rattle.stiff.orbits.families import PLUS, PLUS_MINUS, StiffFamily, families, largest_family_epsilon, sign_changes
+from rattle.stiff.orbits.families import (
+    PLUS,
+    PLUS_MINUS,
+    StiffFamily,
+    families,
+    highest_followed_epsilon,
+    indices_of_sign_changes,
+)
 from rattle.stiff.orbits.family_continuation import solve_family_above_chord
 from rattle.stiff.orbits.periodic import orbit_of
 
@@ -91,7 +98,7 @@ def trace(
     require_one_of("name", name, NAMES)
     beta, kappa = require_number("beta", beta, positive=True), require_number("kappa", kappa, positive=True)
     window = PlaneWindow(require_window_range("delta", delta, positive=True), require_window_range("epsilon", epsilon))
-    dampings = np.array([*interior_points(*window.delta), *window.delta])
+    dampings = np.array([*evenly_spaced_numbers_between(*window.delta), *window.delta])
     try:
         if name == QUIET:
             return _quiet_limit_curve(beta, kappa, window, dampings)
@@ -117,21 +124,21 @@ def _trace_family_curve(name: str, beta: float, kappa: float, window: PlaneWindo
     def reason_to_leave(x: Array) -> str | None:
         return _reason_to_leave(name, np.delete(x, -2), ContactCycle(walls, 1, float(x[-2]), beta, kappa))
 
-    def describe_motion(x: Array) -> MotionAtCurvePoint:
+    def motion_at_curve_point(x: Array) -> MotionAtCurvePoint:
         orbit = orbit_of(itinerary, x)
         return MotionAtCurvePoint(orbit.tau, orbit.v, np.array(orbit.multipliers))
 
     starts = _starting_points(name, beta, kappa, window, dampings)
     problem, times = condition(itinerary, kind), itinerary.contacts
-    return trace_problem(
-        name, beta, problem, starts, window, reason_to_leave, describe_motion, lambda _, reason: reason, times
+    return trace_curve_of_problem(
+        name, beta, problem, starts, window, reason_to_leave, motion_at_curve_point, lambda _, reason: reason, times
     )
 
 
 def _starting_points(name: str, beta: float, kappa: float, window: PlaneWindow, dampings: Array) -> Iterator[Array]:
     """Yield guesses of the unknowns (2c + 2,) of motions on a curve at these dampings."""
     for delta in dampings.tolist():
-        for family in families(delta, beta, kappa, largest_family_epsilon(delta, window.epsilon[1])):
+        for family in families(delta, beta, kappa, highest_followed_epsilon(delta, window.epsilon[1])):
             for y in _motions_on_curve(name, family):
                 yield np.insert(y, y.size - 1, delta)
 
@@ -168,7 +175,7 @@ def _flips_on_curve(name: str, family: StiffFamily) -> list[Array]:
             continue
         points = family.points[edges[i] : edges[i + 1] + 1]
         above = np.array([trace_of_solution(y, family.cycle) + flip for y in points])
-        turns = sign_changes(above)
+        turns = indices_of_sign_changes(above)
         if name == "PD1":
             before, after = ("", *family.letters)[i], (*family.letters, "")[i + 1]
             turns = sorted({*(turns[:1] if before in BORN_WITH else ()), *(turns[-1:] if after in BORN_WITH else ())})

@@ -66,11 +66,11 @@ class StiffMotions(MotionsOnSegment):
 
     def problem(self, itinerary: StiffItinerary) -> ContinuationProblem:
         """Return the contact equations along the segment (`MotionsOnSegment.problem`)."""
-        return self._line_of(itinerary).problem
+        return self._motions_on_line(itinerary).problem
 
     def solve_motion(self, itinerary: StiffItinerary, y: Array) -> StiffOrbit | None:
         """Return the orbit near a guess y of the contact equations, or None if none is found."""
-        line = self._line_of(itinerary)
+        line = self._motions_on_line(itinerary)
         found = line.corrected_solution(y)
         return None if found is None else line.orbit(found)
 
@@ -101,7 +101,7 @@ class StiffMotions(MotionsOnSegment):
         elif event.beyond is not None:
             yield self._motion_of(event.beyond)
 
-    def _line_of(self, itinerary: StiffItinerary) -> MotionsOnLine:
+    def _motions_on_line(self, itinerary: StiffItinerary) -> MotionsOnLine:
         return MotionsOnLine(itinerary.walls, itinerary.m, self.beta, self.segment.start, self.segment.direction)
 
     def _motion_of(self, orbit: StiffOrbit) -> Motion:

@@ -128,7 +128,7 @@ def _insert_contact(
 ) -> tuple[MotionsOnLine, Array]:
     """Return the motion y with a new contact inserted after contact number `after`; duration: in units of 1/√(2κ)."""
     c = len(line.walls)
-    more = replace(line, walls=line.itinerary(y).with_impact(after + 1, wall).walls)
+    more = replace(line, walls=line.itinerary(y).with_added_impact(after + 1, wall).walls)
     return more, np.insert(y, [after + 1, c + after + 1], [time, duration])
 
 

@@ -111,7 +111,7 @@ class MotionsOnLine:
         found = self.mean_of_halves(y)
         return found is not None and found[2] < EQUAL_HALVES
 
-    def flip_near(self, y: Array, width: float) -> Array | None:
+    def find_flip_near(self, y: Array, width: float) -> Array | None:
         """Return the flip on this line near a motion y.
 
         y is half of the last motion of a branch of doubled period, and the branch ends at this flip.

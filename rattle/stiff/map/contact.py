@@ -15,7 +15,7 @@ import math
 from typing import NamedTuple
 
 from rattle.flight.first_impact import BISECTED, MOST_STEPS, PIECE, end_of_piece
-from rattle.flight.forcing import TWO_PI, force_fourier_coefficients, negative_arc, sine_cosine_at, versines
+from rattle.flight.forcing import TWO_PI, find_negative_force_arc, force_fourier_coefficients, sine_cosine_at, versines
 from rattle.numerics.compile import inline, kernel
 
 # status codes of `find_contact_end`: the contact ends; lasts to the horizon; never ends; has no end that the search
@@ -158,7 +158,7 @@ def logarithmic_derivative_of_free_motion(s, delta, square, rate):
 
 
 @kernel
-def time_of_extremum(lo, hi, middle, contact):
+def time_of_extreme_ratio(lo, hi, middle, contact):
     """Return the time in (lo, hi) at which x/u is extreme; x is the depth of contact, and u the free motion in contact.
 
     `logarithmic_derivative_of_free_motion` counts its time from `middle`. The method finds the zero of q = x' − x u'/u,
@@ -237,7 +237,7 @@ def find_contact_end(wall, tau, x0, w0, delta, epsilon, kappa, horizon):
     sin0, cos0 = sine_cosine_at(tau)
     mean, a, b = force_fourier_coefficients(wall, sin0, cos0, delta, epsilon)
     contact = Contact(x0, w0, mean, a, b, delta, kappa)
-    arc = negative_arc(delta, epsilon)
+    arc = find_negative_force_arc(delta, epsilon)
     square = 0.25 * delta * delta - 2.0 * kappa
     rate = math.sqrt(abs(square))
     longest = PIECE if square >= 0.0 else min(PIECE, 0.75 * math.pi / rate)
@@ -271,7 +271,7 @@ def find_contact_end(wall, tau, x0, w0, delta, epsilon, kappa, horizon):
         lo, hi = s, end
         ends = not x1 > 0.0
         if q0 < 0.0 < q1 or q1 < 0.0 < q0:
-            turn = time_of_extremum(s, end, middle, contact)
+            turn = time_of_extreme_ratio(s, end, middle, contact)
             if q0 > 0.0:
                 lo = turn
             elif not contact_state(turn, contact)[0] > 0.0:

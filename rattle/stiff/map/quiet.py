@@ -13,7 +13,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rattle.errors import ParameterError, real_array, require
+from rattle.errors import ParameterError, require, require_real_array
 from rattle.flight.forcing import TWO_PI
 
 
@@ -34,7 +34,7 @@ def quiet_limit(delta: ArrayLike, kappa: ArrayLike) -> NDArray[np.float64]:
         If an argument is outside its domain.
     """
     try:
-        d, k = np.broadcast_arrays(real_array("delta", delta), real_array("kappa", kappa))
+        d, k = np.broadcast_arrays(require_real_array("delta", delta), require_real_array("kappa", kappa))
     except ParameterError:
         raise
     except ValueError as error:

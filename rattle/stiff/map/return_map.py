@@ -7,7 +7,7 @@ In (t, v²/2) the tangent map of a return that takes the time s has determinant 
 from typing import NamedTuple
 
 from rattle.flight.first_impact import OK, SIGMA_PLUS
-from rattle.flight.forcing import mean_force
+from rattle.flight.forcing import mean_contact_force
 from rattle.flight.impact_law import log_determinant
 from rattle.intensity.visit import bounce, mean_force_at
 from rattle.numerics.compile import implement_for_type, kernel
@@ -91,7 +91,7 @@ def _inverse_step(tau, v, point):
 
 @implement_for_type(mean_force_at, StiffPoint)
 def _mean_force_at(point):
-    return mean_force(point.delta)
+    return mean_contact_force(point.delta)
 
 
 @implement_for_type(bounce, StiffPoint)

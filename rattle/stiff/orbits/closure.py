@@ -125,7 +125,7 @@ def free_flight(t0, t1, gap, delta, epsilon):
 
 
 @inline
-def contact_exit(wall, t, u, s, delta, epsilon, kappa):
+def contact_state_after(wall, t, u, s, delta, epsilon, kappa):
     """Return depth and velocity, with derivatives, a time s after a contact began at time t with outward velocity u."""
     sine, lost, x_c, x_s, v_c, v_s, omc, siny = contact_responses(s, delta, kappa)
     sin0, cos0 = sine_cosine_by_math_library(t)
@@ -185,7 +185,7 @@ def write_residuals(y, cycle, value, jacobian):
         jacobian[c + i, after] -= wall * ends.w0_t1
         jacobian[c + i, 2 * c] -= wall * ends.w0_e
         wall, s = cycle.walls[after], p * y[c + after]
-        met = contact_exit(wall, y[after], wall * ends.w1, s, delta, epsilon, kappa)
+        met = contact_state_after(wall, y[after], wall * ends.w1, s, delta, epsilon, kappa)
         x_u = met.x_u / s
         value[after] = met.x / s
         jacobian[after, i] += x_u * wall * ends.w1_t0

@@ -32,7 +32,12 @@ from rattle.flight.between import (
     decay_loss,
     flight_between,
 )
-from rattle.flight.forcing import TWO_PI, analytic_force_coefficients, complex_sine_cosine, sine_cosine_of_complex_time
+from rattle.flight.forcing import (
+    TWO_PI,
+    complex_sine_cosine,
+    force_fourier_coefficients_of_complex_phase,
+    sine_cosine_of_complex_time,
+)
 from rattle.numerics.compile import inline, kernel
 from rattle.numerics.complex_step import Array, reshape_like, to_complex_batch
 from rattle.orbits.periodic_motions import Equations
@@ -98,7 +103,7 @@ def contact_end_state(sign, t, duration, u, p, delta, epsilon):
     half, s = complex_sine_cosine(math.pi * p * duration)[0], p * duration
     versine, turned = 2 * half * half, complex_sine_cosine(TWO_PI * s)[0]
     sin0, cos0 = sine_cosine_of_complex_time(t)
-    mean, a, b = analytic_force_coefficients(sign, sin0, cos0, delta, epsilon)
+    mean, a, b = force_fourier_coefficients_of_complex_phase(sign, sin0, cos0, delta, epsilon)
     stiff, loss = 1 - TWO_PI * p * TWO_PI * p, TWO_PI * delta * p * p
     square = stiff * stiff + loss * loss
     stiff, loss = np.divide(stiff, square), np.divide(loss, square)

@@ -111,7 +111,7 @@ class StiffFamily:
     def motions_at(self, epsilon: float) -> list[FamilyMember]:
         """Return the admissible motions at this eccentricity. Raises RattleError if one of them cannot be computed."""
         found, y = [], np.empty(self.points.shape[1])
-        for k in sign_changes(self.points[:, -1] - epsilon):
+        for k in indices_of_sign_changes(self.points[:, -1] - epsilon):
             ends = self.points[k : k + 2]
             if locate_solution_between(*ends, y.size - 1, epsilon, self.cycle, y):
                 y[-1] = epsilon
@@ -124,7 +124,7 @@ class StiffFamily:
         return found
 
 
-def sign_changes(values: Array) -> list[int]:
+def indices_of_sign_changes(values: Array) -> list[int]:
     """Return the indices k for which values[k] and values[k + 1] have different signs."""
     return np.flatnonzero((values[:-1] < 0) != (values[1:] < 0)).tolist()
 
@@ -137,7 +137,7 @@ def family_lost_error(cycle: ContactCycle, epsilon: float) -> RattleError:
     )
 
 
-def largest_family_epsilon(delta: float, epsilon: float) -> float:
+def highest_followed_epsilon(delta: float, epsilon: float) -> float:
     """Return the ε up to which families are followed for a point (δ, ε).
 
     This ε is the larger of two numbers: LEAST_SPAN · `plane_scale`(δ), and the smallest power of 2 ≥ 1.5 ε.
@@ -393,6 +393,6 @@ def find_family_members(delta: float, epsilon: float, beta: float, kappa: float)
     RattleError
         If the continuation of a family fails, or a motion at this point cannot be computed.
     """
-    span = largest_family_epsilon(delta, epsilon)
+    span = highest_followed_epsilon(delta, epsilon)
     found = [member for family in families(delta, beta, kappa, span) for member in family.motions_at(epsilon)]
     return sorted(found, key=lambda member: (member.name, member.y.size, float(member.y[0] - member.y[1])))

@@ -141,7 +141,7 @@ def write_family_tangent(y, direction, cycle, tangent):
 
 
 @inline
-def shortest_flight(y, cycle):
+def shortest_flight_duration(y, cycle):
     """Return the duration of the shortest flight between contacts, in forcing periods."""
     c, shortest = cycle.walls.size, math.inf
     for i in range(c):
@@ -166,7 +166,7 @@ def reason_out_of_range(y, cycle, largest):
     for i in range(c):
         if not y[c + i] >= LEAST_CONTACT:
             return LOST, c + i
-    if not shortest_flight(y, cycle) > LEAST_FLIGHT:
+    if not shortest_flight_duration(y, cycle) > LEAST_FLIGHT:
         return FLIGHT, -1
     return -1, 0
 

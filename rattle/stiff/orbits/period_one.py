@@ -27,7 +27,7 @@ from rattle.stiff.orbits.families import (
     families_without_letter,
     family_of_a_and_c,
     find_family_members,
-    largest_family_epsilon,
+    highest_followed_epsilon,
 )
 from rattle.stiff.orbits.periodic import StiffOrbit, orbit_of
 
@@ -46,7 +46,7 @@ class NamedStiffOrbit(NamedTuple):
 
 def orbits_at(delta: float, epsilon: float, beta: float, kappa: float) -> tuple[NamedStiffOrbit, ...]:
     """Return all admissible counterparts of A to D at a point, and all other P(1,1,0), named "P", sorted by name."""
-    cycle, span = ContactCycle(PLUS, 1, delta, beta, kappa), largest_family_epsilon(delta, epsilon)
+    cycle, span = ContactCycle(PLUS, 1, delta, beta, kappa), highest_followed_epsilon(delta, epsilon)
     others = (member for family in families_without_letter(cycle, span) for member in family.motions_at(epsilon))
     found = [
         NamedStiffOrbit(member.name, _orbit_of_member(member))

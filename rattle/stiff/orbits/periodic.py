@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rattle.continuation.arclength import (
-    Bound,
+    BoundsOfUnknown,
     ContinuationProblem,
     CurveFollower,
     OneWayPath,
@@ -183,7 +183,10 @@ def follow_from_rigid_limit(
 ) -> OneWayPath:
     """Follow solutions from `start` (N + 1,) while they are admissible and the last unknown, 1/√(2κ), is in `span`."""
     follower = CurveFollower(
-        problem, (Bound(-1, *span),), is_admissible, make_longest_step_function(span, STEPS_TO_LIMIT, LONGEST_STEP)
+        problem,
+        (BoundsOfUnknown(-1, *span),),
+        is_admissible,
+        make_longest_step_function(span, STEPS_TO_LIMIT, LONGEST_STEP),
     )
     return follower.follow(start, tangent_at(problem, start, direction), MOST_STEPS)
 

@@ -131,7 +131,7 @@ def pin_of(delta: float, epsilon: float, model: Model) -> Pin:
     return Pin(delta, epsilon, model.beta, added, model.parameters_at(delta, epsilon).harmonics)
 
 
-def points_by_number(pins: Sequence[Pin], model: Model) -> dict[str, Pair]:
+def points_by_pin_number(pins: Sequence[Pin], model: Model) -> dict[str, Pair]:
     """Return {number: point (δ, ε)} for the pins of one model. Each pin is numbered by its place in `pins`, from 1."""
     return {str(i): (pin.delta, pin.epsilon) for i, pin in enumerate(pins, start=1) if pin.model == model}
 
@@ -152,7 +152,7 @@ class MapChoice:
     def read(cls, text: str) -> MapChoice:
         """Return the map that a text in an address names. Raises ValueError if the text is not valid."""
         variable, _, index = text.partition(",")
-        return cls(_parse_word(variable), _parse_index(index or "0"))
+        return cls(_parse_name(variable), _parse_index(index or "0"))
 
 
 @dataclass(frozen=True)
@@ -179,11 +179,11 @@ class ComparisonChoice:
         """Return the comparison map that a text in an address names. Raises ValueError if the text is not valid."""
         survey, variable, index, number, *minus = text.split(",")
         return cls(
-            _parse_word(survey), _parse_word(variable), _parse_index(index), _parse_index(number), minus == ["minus"]
+            _parse_name(survey), _parse_name(variable), _parse_index(index), _parse_index(number), minus == ["minus"]
         )
 
 
-class Pointer(NamedTuple):
+class PointerPosition(NamedTuple):
     """Point (δ, ε) that a viewer points at. source: name of the figure under the mouse; KEYBOARD if keys chose it."""
 
     at: Pair
@@ -207,7 +207,7 @@ def address_text(value: EnteredMachine | Pin | MapChoice | ComparisonChoice) -> 
     return value.address_text
 
 
-def _parse_word(text: str) -> str:
+def _parse_name(text: str) -> str:
     if not (text.isascii() and text.replace("_", "").isalnum()):
         raise ValueError(f"A name has letters, digits and underscores only, not {text!r}.")
     return text
@@ -277,7 +277,7 @@ def _parse_share(text: str) -> float:
     return share
 
 
-def _parse_limits(text: str) -> Limits | Pair:
+def _parse_colour_limits(text: str) -> Limits | Pair:
     for rule in LIMITS:
         if text == rule:
             return rule
@@ -321,7 +321,7 @@ class View:
         How often viewers requested the sound of a motion, and the yield of the point's tolerances.
     rpm : float | None
         Speed of the machine whose sound was requested; None if a viewer entered none.
-    pointer : Pointer | None
+    pointer : PointerPosition | None
         Point that a viewer points at.
     seen : DrawnMapSettings | None
         Settings of the drawn map, None where nothing is drawn.
@@ -329,13 +329,13 @@ class View:
         Windows for Back and for Forward, the next window last; an entry None is the whole survey.
     """
 
-    survey: str = address_field("", _parse_word)
-    variable: str = address_field("", _parse_word)
+    survey: str = address_field("", _parse_name)
+    variable: str = address_field("", _parse_name)
     index: int = address_field(0, _parse_index)
     slice: int = address_field(0, _parse_index)
     family: int | None = address_field(None, _parse_family)
     limits: Limits | Pair = address_field(
-        "auto", _parse_limits, lambda limits: limits if limits in LIMITS else pair_text(limits)
+        "auto", _parse_colour_limits, lambda limits: limits if limits in LIMITS else pair_text(limits)
     )
     log: bool = address_field(False, lambda text: text == "1", lambda _: "1")
     overlays: tuple[str, ...] | None = address_field(None, _parse_overlays, lambda each: ",".join(each) or "none")
@@ -354,7 +354,7 @@ class View:
     sounds: int = field(default=0, compare=False)
     yields: int = field(default=0, compare=False)
     rpm: float | None = field(default=None, compare=False)
-    pointer: Pointer | None = field(default=None, compare=False)
+    pointer: PointerPosition | None = field(default=None, compare=False)
     seen: DrawnMapSettings | None = field(default=None, compare=False)
     before: tuple[Ranges | None, ...] = field(default=(), compare=False)
     after: tuple[Ranges | None, ...] = field(default=(), compare=False)

@@ -68,13 +68,13 @@ class DrawingRunner:
             try:
                 async with aclosing(self._draw()) as shows:
                     async for show in shows:
-                        self._show(drawn[0], show)
+                        self._show_unless_outdated(drawn[0], show)
                         await asyncio.sleep(self._pause)
                         if self._wanted != drawn:
                             break
             except RattleError as error:
-                self._show(drawn[0], partial(self._show_error, error))
+                self._show_unless_outdated(drawn[0], partial(self._show_error, error))
                 await asyncio.sleep(self._pause)
 
-    def _show(self, identity: Hashable, show: Show) -> None:
+    def _show_unless_outdated(self, identity: Hashable, show: Show) -> None:
         self._viewer.change(lambda: show() if self._wanted[:1] == (identity,) else None)

@@ -82,13 +82,13 @@ def line_style_of(name: str) -> tuple[str, tuple[float, ...]]:
     return ("#000000" if colour == "black" else colour), tuple(2.0 * d for d in dashes[1]) if dashes != "-" else ()
 
 
-def image_renderer(source: ColumnDataSource, mapper: Any, **properties: Any) -> Any:
+def create_image_renderer(source: ColumnDataSource, mapper: Any, **properties: Any) -> Any:
     """Return a renderer of images that are drawn below all other glyphs."""
     glyph = Image(image="image", x="x", y="y", dw="dw", dh="dh", color_mapper=mapper)
-    return _renderer(source, glyph, level="image", **properties)
+    return _create_glyph_renderer(source, glyph, level="image", **properties)
 
 
-def transparent_mapper() -> Any:
+def transparent_colour_mapper() -> Any:
     """Return a colour mapper that makes every value transparent, until its palette is replaced."""
     return LinearColorMapper(palette=[TRANSPARENT], low=0, high=1, nan_color=TRANSPARENT)
 
@@ -96,7 +96,7 @@ def transparent_mapper() -> Any:
 def veil_renderer(source: ColumnDataSource, paper: str) -> Any:
     """Return an image renderer that covers pixels of value 1 with the translucent background colour `paper`."""
     mapper = LinearColorMapper(palette=[TRANSPARENT, paper + VEIL], low=-0.5, high=1.5, nan_color=TRANSPARENT)
-    return image_renderer(source, mapper, name="veil")
+    return create_image_renderer(source, mapper, name="veil")
 
 
 def colour_scales(values: ColumnDataSource, fine: ColumnDataSource, **bar: Any) -> dict[bool, ScaleRenderers]:
@@ -113,7 +113,7 @@ def colour_scales(values: ColumnDataSource, fine: ColumnDataSource, **bar: Any) 
     for log, kind in ((False, LinearColorMapper), (True, LogColorMapper)):
         mapper = kind(palette=["#000000"], low=1, high=2, nan_color=TRANSPARENT)
         cells, finer = (
-            image_renderer(source, mapper, visible=False, name=f"{name}{log:d}")
+            create_image_renderer(source, mapper, visible=False, name=f"{name}{log:d}")
             for name, source in (("cells", values), ("fine", fine))
         )
         numbers = CustomJSTickFormatter(code=read_asset("bar_ticks.js"))
@@ -161,14 +161,16 @@ def line_renderers(source: ColumnDataSource, name: str) -> list[Any]:
     dashes = " ".join(str(round(each)) for each in dash) or "solid"
     halo = MultiLine(xs="xs", ys="ys", line_color="white", line_width=3.6, line_alpha=0.75)
     own = MultiLine(xs="xs", ys="ys", line_color=colour, line_width=1.7, line_dash=dashes)
-    return [_renderer(source, halo), _renderer(source, own, name=name)]
+    return [_create_glyph_renderer(source, halo), _create_glyph_renderer(source, own, name=name)]
 
 
 def point_renderers(source: ColumnDataSource) -> list[Any]:
     """Return the renderers of marked points, of their names, and of leader lines to names away from their points."""
     marks = Scatter(x="x", y="y", marker="marker", size=9, fill_color="white", line_color="black")
     leaders = [
-        _renderer(source, Segment(x0="x", y0="y", x1="to_x", y1="to_y", line_color=colour, line_width=width))
+        _create_glyph_renderer(
+            source, Segment(x0="x", y0="y", x1="to_x", y1="to_y", line_color=colour, line_width=width)
+        )
         for colour, width in (("white", 3.0), ("black", 1.0))
     ]
     box: dict[str, Any] = {"padding": 2, "border_radius": 3}
@@ -177,7 +179,7 @@ def point_renderers(source: ColumnDataSource) -> list[Any]:
         text_font_size="12px", text_color="black", background_fill_color="white", background_fill_alpha=0.8,
         **box,
     )  # fmt: skip
-    return [*leaders, _renderer(source, marks, name="points"), _renderer(source, names)]
+    return [*leaders, _create_glyph_renderer(source, marks, name="points"), _create_glyph_renderer(source, names)]
 
 
 def create_name_renderer(source: ColumnDataSource) -> Any:
@@ -186,20 +188,20 @@ def create_name_renderer(source: ColumnDataSource) -> Any:
         x="x", y="y", x_offset="dx", text="name", text_align="center", text_baseline="middle", text_font_size="17px",
         text_font_style="bold", text_color="black", text_outline_color="white",
     )  # fmt: skip
-    return _renderer(source, glyph, name="names")
+    return _create_glyph_renderer(source, glyph, name="names")
 
 
 def band_renderer(source: ColumnDataSource) -> Any:
     """Return the renderer of the area between the lower and the upper ends of the design limit's intervals."""
     area = VArea(x="x", y1="low", y2="high", fill_color=OWN_STYLES[LIMIT][0], fill_alpha=OPACITY)
-    return _renderer(source, area, name=BAND_NAME)
+    return _create_glyph_renderer(source, area, name=BAND_NAME)
 
 
 def outline_renderers(source: ColumnDataSource) -> list[Any]:
     """Return the renderers of a closed line with a white edge."""
     strokes = (("white", 4.0, 0.8), (ELLIPSE, 2.0, 1.0))
     return [
-        _renderer(source, Line(x="x", y="y", line_color=colour, line_width=width, line_alpha=alpha))
+        _create_glyph_renderer(source, Line(x="x", y="y", line_color=colour, line_width=width, line_alpha=alpha))
         for colour, width, alpha in strokes
     ]
 
@@ -221,12 +223,15 @@ def pin_renderers(source: ColumnDataSource) -> list[Any]:
         x="x", y="y", text="name", text_align="center", text_baseline="middle", text_font_size="12px",
         text_font_style="bold", text_color="black",
     )  # fmt: skip
-    return [_renderer(source, disc, name="pins"), _renderer(source, number, name="names of pins")]
+    return [
+        _create_glyph_renderer(source, disc, name="pins"),
+        _create_glyph_renderer(source, number, name="names of pins"),
+    ]
 
 
 def _edged_markers(source: ColumnDataSource, marker: str, *strokes: tuple[int, str, int]) -> list[Any]:
     return [
-        _renderer(
+        _create_glyph_renderer(
             source,
             Scatter(x="x", y="y", marker=marker, size=size, line_color=colour, line_width=width, fill_color=None),
         )
@@ -234,5 +239,5 @@ def _edged_markers(source: ColumnDataSource, marker: str, *strokes: tuple[int, s
     ]
 
 
-def _renderer(source: ColumnDataSource, glyph: Any, **properties: Any) -> Any:
+def _create_glyph_renderer(source: ColumnDataSource, glyph: Any, **properties: Any) -> Any:
     return GlyphRenderer(data_source=source, glyph=glyph, nonselection_glyph=None, muted_glyph=None, **properties)

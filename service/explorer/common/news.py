@@ -92,13 +92,13 @@ class StatusPublisher:
                 log.warning("the surveys cannot be listed for the explorer: %s", error)
                 self._stale.set()
             else:
-                statuses = [self._status_of(job, time.monotonic()) for job in jobs]
+                statuses = [self._measure_job_status(job, time.monotonic()) for job in jobs]
                 for listener in self._listeners.intersection(listeners):
                     listener(statuses)
             with suppress(TimeoutError):  # a new listener ends the pause early
                 await asyncio.wait_for(self._arrived.wait(), PAUSE_SECONDS)
 
-    def _status_of(self, job: JobRow, now: float) -> JobStatus:
+    def _measure_job_status(self, job: JobRow, now: float) -> JobStatus:
         if job.state != State.RUNNING:
             self._past.pop(job.id, None)
             return JobStatus(job, mean_cells_per_second(job), None)

@@ -26,7 +26,7 @@ LARGEST = sys.float_info.max
 ANSWER, BASINS, MOTION, DIAGRAM, NUMBERS = TABS = ("answer", "basins", "motion", "diagram", "numbers")
 
 
-class Tolerance(NamedTuple):
+class PointTolerances(NamedTuple):
     """Tolerances of a point, and the requirement on its gears.
 
     first, second: the standard deviations of δ and ε, or of a machine's speed (rpm) and eccentricity (m). share: the
@@ -57,9 +57,9 @@ def _parse_share(text: str) -> float:
     return require_between(float(text), 0.0, 1.0)
 
 
-def _parse_tolerance(text: str) -> Tolerance:
+def _parse_tolerance(text: str) -> PointTolerances:
     first, second, share = (require_between(float(part), 0.0, LARGEST) for part in text.split(","))
-    return Tolerance(first, second, share)
+    return PointTolerances(first, second, share)
 
 
 @dataclass(frozen=True)
@@ -78,7 +78,7 @@ class PointTabsState:
         Extent of the diagram in δ or ε on either side of the point; None for the default.
     to : Pair | None
         Point (δ, ε) at which the diagram ends; None for a diagram along `direction`.
-    tolerance : Tolerance | None
+    tolerance : PointTolerances | None
         Tolerances that a viewer entered; None if there are none.
     at : float | None
         Position of the point whose basins and motion are shown, from 0 to 1 along the line of the diagram; None for the
@@ -92,7 +92,9 @@ class PointTabsState:
     direction: str = address_field("epsilon", partial(require_allowed_text, SPANS))
     span: float | None = address_field(None, _parse_span, repr)
     to: Pair | None = address_field(None, parse_point, pair_text)
-    tolerance: Tolerance | None = address_field(None, _parse_tolerance, lambda widths: ",".join(map(repr, widths)))
+    tolerance: PointTolerances | None = address_field(
+        None, _parse_tolerance, lambda widths: ",".join(map(repr, widths))
+    )
     at: float | None = address_field(None, _parse_share, repr)
     tab: str | None = address_field(None, partial(require_allowed_text, TABS))
 

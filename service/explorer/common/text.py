@@ -46,7 +46,7 @@ class TextPane:
         self._model.text = html
 
 
-class Heading(TextPane):
+class MapHeading(TextPane):
     """Line that describes the shown map. While no map is shown, the line gives the reason."""
 
     def __init__(self, sheet: str) -> None:

@@ -46,6 +46,6 @@ class WidgetWatcher:
             self._is_paused = False
 
 
-def on_press(button: pn.widgets.Button, act: Callable[[], object]) -> None:
+def call_on_press(button: pn.widgets.Button, act: Callable[[], object]) -> None:
     """Call `act` in the event loop whenever a button is pressed."""
     button.on_click(lambda _event: act_in_event_loop(act))

@@ -15,7 +15,7 @@ import numpy as np
 import rattle
 from gear_rattle.service.explorer.common.address import Pair
 from rattle import PeriodicOrbit, RattleError
-from rattle.models import AnyGear, Capability, model_at
+from rattle.models import AnyGear, Capability, model_of_gear
 from rattle.plot import legend_name
 from rattle.stiff import StiffOrbit, stiff_branch
 
@@ -115,7 +115,7 @@ def add_crisis_to_extents(
     tuple[MotionExtent | None, ...]
         The extents, as many and in the same order as `extents`.
     """
-    crisis = _crisis_epsilon(gear) if Capability.CRISIS in model_at(gear).has else None
+    crisis = _crisis_epsilon(gear) if Capability.CRISIS in model_of_gear(gear).has else None
     if crisis is None:
         return tuple(extents)
     # attractors beyond MOST_FOLLOWED have no extent
@@ -243,7 +243,7 @@ def _continue_attractor(
     tuple[rattle.Attractor, ...]
         The attractors; the first is the one that most of the states reach.
     """
-    model = model_at(gear)
+    model = model_of_gear(gear)
     tau, v = np.array([known.tau]), np.array([known.v])
     if known.kind == "chaotic":
         every = np.full(STATES, 1.0)

@@ -17,7 +17,7 @@ from rattle.models import Model
 DIGITS = 12  # significant digits of a number that is converted from SI units
 
 
-class NumberEntry(NamedTuple):
+class NumberField(NamedTuple):
     """One of the numbers that describe a machine, such as its backlash, and the field in which it is entered.
 
     name, unit: the label of the field. per: factor from the library's unit (SI, but rpm for speed) to `unit`, such as
@@ -50,24 +50,24 @@ class NumberEntry(NamedTuple):
 
 LIKE_FIRST = "A number of the second gear. If the field is empty, the number of the first gear is used."
 NUMBERS = {
-    "inertia": NumberEntry("Inertia", "kg m²", 1.0, 0.003),
-    "drag": NumberEntry("Drag", "N m s/rad", 1.0, 5e-4),
-    "backlash": NumberEntry("Backlash", "µm", 1e6, 100.0),
-    "radius": NumberEntry("Base radius", "mm", 1e3, 50.0),
-    "rpm": NumberEntry("Speed", "rpm", 1.0, 3000.0),
-    "eccentricity": NumberEntry("Eccentricity", "µm", 1e6, 15.0),
-    "stiffness": NumberEntry("Mesh stiffness (none: rigid)", "N/m", 1.0, None),
-    "restitution": NumberEntry("Restitution (none: elastic)", "", 1.0, None),
-    "load_torque": NumberEntry("Load torque", "N m", 1.0, None),
-    "mesh_error": NumberEntry("Mesh error", "µm", 1e6, None),
-    "mesh_error_2": NumberEntry("Mesh error, order 2", "µm", 1e6, None),
-    "mesh_error_3": NumberEntry("Mesh error, order 3", "µm", 1e6, None),
-    "teeth": NumberEntry("Teeth", "", 1.0, None, True, "Number of teeth of the first gear; it gives the ratio."),
-    "driven_teeth": NumberEntry("Teeth 2", "", 1.0, None, True, LIKE_FIRST),
-    "driven_inertia": NumberEntry("Inertia 2", "kg m²", 1.0, None, about=LIKE_FIRST),
-    "driven_drag": NumberEntry("Drag 2", "N m s/rad", 1.0, None, about=LIKE_FIRST),
-    "driven_radius": NumberEntry("Base radius 2", "mm", 1e3, None, about=LIKE_FIRST),
-    "driven_eccentricity": NumberEntry("Eccentricity 2", "µm", 1e6, None, about=LIKE_FIRST),
+    "inertia": NumberField("Inertia", "kg m²", 1.0, 0.003),
+    "drag": NumberField("Drag", "N m s/rad", 1.0, 5e-4),
+    "backlash": NumberField("Backlash", "µm", 1e6, 100.0),
+    "radius": NumberField("Base radius", "mm", 1e3, 50.0),
+    "rpm": NumberField("Speed", "rpm", 1.0, 3000.0),
+    "eccentricity": NumberField("Eccentricity", "µm", 1e6, 15.0),
+    "stiffness": NumberField("Mesh stiffness (none: rigid)", "N/m", 1.0, None),
+    "restitution": NumberField("Restitution (none: elastic)", "", 1.0, None),
+    "load_torque": NumberField("Load torque", "N m", 1.0, None),
+    "mesh_error": NumberField("Mesh error", "µm", 1e6, None),
+    "mesh_error_2": NumberField("Mesh error, order 2", "µm", 1e6, None),
+    "mesh_error_3": NumberField("Mesh error, order 3", "µm", 1e6, None),
+    "teeth": NumberField("Teeth", "", 1.0, None, True, "Number of teeth of the first gear; it gives the ratio."),
+    "driven_teeth": NumberField("Teeth 2", "", 1.0, None, True, LIKE_FIRST),
+    "driven_inertia": NumberField("Inertia 2", "kg m²", 1.0, None, about=LIKE_FIRST),
+    "driven_drag": NumberField("Drag 2", "N m s/rad", 1.0, None, about=LIKE_FIRST),
+    "driven_radius": NumberField("Base radius 2", "mm", 1e3, None, about=LIKE_FIRST),
+    "driven_eccentricity": NumberField("Eccentricity 2", "µm", 1e6, None, about=LIKE_FIRST),
 }
 ABOUT = (
     "<p class=faint>Inertia, drag and base radius are numbers of the first gear. A field with a 2 is for the second "
@@ -90,7 +90,7 @@ def text_in_field_unit(name: str, value: float) -> str:
     return f"{NUMBERS[name].to_field_unit(value):.6g}"
 
 
-def machine_ranges(machine: SurveyedMachine, delta: Pair, epsilon: Pair) -> dict[str, Pair]:
+def speed_and_eccentricity_ranges(machine: SurveyedMachine, delta: Pair, epsilon: Pair) -> dict[str, Pair]:
     """Return the speeds and eccentricities of a window of the plane, each (low, high).
 
     Damping falls as speed rises, so the highest speed belongs to the lowest δ.

@@ -9,7 +9,7 @@ import panel as pn
 
 from gear_rattle.service.explorer.common.address import EnteredMachine
 from gear_rattle.service.explorer.common.text import TextPane, alert_html
-from gear_rattle.service.explorer.common.watch import WidgetWatcher, on_press
+from gear_rattle.service.explorer.common.watch import WidgetWatcher, call_on_press
 from gear_rattle.service.explorer.design.fields import POINT, MachineFields
 from gear_rattle.service.explorer.design.places import Bookmark, bookmarks, shown_bookmark
 from gear_rattle.service.explorer.state.events import BookmarkChosen, PointClosed, PointOpened
@@ -33,12 +33,12 @@ class NavigationPanel:
         self._watch.call_on_change(self.named, self._go_to_bookmark)
         self.said = TextPane("", sheet)
         self._open = pn.widgets.Button(label=OPEN, css_classes=["go-to"], stylesheets=[sheet], margin=(0, 8, 6, 0))
-        on_press(self._open, self._toggle_fields)
+        call_on_press(self._open, self._toggle_fields)
         self._fields: pn.Column | None = None
         self._close = pn.widgets.Button(
             label="Close the point", stylesheets=[sheet], visible=store.view.point is not None, margin=(0, 0, 6, 0)
         )
-        on_press(self._close, partial(store.dispatch, PointClosed()))
+        call_on_press(self._close, partial(store.dispatch, PointClosed()))
         store.subscribe(self._show_close_button, "point")
         store.subscribe(self._show_bookmark, "survey", "slice", "delta", "epsilon", "point", JOBS)
         row = pn.FlexBox(
@@ -92,7 +92,7 @@ class NavigationPanel:
         self._machine = MachineFields(POINT, self._sheet)
         self._machine.panel.visible = False
         show = pn.widgets.Button(label="Show", css_classes=["show"], margin=(6, 4), stylesheets=[self._sheet])
-        on_press(show, self._open_entered_point)
+        call_on_press(show, self._open_entered_point)
 
         def on_entry_mode(event: Any) -> None:
             plain.visible, self._machine.panel.visible = not event.new, event.new

@@ -50,7 +50,7 @@ def spectrum_of_attractor(gear: AnyGear, attractor: rattle.Attractor) -> Spectra
     return gear.spectrum(attractor, HIGHEST_SPECTRUM_ORDER)
 
 
-def sound_file(gear: AnyGear, attractor: rattle.Attractor, rpm: float) -> bytes:
+def sound_file_bytes(gear: AnyGear, attractor: rattle.Attractor, rpm: float) -> bytes:
     """Return the motion as a WAV file, scaled to full volume; silence for quiet motion. rpm: speed of the machine."""
     return wav(gear.sound(attractor, rpm, SECONDS, RATE), RATE)
 

@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 import rattle
-from gear_rattle.service.explorer.common.point_state import Tolerance
+from gear_rattle.service.explorer.common.point_state import PointTolerances
 from rattle import Estimate, Machine, Normal
 from rattle.errors import require
-from rattle.models import AnyGear, model_at
+from rattle.models import AnyGear, model_of_gear
 from rattle.parameters import Harmonic
 
 SHARE_INSIDE = 0.95  # share of the gears inside the ellipse
@@ -41,7 +41,9 @@ class PopulationYield(NamedTuple):
     passing: Estimate
 
 
-def tolerance_outline(delta: float, epsilon: float, machine: Machine | None, widths: Tolerance) -> NDArray[np.float64]:
+def tolerance_outline(
+    delta: float, epsilon: float, machine: Machine | None, widths: PointTolerances
+) -> NDArray[np.float64]:
     """Return points (k, 2) of the ellipse around a point (δ, ε) that holds 95 % of the gears with these tolerances.
 
     If a machine is given, its speed and eccentricity vary, else δ and ε.
@@ -61,7 +63,7 @@ def tolerance_outline(delta: float, epsilon: float, machine: Machine | None, wid
     return np.column_stack([np.maximum(x, LEAST_OF_MEAN * delta), np.maximum(y, 0.0)])
 
 
-def numbers_with_tolerances(gear: AnyGear, machine: Machine | None, widths: Tolerance) -> dict[str, Any]:
+def numbers_with_tolerances(gear: AnyGear, machine: Machine | None, widths: PointTolerances) -> dict[str, Any]:
     """Return the numbers of a gear, or of its machine, with two tolerances, in the form that `rattle.population` takes.
 
     The tolerances are those of δ and ε, or of a machine's speed and eccentricity.
@@ -78,7 +80,7 @@ def numbers_with_tolerances(gear: AnyGear, machine: Machine | None, widths: Tole
     """
     if machine is None:
         others: dict[str, Any] = {
-            **model_at(gear).numbers,
+            **model_of_gear(gear).numbers,
             **_amplitudes_by_order("harmonic", gear.parameters.harmonics),
         }
         pair = {"delta": gear.delta, "epsilon": gear.epsilon}
@@ -106,9 +108,9 @@ def _number_with_tolerance(mean: float, width: float, low: float) -> Any:
     return Normal(mean, width, low=low * mean) if width > 0.0 else mean
 
 
-def compute_yield(gear: AnyGear, machine: Machine | None, widths: Tolerance) -> PopulationYield:
+def compute_yield(gear: AnyGear, machine: Machine | None, widths: PointTolerances) -> PopulationYield:
     """Return the yield of gears that vary around a point. Raises ParameterError if a harmonic's phase is not 0."""
-    gears = model_at(gear).design_gears
+    gears = model_of_gear(gear).design_gears
     found = rattle.population(
         numbers_with_tolerances(gear, machine, widths),
         gears=gears,
@@ -123,12 +125,12 @@ def compute_yield(gear: AnyGear, machine: Machine | None, widths: Tolerance) -> 
 
 def describe_yield(found: PopulationYield, share: float) -> str:
     """Return a yield in sentences. share: the required probability of quiet running."""
+    quiet, passing = _percentage_and_interval_text(found.quiet), _percentage_and_interval_text(found.passing)
     return (
-        f"Of {found.gears} gears with these tolerances {_percent_with_interval(found.quiet)} of all runs are quiet. "
-        f"{_percent_with_interval(found.passing)} of the gears pass: they run quietly with a probability of at least "
-        f"{share:g}. The brackets hold 95 % intervals."
+        f"Of {found.gears} gears with these tolerances {quiet} of all runs are quiet. {passing} of the gears pass: "
+        f"they run quietly with a probability of at least {share:g}. The brackets hold 95 % intervals."
     )
 
 
-def _percent_with_interval(found: Estimate) -> str:
+def _percentage_and_interval_text(found: Estimate) -> str:
     return f"{100 * found.value:.1f} % [{100 * found.low:.1f}, {100 * found.high:.1f}]"

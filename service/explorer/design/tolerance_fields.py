@@ -7,9 +7,9 @@ from typing import Any
 
 import panel as pn
 
-from gear_rattle.service.explorer.common.point_state import Tolerance
+from gear_rattle.service.explorer.common.point_state import PointTolerances
 from gear_rattle.service.explorer.common.text import TextPane, alert_html
-from gear_rattle.service.explorer.common.watch import on_press
+from gear_rattle.service.explorer.common.watch import call_on_press
 from gear_rattle.service.explorer.design.fields import NUMBERS
 from gear_rattle.service.explorer.state.events import Event, YieldRequested
 from gear_rattle.workers.pictures.look import USUAL_SHARE
@@ -34,7 +34,7 @@ class ToleranceFields:
         self.widgets = first, second, share
         self._per = 1.0, 1.0
         self._button = pn.widgets.Button(label="Compute yield", **style)
-        on_press(self._button, self.request_yield)
+        call_on_press(self._button, self.request_yield)
         self.said = TextPane("", *sheets, margin=(0, 4))
         heading = TextPane("<h2>Tolerances</h2>", *sheets, margin=(0, 4))
         self.panel = pn.Column(
@@ -42,7 +42,7 @@ class ToleranceFields:
             sizing_mode="stretch_width", margin=0,
         )  # fmt: skip
 
-    def fill(self, gear: AnyGear, machine: Machine | None, widths: Tolerance | None) -> None:
+    def fill(self, gear: AnyGear, machine: Machine | None, widths: PointTolerances | None) -> None:
         """Set the fields for a point: tolerances of speed and eccentricity if it has a machine, else of δ and ε.
 
         widths: the values of the fields; None for the defaults DEFAULT_DEVIATION and USUAL_SHARE.
@@ -55,7 +55,7 @@ class ToleranceFields:
             speed, eccentricity = NUMBERS["rpm"], NUMBERS["eccentricity"]
             first.label, second.label = f"σ of {speed.label.lower()}", f"σ of {eccentricity.label.lower()}"
             self._per, means = (speed.per, eccentricity.per), (machine.rpm, machine.eccentricity)
-        given = widths or Tolerance(DEFAULT_DEVIATION * means[0], DEFAULT_DEVIATION * means[1], USUAL_SHARE)
+        given = widths or PointTolerances(DEFAULT_DEVIATION * means[0], DEFAULT_DEVIATION * means[1], USUAL_SHARE)
         for widget, value, per in zip((first, second), given, self._per, strict=False):
             widget.value = float(f"{value * per:.{3 if widths is None else 12}g}")
         share.value = given.share
@@ -67,5 +67,5 @@ class ToleranceFields:
         if first is None or second is None or share is None:
             self.said.html = alert_html("A tolerance needs a number in each field.", "wrong")
         else:
-            entered = Tolerance(first / self._per[0], second / self._per[1], share)
+            entered = PointTolerances(first / self._per[0], second / self._per[1], share)
             self._dispatch(YieldRequested(entered))

@@ -16,7 +16,7 @@ from gear_rattle.service.explorer.common.address import Pair
 from gear_rattle.service.explorer.common.point_state import PointTabsState
 from gear_rattle.service.explorer.map.planes import MapPlane
 from gear_rattle.service.explorer.point.words import number_text, percent_text
-from gear_rattle.workers import Bucket, SurveyRequest, open_survey
+from gear_rattle.workers import StoreInBucket, SurveyRequest, open_survey
 from gear_rattle.workers.errors import SurveyError, report_damage
 from gear_rattle.workers.pictures.largest import family_names, open_survey_for_map
 from gear_rattle.workers.pictures.look import LARGEST
@@ -73,7 +73,7 @@ class StoredFamilies(NamedTuple):
     table: xr.Dataset
 
 
-def stored_families(place: Path | Bucket, request: SurveyRequest, number: int) -> StoredFamilies:
+def stored_families(place: Path | StoreInBucket, request: SurveyRequest, number: int) -> StoredFamilies:
     """Return a survey and its table of families from a store. It blocks: use a thread.
 
     Parameters
@@ -107,7 +107,7 @@ def require_family(found: StoredFamilies, number: int) -> None:
         )
 
 
-def first_family_names(found: StoredFamilies) -> list[str]:
+def names_of_first_families(found: StoredFamilies) -> list[str]:
     """Return the names of the first MOST_LISTED families. This function blocks: use a thread."""
     with report_damage("the families"):
         return family_names(*found, MOST_LISTED)
@@ -129,7 +129,7 @@ def family_description(found: StoredFamilies, plane: MapPlane, number: int) -> F
         row = {str(name): float(here[name]) for name in here.data_vars if not here[name].dims}
         curves = [str(each) for each in here["curve"].values]
         borders = dict(zip(curves, (int(each) for each in here["edges_on"].values), strict=True))
-    share, status = plane.all_cells()
+    share, status = plane.read_values_and_status()
     done = (status > 0) & (status != FAILED)
     extents = (_longest_extent(share > 0, plane, "delta"), _longest_extent(share > 0, plane, "epsilon"))
     return FamilyDescription(

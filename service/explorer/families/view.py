@@ -11,18 +11,18 @@ import numpy as np
 import panel as pn
 
 from gear_rattle.service.database.tables import JobRow
-from gear_rattle.service.errors import MissingError
+from gear_rattle.service.errors import MissingPartError
 from gear_rattle.service.explorer.common.address import View
 from gear_rattle.service.explorer.common.drawings import DrawingRunner, Show
 from gear_rattle.service.explorer.common.text import TextPane
 from gear_rattle.service.explorer.common.viewer import PageSession
-from gear_rattle.service.explorer.common.watch import WidgetWatcher, on_press
+from gear_rattle.service.explorer.common.watch import WidgetWatcher, call_on_press
 from gear_rattle.service.explorer.families.description import (
     FamilyDescription,
     FamilyExtent,
     family_description,
     family_in_words,
-    first_family_names,
+    names_of_first_families,
     require_family,
     stored_families,
 )
@@ -75,7 +75,7 @@ class FamiliesView:
             name: pn.widgets.Button(label=label, visible=False, **styled) for name, label in DIAGRAM_LABELS.items()
         }
         for name, button in self._along.items():
-            on_press(button, partial(self.open_diagram, name))
+            call_on_press(button, partial(self.open_diagram, name))
         self.said = TextPane("", sheet)
         self.panel = pn.Column(
             self.said.pane, pn.FlexBox(*self._along.values(), margin=0), sizing_mode="stretch_width", margin=0,
@@ -124,9 +124,9 @@ class FamiliesView:
     def _read_families(self, view: View, job: JobRow) -> FamilyData:
         place = self._shared.front.directory.store(job.id)
         if not place.exists():
-            raise MissingError(NO_NUMBERS)
+            raise MissingPartError(NO_NUMBERS)
         found = stored_families(place, SurveyRequest.model_validate(job.request), view.slice)
-        names = first_family_names(found)
+        names = names_of_first_families(found)
         if view.family is None:
             return FamilyData(names)
         try:

@@ -55,7 +55,7 @@ class DifferenceMap(MapPlane):
         axes = ((other.delta, first.delta), (other.epsilon, first.epsilon))
         self.has_same_grid = all(np.array_equal(*pair) for pair in axes)
         column, row = (cell_indices(*pair) for pair in axes)
-        (mine, status), (others, beside) = first.all_cells(), other.all_cells()
+        (mine, status), (others, beside) = first.read_values_and_status(), other.read_values_and_status()
         others, beside = (each[np.ix_(row, column)] for each in (others, beside))
         reached = np.logical_and.outer(row >= 0, column >= 0)
         done = (status > 0) & (beside > 0) & reached

@@ -8,7 +8,7 @@ import panel as pn
 
 from gear_rattle.service.explorer.common.address import MOST_FURTHER, ComparisonChoice
 from gear_rattle.service.explorer.common.viewer import PageSession
-from gear_rattle.service.explorer.common.watch import on_press
+from gear_rattle.service.explorer.common.watch import call_on_press
 from gear_rattle.service.explorer.further.one import ComparisonMap
 from gear_rattle.service.explorer.further.surveys import survey_menu_options
 from gear_rattle.service.explorer.map.figure import MapFigure
@@ -41,7 +41,7 @@ class ComparisonMaps:
             label="Add a second map", css_classes=["beside-map"], stylesheets=[sheet], margin=(2, 8, 2, 0),
             visible=False,
         )  # fmt: skip
-        on_press(self.add_button, self._add_map)
+        call_on_press(self.add_button, self._add_map)
         self._named: tuple[tuple[str, str], ...] = ()
         self.surveys: Mapping[str, str] = {}
         store.subscribe(

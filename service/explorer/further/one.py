@@ -16,18 +16,18 @@ from gear_rattle.service.explorer.common.address import (
     MapChoice,
     Ranges,
     View,
-    points_by_number,
+    points_by_pin_number,
 )
 from gear_rattle.service.explorer.common.drawings import Show
-from gear_rattle.service.explorer.common.text import Heading, TextPane
+from gear_rattle.service.explorer.common.text import MapHeading, TextPane
 from gear_rattle.service.explorer.common.viewer import PageSession
-from gear_rattle.service.explorer.common.watch import WidgetWatcher, on_press
+from gear_rattle.service.explorer.common.watch import WidgetWatcher, call_on_press
 from gear_rattle.service.explorer.further.difference import DifferenceMap, require_small_survey
 from gear_rattle.service.explorer.map.colouring import Colouring, LegendColour, colouring
 from gear_rattle.service.explorer.map.figure import MapFigure
 from gear_rattle.service.explorer.map.overlays import LINES_OF_ALL_WINDOWS, MapLines
 from gear_rattle.service.explorer.map.picture import drawn_settings, picture_links, picture_query
-from gear_rattle.service.explorer.map.planes import MapBlock, MapPlane, map_options
+from gear_rattle.service.explorer.map.planes import MapBlock, MapPlane, options_of_map_menu
 from gear_rattle.service.explorer.map.readout import cell_in_words
 from gear_rattle.service.explorer.map.shared import SharedState
 from gear_rattle.service.explorer.map.survey_map import SurveyMap
@@ -47,7 +47,7 @@ class ComparisonMap(SurveyMap):
     def __init__(
         self, shared: SharedState, viewer: PageSession, store: PageStore, figure: MapFigure, sheet: str, index: int
     ) -> None:
-        super().__init__(shared, viewer, store, figure, Heading(sheet), TextPane("", sheet))
+        super().__init__(shared, viewer, store, figure, MapHeading(sheet), TextPane("", sheet))
         self._index = index
         self.lines = MapLines(viewer, figure)
         self.key, self.links = TextPane("", sheet), TextPane("", sheet)
@@ -59,7 +59,7 @@ class ComparisonMap(SurveyMap):
         for widget in (self.survey, self.variable, self.minus):
             self._watch.call_on_change(widget, self._on_chosen)
         remove = pn.widgets.Button(label=f"Remove map {index + 2}", **styled)
-        on_press(remove, partial(store.dispatch, ComparisonMapRemoved(index)))
+        call_on_press(remove, partial(store.dispatch, ComparisonMapRemoved(index)))
         choices = pn.FlexBox(
             self.survey, self.variable, self.minus, remove, margin=0, sizing_mode="stretch_width",
             align_items="flex-end",
@@ -94,7 +94,7 @@ class ComparisonMap(SurveyMap):
         """Set the menus to a choice, and return it. If the survey lacks the chosen map, choose its first map."""
         request = request_of_job(job)
         number = sum(request.slice_index(choice.slice))
-        chosen, options = map_options(request, MapChoice(choice.variable, choice.index))
+        chosen, options = options_of_map_menu(request, MapChoice(choice.variable, choice.index))
         with self._watch.ignore_changes():
             self.survey.param.update(options=dict(surveys), value=f"{choice.survey},{number}")
             self.variable.param.update(options=options, value=chosen.address_text, visible=not choice.minus)
@@ -155,7 +155,7 @@ class ComparisonMap(SurveyMap):
             self._window = window
             self.figure.show_window(window)
             self.refine()
-        self.figure.mark_pins(points_by_number(view.pins, model))
+        self.figure.mark_pins(points_by_pin_number(view.pins, model))
         self.links.html = self._picture_links(plane, view)
         lines = view.lines if self._drawn_choice is None else view.lines_on_map(self._drawn_choice.variable)
         self.lines.draw([name for name in lines if name not in LINES_OF_ALL_WINDOWS], model, window)

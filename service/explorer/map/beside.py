@@ -12,7 +12,7 @@ from gear_rattle.service.explorer.common.address import View
 from gear_rattle.service.explorer.common.figures import PRINTED
 from gear_rattle.service.explorer.common.viewer import PageSession
 from gear_rattle.service.explorer.map.shared import SharedState
-from gear_rattle.service.explorer.point.panel import FigurePanel, PointPanel
+from gear_rattle.service.explorer.point.panel import FigureBelowDiagram, PointPanel
 from gear_rattle.service.explorer.point.parts import SampledAttractors, attractors_of_survey_cell
 from gear_rattle.service.explorer.point.state import machine_and_model_of_open_point
 from gear_rattle.service.explorer.point.view import PointView
@@ -42,7 +42,7 @@ class PanelBesideMap:
         viewer: PageSession,
         store: PageStore,
         theme: str,
-        profile_place: FigurePanel,
+        profile_place: FigureBelowDiagram,
         above: pn.Column,
         under: pn.Column,
     ) -> None:
@@ -76,9 +76,9 @@ class PanelBesideMap:
         if self._points is None:
             self._points = points
             self._column.append(points.column)
-        self._answering = self._viewer.start(self._show_survey_answer(point, view, self._store.job, model))
+        self._answering = self._viewer.start(self._show_fractions_of_cell(point, view, self._store.job, model))
 
-    async def _show_survey_answer(self, point: PointView, view: View, job: JobRow | None, model: Model) -> None:
+    async def _show_fractions_of_cell(self, point: PointView, view: View, job: JobRow | None, model: Model) -> None:
         """Show the basin fractions of the survey's cell around the point, if any, until the point is computed."""
         assert view.point is not None
         at = view.point

@@ -15,7 +15,7 @@ from gear_rattle.service.explorer.common.address import Limits, Pair, Ranges
 from gear_rattle.service.explorer.map.planes import UNSEEN, MapBlock, MapPlane, Room
 from gear_rattle.workers.pictures.figure import innermost_cells, region_name_positions
 from gear_rattle.workers.pictures.largest import OTHERS
-from gear_rattle.workers.pictures.look import LARGEST, colour_limits, logarithmic_limits
+from gear_rattle.workers.pictures.look import LARGEST, colour_limits, logarithmic_scale_limits
 from gear_rattle.workers.pictures.maps import (
     ZERO,
     colour_scale_of,
@@ -69,7 +69,7 @@ class Colouring:
     shares_beyond: Pair = (0.0, 0.0)  # shares of the values below `low` and above `high`
 
 
-def valueless_cells(plane: MapPlane, block: MapBlock) -> dict[str, tuple[np.ndarray, str]]:
+def valueless_cells_by_reason(plane: MapPlane, block: MapBlock) -> dict[str, tuple[np.ndarray, str]]:
     """Return {reason why cells have no value: (mask of these cells, their colour)}."""
     variable = str(plane.plane.name)
     return valueless_layers(variable, block.values, block.status, words_for_missing_value(plane.plane))
@@ -82,22 +82,22 @@ def _share_of_code(block: MapBlock, code: int, shown: np.ndarray, computed: int)
     return float((shown == code).sum() / max(computed, 1))
 
 
-def shown_values(plane: MapPlane, block: MapBlock) -> np.ndarray:
+def block_values_or_nan(plane: MapPlane, block: MapBlock) -> np.ndarray:
     """Return the values of a block, NaN where a cell has no value."""
-    without = np.logical_or.reduce([mask for mask, _ in valueless_cells(plane, block).values()])
+    without = np.logical_or.reduce([mask for mask, _ in valueless_cells_by_reason(plane, block).values()])
     return np.where(without, np.float32(np.nan), block.values)
 
 
 def values_in_window(plane: MapPlane, window: Ranges, room: Room) -> tuple[np.ndarray, Ranges]:
     """Return the values of the cells in a window, and the box of these cells. This function blocks: use a thread."""
     block = plane.block(window, room)
-    return shown_values(plane, block), block.box
+    return block_values_or_nan(plane, block), block.box
 
 
 def colouring(plane: MapPlane, block: MapBlock, limits: Limits | Pair, log: bool, room: Room = UNSEEN) -> Colouring:
     """Return the colours of a map whose drawn cells are `block`, in `room` pixels. It blocks: use a thread."""
     values, variable = block.values, str(plane.plane.name)
-    layers = valueless_cells(plane, block)
+    layers = valueless_cells_by_reason(plane, block)
     reasons = np.zeros(values.shape, np.uint8)
     for number, (mask, _) in enumerate(layers.values(), start=1):
         reasons[mask] = number
@@ -127,11 +127,11 @@ def colouring(plane: MapPlane, block: MapBlock, limits: Limits | Pair, log: bool
         )
         return Colouring(
             map_title(plane.plane), colours, every[0] - 0.5, every[-1] + 0.5, False, True, named + shades, reasons,
-            reason_colours, names=_place_map_names(variable, block, dict(zip(codes, labels, strict=True)), room),
+            reason_colours, names=_map_name_positions(variable, block, dict(zip(codes, labels, strict=True)), room),
         )  # fmt: skip
     low, high, note = colour_limits(shown, (float(norm.vmin or 0.0), float(norm.vmax or 0.0)), limits)
     if log:
-        low, high, log, note = logarithmic_limits(shown, low, high, note)
+        low, high, log, note = logarithmic_scale_limits(shown, low, high, note)
     if log and (hidden := (reasons == 0) & (values <= 0)).any():
         reason_colours += (to_hex(ZERO),)
         reasons[hidden] = len(reason_colours)
@@ -147,7 +147,7 @@ def colouring(plane: MapPlane, block: MapBlock, limits: Limits | Pair, log: bool
     )  # fmt: skip
 
 
-def _place_map_names(variable: str, block: MapBlock, labels: Mapping[float, str], room: Room) -> dict[str, Pair]:
+def _map_name_positions(variable: str, block: MapBlock, labels: Mapping[float, str], room: Room) -> dict[str, Pair]:
     """Return the names of regions or of families, each with the point (δ, ε) where it is written; {} on other maps."""
     if variable == "region":
         return region_name_positions(block.values, block.delta, block.epsilon)

@@ -74,7 +74,7 @@ FEATURED = (
 )
 
 
-def map_buttons(names: Collection[str], request: SurveyRequest) -> list[dict[str, Any]]:
+def describe_map_buttons(names: Collection[str], request: SurveyRequest) -> list[dict[str, Any]]:
     """Return the value of `MapButtons.buttons` for the featured maps. names: the variables that the survey has."""
     buttons = []
     for each in FEATURED:
@@ -124,8 +124,8 @@ class MapControls:
         self.wrong = TextPane("", sheet)
         self._watch = WidgetWatcher()
         for widget, used in (
-            (self.variable, self._on_variable), (self.index, self._on_index),
-            (self.slice, self._on_slice), (self.rule, self._on_rule_change), (self.log, self._on_rule_change),
+            (self.variable, self._on_variable_change), (self.index, self._on_index_change),
+            (self.slice, self._on_slice_change), (self.rule, self._on_rule_change), (self.log, self._on_rule_change),
             (self.low, self._on_entered_limits), (self.high, self._on_entered_limits),
         ):  # fmt: skip
             self._watch.call_on_change(widget, used)
@@ -142,11 +142,11 @@ class MapControls:
 
     def _offer_maps(self) -> None:
         """Fill the menus with the maps of the survey, and select the map that the view shows."""
-        view, whole = self._store.view, self._store.request_with_all_slices
+        view, whole = self._store.view, self._store.survey_request_with_all_slices
         maps = self._shared.maps(self._store)
         if whole is None or view.variable not in maps:
             return
-        buttons, names = map_buttons(maps, whole), maps[view.variable]
+        buttons, names = describe_map_buttons(maps, whole), maps[view.variable]
         is_featured = any(each["variable"] == view.variable for each in buttons)
         with self._watch.ignore_changes():
             self.variable.options = {variable_in_words(name): name for name in maps}
@@ -180,13 +180,13 @@ class MapControls:
         if any(each["variable"] == self.buttons.chosen for each in self.buttons.buttons):
             self._store.dispatch(VariableChosen(self.buttons.chosen))
 
-    def _on_variable(self) -> None:
+    def _on_variable_change(self) -> None:
         self._store.dispatch(VariableChosen(str(self.variable.value)))
 
-    def _on_index(self) -> None:
+    def _on_index_change(self) -> None:
         self._store.dispatch(MapIndexChosen(int(self.index.value)))
 
-    def _on_slice(self) -> None:
+    def _on_slice_change(self) -> None:
         self._store.dispatch(SliceChosen(int(self.slice.value or 0)))
 
     def _on_rule_change(self) -> None:

@@ -16,12 +16,12 @@ from gear_rattle.service.explorer.common.address_fields import parse_point
 from gear_rattle.service.explorer.common.changes import handler_in_event_loop
 from gear_rattle.service.explorer.files import read_asset
 from gear_rattle.service.explorer.state.events import (
-    BackChosen,
     DiagramEndChosen,
-    ForwardChosen,
     PointClosed,
     PointerMoved,
     PointOpened,
+    WindowBackChosen,
+    WindowForwardChosen,
     WindowMoved,
     WindowReset,
 )
@@ -99,9 +99,9 @@ class CursorKeys:
             case "through":
                 dispatch(DiagramEndChosen(at))
             case "back":
-                dispatch(BackChosen())
+                dispatch(WindowBackChosen())
             case "forward":
-                dispatch(ForwardChosen())
+                dispatch(WindowForwardChosen())
             case _ if word.startswith(POINT_COMMAND):
                 with suppress(ValueError):  # raised if the text after the command is no point
                     dispatch(PointOpened(parse_point(word.removeprefix(POINT_COMMAND))))

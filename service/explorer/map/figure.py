@@ -81,8 +81,8 @@ class MapFigure:
         self._apply_theme(theme)
         self._values, self._fine, self._reasons = (glyphs.create_empty_source(glyphs.IMAGE) for _ in range(3))
         self._veiled = glyphs.create_empty_source(glyphs.IMAGE)
-        self._why_mapper = glyphs.transparent_mapper()
-        self._why = glyphs.image_renderer(self._reasons, self._why_mapper)
+        self._why_mapper = glyphs.transparent_colour_mapper()
+        self._why = glyphs.create_image_renderer(self._reasons, self._why_mapper)
         self._scales = glyphs.colour_scales(self._values, self._fine, **_colour_bar_style(theme))
         self._log, self._fits = False, True
         self._lines: dict[str, tuple[ColumnDataSource, list[Any]]] = {}
@@ -214,9 +214,9 @@ class MapFigure:
     def _hide_enlarged_cells(self) -> None:
         box, visible = self._box_around_centre, self._visible_delta
         self._fits = box is None or visible is None or box[0][1] - box[0][0] < LARGEST_ZOOM * (visible[1] - visible[0])
-        self._show_scale()
+        self._update_visibility_of_cells()
 
-    def _show_scale(self) -> None:
+    def _update_visibility_of_cells(self) -> None:
         self._why.visible = self._fits
         for log, scale in self._scales.items():
             scale.cells.visible = self._fits and log == self._log
@@ -237,7 +237,7 @@ class MapFigure:
 
     def draw_cells(self, block: MapBlock, colours: Colouring) -> None:
         """Draw the cells of a survey in these colours, and the names of regions or families."""
-        self._box_around_centre, where = block.box, image_position(block.box)
+        self._box_around_centre, where = block.box, image_position_and_size(block.box)
         self._hide_enlarged_cells()  # the address of a page may have a narrow window before there are cells
         self._apply_colours(colours)
         shown = np.where(colours.reasons == 0, block.values, np.float32(np.nan))
@@ -263,11 +263,11 @@ class MapFigure:
             return
         values, box = self._frame
         shown = np.where(values > 0, values, np.float32(np.nan)) if self._log else values
-        self._fine.data = {"image": [shown], **image_position(box)}
+        self._fine.data = {"image": [shown], **image_position_and_size(box)}
 
     def dim_cells(self, mask: np.ndarray, box: Ranges) -> None:
         """Dim cells. mask: bool (epsilon, delta), True for a cell to dim. box: the box that `mask` covers."""
-        self._veiled.data = {"image": [mask.astype(np.uint8)], **image_position(box)}
+        self._veiled.data = {"image": [mask.astype(np.uint8)], **image_position_and_size(box)}
 
     def undim_cells(self) -> None:
         """Remove the dimming of cells."""
@@ -305,7 +305,7 @@ class MapFigure:
         self._reserve_bar_width()
         reasons = [glyphs.TRANSPARENT, *colours.reason_colours]
         self._why_mapper.update(palette=reasons, low=-0.5, high=len(reasons) - 0.5)
-        self._show_scale()
+        self._update_visibility_of_cells()
 
     def draw_line(self, name: str, pieces: Sequence[np.ndarray]) -> None:
         """Draw a named curve. pieces: arrays (k, 2) of its points (δ, ε)."""
@@ -453,7 +453,7 @@ def _set_marker(source: ColumnDataSource, point: Pair | None) -> None:
         source.data = {"x": [point[0]], "y": [point[1]]}
 
 
-def image_position(box: Ranges) -> dict[str, list[float]]:
+def image_position_and_size(box: Ranges) -> dict[str, list[float]]:
     """Return the position of an image that covers this box, in Bokeh's terms."""
     (left, right), (bottom, top) = box
     return {"x": [left], "y": [bottom], "dw": [right - left], "dh": [top - bottom]}

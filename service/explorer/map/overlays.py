@@ -99,7 +99,7 @@ class MapLines:
             self._change_lines(name, lambda: self._figure.draw_line(name, pieces))
             self._write_note_in_key(name, "", missing)
         else:
-            self._write_note_in_key(name, "", _missing_capability(model))
+            self._write_note_in_key(name, "", _missing_curves_message(model))
 
     def _write_note_in_key(self, name: str, note: str, missing: str = "") -> None:
         """Write in the key the progress of a line (`note`), or why the line is missing. Without a key, do nothing."""
@@ -119,7 +119,7 @@ class MapLinesWithKey(MapLines):
         view = store.view
         self.key = MapLegend(overlays=[], chosen=list(view.lines), margin=0, sizing_mode="stretch_width")
         self._watch = WidgetWatcher()
-        self._watch.call_on_change(self.key, self._on_chosen, "chosen")
+        self._watch.call_on_change(self.key, self._on_lines_chosen, "chosen")
         self.share = pn.widgets.FloatInput(
             label="Design limit: P(quiet) ≥", value=view.share, start=0.01, end=MOST_SHARE, step=0.05, width=180,
             visible=LIMIT in view.lines, stylesheets=[sheet], margin=(4, 0),
@@ -134,7 +134,7 @@ class MapLinesWithKey(MapLines):
             "survey", "slice", JOBS, "variable", "overlays", "share", "delta", "epsilon", "seen",
         )  # fmt: skip
 
-    def _on_chosen(self) -> None:
+    def _on_lines_chosen(self) -> None:
         chosen = tuple(name for name in OVERLAYS if name in self.key.chosen)
         # if the page has set the choice, the browser only reports it back: it equals the view's lines
         if chosen != self._store.view.lines:
@@ -156,7 +156,7 @@ class MapLinesWithKey(MapLines):
         window = None if request is None or request.machine is None else window_of_request(request)
         if (listed := (model, window)) == self._listed:
             return
-        self._listed, self._entries = listed, map_key_entries(model)
+        self._listed, self._entries = listed, legend_entries_of_map(model)
         self.key.overlays = self._entries
         if self._listing is not None:
             self._listing.cancel()
@@ -164,7 +164,7 @@ class MapLinesWithKey(MapLines):
 
     async def _list_present_lines(self, model: Model, window: Ranges) -> None:
         await self._viewer.front.kernels.wait_until_compiled(model.name, patience=math.inf)
-        absent = await self._viewer.run_in_thread(lambda: absent_lines(model, window))
+        absent = await self._viewer.run_in_thread(lambda: names_of_absent_lines(model, window))
         self._entries = found = [each for each in self._entries if each["name"] not in absent]
         self._viewer.change(lambda: self.key.param.update(overlays=found))
 
@@ -186,7 +186,7 @@ class MapLinesWithKey(MapLines):
     @property
     def _delta_range(self) -> Pair:
         """Range of damping of the survey, over which the design limit is computed."""
-        whole = self._store.request_with_all_slices
+        whole = self._store.survey_request_with_all_slices
         return UNCHOSEN[0] if whole is None else (whole.delta.start, whole.delta.stop)
 
     async def _compute_line(self, name: str, model: Model, window: Ranges) -> None:
@@ -225,7 +225,7 @@ class MapLinesWithKey(MapLines):
             self._viewer.change(lambda: self.key.param.update(overlays=entries))
 
 
-def map_key_entries(model: Model) -> list[dict[str, Any]]:
+def legend_entries_of_map(model: Model) -> list[dict[str, Any]]:
     """Return the entries of the key: the lines and the marks that a map of a model can show."""
     return [
         {
@@ -265,10 +265,10 @@ def _line_meaning(name: str, model: Model) -> str:
         return "; ".join(f"{point}: {what}" for point, what in help_table_rows("Points where lines meet").items())
     if name in (CRISIS, LIMIT) or model.name == DEFAULT_MODEL:
         return help_table_rows("The lines")[LABELS.get(name, name)]
-    return model.describe(name) if name in model.curve_names else _missing_capability(model)
+    return model.describe(name) if name in model.curve_names else _missing_curves_message(model)
 
 
-def _missing_capability(model: Model) -> str:
+def _missing_curves_message(model: Model) -> str:
     return str(missing_capability_error(Capability.CORNERS, model))
 
 
@@ -283,7 +283,7 @@ def curve_pieces(name: str, model: Model, delta: Pair, epsilon: Pair) -> tuple[l
         Pieces, and the reason why the curve cannot be traced; "" if it could be traced.
     """
     if name not in model.curve_names:
-        return [], _missing_capability(model)
+        return [], _missing_curves_message(model)
     window = Window((max(delta[0], LOWEST_DELTA * delta[1]), delta[1]), (max(epsilon[0], 0.0), max(epsilon[1], 0.0)))
     if window.epsilon[0] >= window.epsilon[1]:
         return [], ""
@@ -293,7 +293,7 @@ def curve_pieces(name: str, model: Model, delta: Pair, epsilon: Pair) -> tuple[l
     return split_at_nan(polyline(curve)) if len(curve) else [], ""
 
 
-def absent_lines(model: Model, window: Ranges) -> set[str]:
+def names_of_absent_lines(model: Model, window: Ranges) -> set[str]:
     """Return the names of a model's lines and points that are nowhere inside a window. It blocks: use a thread."""
     curves = {name for name in OVERLAYS if name in model.curve_names and curve_pieces(name, model, *window) == ([], "")}
     return (

@@ -31,7 +31,12 @@ from gear_rattle.workers.pictures.levels import (
 from gear_rattle.workers.pictures.look import IN_SLOTS, LARGEST, SHARE, WHICH, variable_in_words
 from gear_rattle.workers.pictures.planes import map_of_variable, mask_nonperiodic, values_to_draw
 from gear_rattle.workers.storage.store import has_added_node
-from gear_rattle.workers.survey.levels.grid import GROUP, level_centres, levels_of, possible_levels
+from gear_rattle.workers.survey.levels.grid import (
+    GROUP,
+    centres_of_level_cells,
+    possible_levels,
+    stored_levels_of_shape,
+)
 from gear_rattle.workers.survey.levels.reduce import pool_cells
 from gear_rattle.workers.survey.slices import select_slice
 from gear_rattle.workers.survey.tiles import tiles_of_slice
@@ -89,7 +94,7 @@ class MapPlane:
     is_kept = True  # True if all cells are kept in memory
 
     def __init__(self, front: ApplicationState, job: JobRow, variable: str, index: int, slice_number: int = 0) -> None:
-        _, place = front.job_with_results(job.id)
+        _, place = front.find_job_and_existing_store(job.id)
         self.id, self.number = job.id, job.number
         self._front = front
         request = SurveyRequest.model_validate(job.request)
@@ -155,7 +160,7 @@ class MapPlane:
         """Box that the cells cover."""
         return box_of_cells(self.delta, self.epsilon)
 
-    def is_thinned(self, room: Room = (SIDE, SIDE)) -> bool:
+    def has_more_cells_than_pixels(self, room: Room = (SIDE, SIDE)) -> bool:
         """Return whether the map has more cells than pixels along δ or along ε. room: pixels along (delta, epsilon)."""
         return self.delta.size > room[0] or self.epsilon.size > room[1]
 
@@ -184,7 +189,10 @@ class MapPlane:
         part = finest_level_part(self._levels, (i, j), (end_i, end_j), room[::-1])
         seen, (rows, columns) = self._largest_values(part) if anywhere else self._read_displayed_cells(part), part.at
         across, along = (part.level.cells if part.level else (1, 1))[::-1]
-        delta, epsilon = level_centres(self.delta, across)[columns], level_centres(self.epsilon, along)[rows]
+        delta, epsilon = (
+            centres_of_level_cells(self.delta, across)[columns],
+            centres_of_level_cells(self.epsilon, along)[rows],
+        )
         box = _covered_range(self.delta, across, columns), _covered_range(self.epsilon, along, rows)
         return MapBlock(delta, epsilon, seen.values, seen.status, box, seen.shares, seen.without)
 
@@ -205,7 +213,7 @@ class MapPlane:
         """Return the values and the status of the cells in these rows (ε) and columns (δ)."""
         return self.values[rows, columns], self.status[rows, columns]
 
-    def all_cells(self) -> tuple[np.ndarray, np.ndarray]:
+    def read_values_and_status(self) -> tuple[np.ndarray, np.ndarray]:
         """Return the values and the status of all cells. It blocks: use a thread."""
         return self._values_and_status(slice(None), slice(None))
 
@@ -255,7 +263,7 @@ class PyramidMapPlane(MapPlane):
 
     def __init__(self, front: ApplicationState, job: JobRow, variable: str, index: int, slice_number: int = 0) -> None:
         super().__init__(front, job, variable, index, slice_number)
-        self._levels = levels_of(self.request.shape)
+        self._levels = stored_levels_of_shape(self.request.shape)
         self._opened: dict[str, xr.Dataset] = {}
 
     def update(self, job: JobRow) -> bool:  # noqa: ARG002  # a completed survey does not change
@@ -356,7 +364,7 @@ class MapCache:
 
         Raises
         ------
-        MissingError
+        MissingPartError
             The survey has no numbers yet.
         SurveyError
             The survey has no such map, or it cannot be read.
@@ -378,7 +386,7 @@ class MapCache:
         """Return PyramidMapPlane if the store of a successful survey has pyramid levels of the map, else MapPlane."""
         if variable in (LARGEST, SHARE):  # the pyramid levels lack both maps
             return MapPlane
-        is_large = levels_of(SurveyRequest.model_validate(job.request).shape)
+        is_large = stored_levels_of_shape(SurveyRequest.model_validate(job.request).shape)
         ended = is_large and job.state == State.SUCCESSFUL
         return PyramidMapPlane if ended and has_added_node(self._front.directory.store(job.id), GROUP) else MapPlane
 
@@ -393,7 +401,7 @@ class MapCache:
                 del self._planes[key]
 
 
-def maps_of(request: SurveyRequest) -> dict[str, Any]:
+def map_names_by_variable(request: SurveyRequest) -> dict[str, Any]:
     """Return the variables of a survey that can be drawn as maps, in the order of the store.
 
     Returns
@@ -411,7 +419,7 @@ def maps_of(request: SurveyRequest) -> dict[str, Any]:
     } | joined
 
 
-def map_options(request: SurveyRequest, *wanted: MapChoice | None) -> tuple[MapChoice, dict[str, str]]:
+def options_of_map_menu(request: SurveyRequest, *wanted: MapChoice | None) -> tuple[MapChoice, dict[str, str]]:
     """Return the map to select in a menu of a survey's maps, and the options of the menu.
 
     wanted: the maps that may be selected, the most wanted first; None stands for no map.
@@ -429,7 +437,7 @@ def map_options(request: SurveyRequest, *wanted: MapChoice | None) -> tuple[MapC
 def maps_by_name(request: SurveyRequest) -> dict[str, MapChoice]:
     """Return all maps of a survey, each under its name in words."""
     named = {}
-    for name, labels in maps_of(request).items():
+    for name, labels in map_names_by_variable(request).items():
         words = variable_in_words(name)
         for index, label in enumerate(labels or ("",)):
             named[f"{words}, {label}" if labels else words] = MapChoice(name, index)

@@ -15,7 +15,7 @@ import xarray as xr
 import rattle
 from gear_rattle.service.explorer.common.address import Ranges
 from gear_rattle.service.explorer.common.text import TextPane
-from gear_rattle.service.explorer.common.watch import on_press
+from gear_rattle.service.explorer.common.watch import call_on_press
 from gear_rattle.service.explorer.design.axes import coordinate_text
 from gear_rattle.service.explorer.design.fields import NUMBERS, text_in_field_unit
 from gear_rattle.service.explorer.map.planes import MapBlock, MapPlane
@@ -50,7 +50,7 @@ class Readout:
         self._summary, self._tables = TextPane("", sheet), TextPane(HINT, sheet)
         self._is_unfolded = False
         self._button = pn.widgets.Button(label=UNFOLD, css_classes=["unfold"], stylesheets=[sheet], margin=(2, 0))
-        on_press(self._button, self._toggle)
+        call_on_press(self._button, self._toggle_numbers)
         row: dict[str, Any] = {"sizing_mode": "stretch_width", "margin": 0}
         self._head = pn.Column(self._summary.pane, self._button, visible=False, **row)
         self._numbers = pn.Column(self._tables.pane, **row)
@@ -83,7 +83,7 @@ class Readout:
         self._head.visible = is_point_open
         self._numbers.visible = self._is_unfolded or not is_point_open
 
-    def _toggle(self) -> None:
+    def _toggle_numbers(self) -> None:
         self._is_unfolded = not self._is_unfolded
         self._numbers.visible = self._is_unfolded
         self._button.label = FOLD if self._is_unfolded else UNFOLD

@@ -17,7 +17,7 @@ from gear_rattle.service.explorer.common.address import UNCHOSEN, Limits, Pair, 
 from gear_rattle.service.explorer.common.news import LISTED, StatusPublisher
 from gear_rattle.service.explorer.map.colouring import Colouring, colouring
 from gear_rattle.service.explorer.map.overlays import cache_default_lines
-from gear_rattle.service.explorer.map.planes import UNSEEN, MapBlock, MapCache, MapPlane, Room, maps_of
+from gear_rattle.service.explorer.map.planes import UNSEEN, MapBlock, MapCache, MapPlane, Room, map_names_by_variable
 from gear_rattle.service.explorer.state.store import PageStore, window_of_request
 from gear_rattle.service.operations.overlaid import Overlays
 from gear_rattle.service.operations.surveys import list_jobs
@@ -59,7 +59,7 @@ def default_variable(request: SurveyRequest, is_waiting: bool) -> str:
     str
         Name of the variable.
     """
-    maps = [name for name in maps_of(request) if name not in ("status", LARGEST)] or ["status"]
+    maps = [name for name in map_names_by_variable(request) if name not in ("status", LARGEST)] or ["status"]
     if is_waiting and is_closed_form_map(request, maps[0]):
         return maps[0]
     filling = [name for name in maps if not is_closed_form_map(request, name)]
@@ -73,7 +73,7 @@ class UncomputedMaps(Protocol):
 
     @property
     def maps(self) -> dict[str, Any]:
-        """Maps of the example, in the form that `maps_of` returns."""
+        """Maps of the example, in the form that `map_names_by_variable` returns."""
 
     def plane(self, variable: str, index: int) -> MapPlane:
         """Return a map of the example that comes with the explorer. This method blocks: use a thread.
@@ -91,7 +91,7 @@ class UncomputedMaps(Protocol):
         number : int
             Number of the slice; 0 without a third axis.
         computed : Callable[[], MapPlane]
-            Returns the map of the cells that the survey has computed; raises MissingError if no cell is computed
+            Returns the map of the cells that the survey has computed; raises MissingPartError if no cell is computed
             yet. This function is called when a viewer reads a cell.
 
         Returns
@@ -183,10 +183,14 @@ class SharedState:
         return plane, True, *cached_drawing(ref(plane), *how)
 
     def maps(self, store: PageStore) -> dict[str, Any]:
-        """Return the maps of the chosen survey, or of the example if none is chosen, in the form of `maps_of`."""
+        """Return the maps, by variable, of the chosen survey, or of the example if none is chosen."""
         if store.view.is_example_shown:
             return self.exact.maps
-        return {} if store.request_with_all_slices is None else maps_of(store.request_with_all_slices)
+        return (
+            {}
+            if store.survey_request_with_all_slices is None
+            else map_names_by_variable(store.survey_request_with_all_slices)
+        )
 
     def plane(self, job: JobRow | None, variable: str, index: int, number: int) -> MapPlane:
         """Return a map of a survey, or of the example if `job` is None. It blocks. For errors see `MapCache.plane`."""

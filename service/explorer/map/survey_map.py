@@ -13,13 +13,13 @@ import numpy as np
 
 from gear_rattle.service.explorer.common.address import Limits, MapChoice, Pair, Ranges
 from gear_rattle.service.explorer.common.drawings import DrawingRunner
-from gear_rattle.service.explorer.common.text import Heading, TextPane, alert_html
+from gear_rattle.service.explorer.common.text import MapHeading, TextPane, alert_html
 from gear_rattle.service.explorer.common.viewer import PageSession
 from gear_rattle.service.explorer.map.colouring import (
     Colouring,
     LegendColour,
+    block_values_or_nan,
     colouring,
-    shown_values,
     values_in_window,
 )
 from gear_rattle.service.explorer.map.figure import MapFigure
@@ -58,7 +58,7 @@ class SurveyMap(ABC):
         viewer: PageSession,
         store: PageStore,
         figure: MapFigure,
-        title: Heading,
+        title: MapHeading,
         said: TextPane,
     ) -> None:
         self._shared, self._viewer, self._store = shared, viewer, store
@@ -144,7 +144,7 @@ class SurveyMap(ABC):
         self._refined, pixels = (plane, window), self.figure.pixels
         if self.figure.has_too_large_cells:  # the enlarged cells stay until the workers send finer cells
             self._seen = partial(plane.enlarged_block, window)
-            self.figure.draw_finer_cells(shown_values(plane, self._seen()), window)
+            self.figure.draw_finer_cells(block_values_or_nan(plane, self._seen()), window)
         else:
             self._seen = partial(plane.block, window, pixels)
         self._show_colour_shares()
@@ -153,7 +153,7 @@ class SurveyMap(ABC):
             self._show_progress(SURVEY_ONLY)
         elif is_coarser and chosen is not None:
             self._refining = self._viewer.start(self._compute_window(plane, chosen, window, pixels))
-        elif plane.is_thinned(pixels):
+        elif plane.has_more_cells_than_pixels(pixels):
             self._refining = self._viewer.start(self._draw_all_cells(plane, window, pixels))
 
     async def _draw_all_cells(self, plane: MapPlane, window: Ranges, room: Room) -> None:

@@ -9,11 +9,11 @@ from html import escape
 import panel as pn
 
 from gear_rattle.service.database.tables import UNREADABLE, JobRow, State
-from gear_rattle.service.errors import MissingError
-from gear_rattle.service.explorer.common.address import KEYBOARD, MapChoice, View, points_by_number
+from gear_rattle.service.errors import MissingPartError
+from gear_rattle.service.explorer.common.address import KEYBOARD, MapChoice, View, points_by_pin_number
 from gear_rattle.service.explorer.common.changes import handler_in_event_loop
 from gear_rattle.service.explorer.common.drawings import Show
-from gear_rattle.service.explorer.common.text import Heading, TextPane
+from gear_rattle.service.explorer.common.text import MapHeading, TextPane
 from gear_rattle.service.explorer.common.viewer import PageSession
 from gear_rattle.service.explorer.map.colouring import Colouring, LegendColour
 from gear_rattle.service.explorer.map.controls import explain_how_to_read_map
@@ -48,7 +48,7 @@ class MapView(SurveyMap):
     def __init__(
         self, shared: SharedState, viewer: PageSession, store: PageStore, figure: MapFigure, sheet: str
     ) -> None:
-        super().__init__(shared, viewer, store, figure, Heading(sheet), TextPane("", sheet, is_spoken=True))
+        super().__init__(shared, viewer, store, figure, MapHeading(sheet), TextPane("", sheet, is_spoken=True))
         self.lines = MapLinesWithKey(shared.overlaid, viewer, store, figure, sheet)
         self.keys = CursorKeys(viewer.document, figure.figure, store)
         self.readout = Readout(sheet)
@@ -76,7 +76,12 @@ class MapView(SurveyMap):
 
     def _choose_map(self) -> None:
         """Choose the map of a survey that was just chosen or begins to run: the viewer's choice, or the default map."""
-        store, view, whole, job = self._store, self._store.view, self._store.request_with_all_slices, self._store.job
+        store, view, whole, job = (
+            self._store,
+            self._store.view,
+            self._store.survey_request_with_all_slices,
+            self._store.job,
+        )
         if whole is None or not store.has_surveys:
             self._survey_at_choice = None
             return
@@ -123,7 +128,7 @@ class MapView(SurveyMap):
                 self._show, view, *await self._viewer.run_in_thread(partial(self._shared.compute_example_map, view))
             )
             return
-        whole = self._store.request_with_all_slices
+        whole = self._store.survey_request_with_all_slices
         is_known = whole is not None and is_closed_form_map(whole, view.variable)
         if job.state == State.ACCEPTED and not job.started and not is_known:
             yield partial(self.show_nothing, SURVEY_WAITS)
@@ -140,7 +145,7 @@ class MapView(SurveyMap):
         job = self._store.job
         # any state that is not final counts, because the page's copy of the job may be old: the survey may run by now
         is_empty = job is not None and not State(job.state).is_final and not job.cells_done
-        if is_empty and isinstance(error, MissingError):
+        if is_empty and isinstance(error, MissingPartError):
             self.show_nothing(BEGINS)
         else:
             super().show_error(error)
@@ -221,7 +226,7 @@ class MapView(SurveyMap):
         A point or pin is marked only if its model is that of the map.
         """
         view, model, machine = self._store.view, self._store.model, self._store.machine
-        self.figure.mark_pins(points_by_number(view.pins, model))
+        self.figure.mark_pins(points_by_pin_number(view.pins, model))
         if (marked := (view.point, view.machine, view.point_state, model, machine)) != self._marked:
             self._marked = marked
             at, lines = marks_of_open_point(view, model, machine)

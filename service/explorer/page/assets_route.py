@@ -17,7 +17,7 @@ CACHE_FOREVER = "private, max-age=31536000, immutable"  # Cache-Control of an ad
 MOST_KEPT = 16 << 20  # most bytes of responses in memory
 
 
-class Assets:
+class AssetsApplication:
     """ASGI app that serves scripts and styles, from memory where possible: a page waits until it has all its files."""
 
     def __init__(self, load: Callable[[], Awaitable[PageApplication]]) -> None:

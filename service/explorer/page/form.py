@@ -16,7 +16,7 @@ from gear_rattle.service.errors import KernelsNotReadyError
 from gear_rattle.service.explorer.common.address import Ranges
 from gear_rattle.service.explorer.common.changes import handler_in_event_loop
 from gear_rattle.service.explorer.common.viewer import PageSession
-from gear_rattle.service.explorer.common.watch import on_press
+from gear_rattle.service.explorer.common.watch import call_on_press
 from gear_rattle.service.explorer.design.axes import round_range_ends
 from gear_rattle.service.explorer.page.machine_axes import MachineAxes
 from gear_rattle.service.explorer.page.sample_fields import SampleFields
@@ -114,22 +114,25 @@ class SurveyForm:
             visible=False, margin=0, **row,
         )  # fmt: skip
         self._more = pn.widgets.Button(label=ADVANCED, css_classes=["advanced"], margin=(4, 4), stylesheets=[sheet])
-        on_press(self._more, self._toggle_advanced)
-        on_press(self.submit, self._start_submission)
+        call_on_press(self._more, self._toggle_advanced)
+        call_on_press(self.submit, self._start_submission)
         self.panel = pn.Column(
             self.plane, self._ranges, self.machine.panel, self.model, pn.Row(*self.added.values(), **row), self.fine,
             pn.Row(self.submit, self.cost, **row), self._more, self._advanced, css_classes=["form"], **row,
         )  # fmt: skip
         for widget, used in (
-            (self.plane, self._on_plane), (self.model, self._on_model_change), (self.harmonics, self._on_model_change),
-            (self.fine, self._on_fineness_change), *((count, self._on_count) for count in self.counts),
-        ):  # fmt: skip
+            (self.plane, self._on_plane_change),
+            (self.model, self._on_model_change),
+            (self.harmonics, self._on_model_change),
+            (self.fine, self._on_fineness_change),
+            *((count, self._on_count) for count in self.counts),
+        ):
             widget.param.watch(handler_in_event_loop(used), "value")
         for widget in self.panel.select(pn.widgets.WidgetBase):
             if not isinstance(widget, pn.widgets.Button):
-                widget.param.watch(handler_in_event_loop(self._on_change), "value")
-        self._on_plane()
-        self._on_change()
+                widget.param.watch(handler_in_event_loop(self._estimate_cost_later), "value")
+        self._on_plane_change()
+        self._estimate_cost_later()
 
     def fill(self, request: SurveyRequest) -> None:
         """Set the fields to the settings of a survey."""
@@ -203,7 +206,7 @@ class SurveyForm:
         added = MODELS[self.model.value].added
         return {each.name for each in added if not (self._is_machine_plane and each.machine_number)}
 
-    def _on_plane(self, *_: Any) -> None:
+    def _on_plane_change(self, *_: Any) -> None:
         """Show the fields of the chosen plane (ranges of δ and ε, or a machine), and offer the models it allows."""
         for ends, span in zip(self.axes.values(), NAMED_RANGES.get(self.plane.value, ()), strict=False):
             ends[0].value, ends[1].value = span
@@ -247,7 +250,7 @@ class SurveyForm:
     def _start_submission(self) -> None:
         self._viewer.start(self._submit())
 
-    def _on_change(self, *_: Any) -> None:
+    def _estimate_cost_later(self, *_: Any) -> None:
         if self._estimating is not None:
             self._estimating.cancel()
         self._estimating = self._viewer.start(self._estimate_cost())

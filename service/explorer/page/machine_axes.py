@@ -9,7 +9,12 @@ import panel as pn
 
 from gear_rattle.service.explorer.common.address import Pair
 from gear_rattle.service.explorer.design.axes import round_range_ends
-from gear_rattle.service.explorer.design.fields import NUMBERS, SURVEY_NUMBERS, MachineFields, machine_ranges
+from gear_rattle.service.explorer.design.fields import (
+    NUMBERS,
+    SURVEY_NUMBERS,
+    MachineFields,
+    speed_and_eccentricity_ranges,
+)
 from gear_rattle.workers.survey.machine import SurveyedMachine
 
 LEAST_DELTA = 0.1  # least lower end of the range of δ, relative to its upper end
@@ -56,7 +61,7 @@ class MachineAxes:
         """
         self._machine.show(machine.model_dump())
         delta = max(delta[0], LEAST_DELTA * delta[1]), delta[1]  # a window may reach to δ ≤ 0, where no speed exists
-        for name, (low, high) in machine_ranges(machine, delta, epsilon).items():
+        for name, (low, high) in speed_and_eccentricity_ranges(machine, delta, epsilon).items():
             span = NUMBERS[name].to_field_unit(low), NUMBERS[name].to_field_unit(high)
             for widget, value in zip(self._axes[name], round_range_ends(*span) if is_rounded else span, strict=True):
                 widget.value = value

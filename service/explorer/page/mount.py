@@ -19,7 +19,7 @@ from gear_rattle.service.access import login
 from gear_rattle.service.access.origins import require_browser_address
 from gear_rattle.service.errors import UnavailableError
 from gear_rattle.service.explorer.common.news import StatusPublisher
-from gear_rattle.service.explorer.page.assets_route import Assets
+from gear_rattle.service.explorer.page.assets_route import AssetsApplication
 from gear_rattle.service.explorer.page.head import SCHEME, head_html, html_after_head
 from gear_rattle.service.jobs.manager import STARTING
 from gear_rattle.service.observability.logs import format_logs_of_libraries
@@ -71,7 +71,7 @@ class Explorer:
         self._running = AsyncExitStack()
         self._head = ""
         self._warming: asyncio.Task[None] | None = None
-        self._assets, self._socket = Assets(self.load), _PageWebsocketRoute(self.load)
+        self._assets, self._socket = AssetsApplication(self.load), _PageWebsocketRoute(self.load)
         app.router.routes += [
             Route("/", self._serve_first_document, methods=["GET"], include_in_schema=False),
             WebSocketRoute("/ws", self._socket),
@@ -191,7 +191,7 @@ class _PageWebsocketRoute:
         caller = scope["state"]["caller"]
         CALLER.set(caller)
         code = 0
-        session = pages.session_of(scope)
+        session = pages.page_session_of(scope)
         if session is None:  # without this answer, Bokeh would make a page that the browser does not have
             log.info("a websocket was refused: its page does not exist, or no longer exists")
             await send({"type": "websocket.close", "code": 1008, "reason": GONE})

@@ -19,7 +19,7 @@ from gear_rattle.service.explorer.common.lists import SurveyMenu
 from gear_rattle.service.explorer.common.news import JobStatus, mean_cells_per_second
 from gear_rattle.service.explorer.common.text import alert_html
 from gear_rattle.service.explorer.common.viewer import CALLER, PageSession
-from gear_rattle.service.explorer.common.watch import WidgetWatcher, on_press
+from gear_rattle.service.explorer.common.watch import WidgetWatcher, call_on_press
 from gear_rattle.service.explorer.design.go_to import NavigationPanel
 from gear_rattle.service.explorer.families.view import FamiliesView
 from gear_rattle.service.explorer.files import help_html, read_asset
@@ -97,11 +97,11 @@ class Page:
         self._new = pn.widgets.Button(
             label="New survey", color="primary", css_classes=["new"], stylesheets=[sheet], margin=8
         )
-        on_press(self._new, self._toggle_form)
+        call_on_press(self._new, self._toggle_form)
         save = pn.widgets.Button(
             label="New survey from this view", stylesheets=[sheet], margin=(2, 8, 2, 0), css_classes=["save"]
         )
-        on_press(save, self._open_form_for_view)
+        call_on_press(save, self._open_form_for_view)
         # The form has a column of its own, because Panel replaces all children of a column when one is inserted.
         self._entering = pn.Column(sizing_mode="stretch_width", margin=0)
         self._side = pn.Column(
@@ -270,7 +270,7 @@ class Page:
         set_survey_name_and_notes(self._shared.front, caller, survey_id, given)
 
     def _cancel_or_delete(self, caller: Caller, survey_id: str, is_deletion: bool) -> None:
-        ended = find_job(self._shared.front, survey_id).shown_status[0].is_final
+        ended = find_job(self._shared.front, survey_id).shown_state_and_message[0].is_final
         # `remove_survey` cancels a survey that waits or runs, and deletes a survey that has ended. A request to cancel
         # must not delete a survey that has ended since the request was made.
         if ended == is_deletion:

@@ -124,7 +124,7 @@ class PageApplication:
         found = (context.session for context in self._handler.contexts.values())
         return [session for session in found if session is not None and not session.destroyed]
 
-    def session_of(self, scope: Scope) -> ServerSession | None:
+    def page_session_of(self, scope: Scope) -> ServerSession | None:
         """Return the session of the page that the token in a websocket's request names; None if it is gone."""
         with suppress(ProtocolError, LookupError, ValueError):  # raised for a text that is not a token of this service
             asked = get_session_id("".join(scope["subprotocols"][-1:]))

@@ -7,7 +7,12 @@ from typing import Any
 from gear_rattle.service.database.tables import State
 from gear_rattle.service.explorer.common.address import EXAMPLE, View
 from gear_rattle.service.explorer.common.news import JobStatus
-from gear_rattle.service.explorer.design.fields import NUMBERS, SURVEY_NUMBERS, machine_ranges, text_in_field_unit
+from gear_rattle.service.explorer.design.fields import (
+    NUMBERS,
+    SURVEY_NUMBERS,
+    speed_and_eccentricity_ranges,
+    text_in_field_unit,
+)
 from gear_rattle.service.explorer.map.picture import picture_query, third_axis_names
 from gear_rattle.service.harmonics import harmonic_texts
 from gear_rattle.workers import SurveyRequest
@@ -21,7 +26,7 @@ STORED_VARIABLES = {LARGEST: FAMILY}  # {map that is not stored: the stored vari
 def survey_row(status: JobStatus, view: View, is_owned: bool) -> dict[str, Any]:
     """Return a survey's row in the list of surveys of a page. is_owned: whether the survey belongs to the caller."""
     job = status.job
-    state, message = job.shown_status
+    state, message = job.shown_state_and_message
     submitted = ["submitted", job.created[:16].replace("T", " ") + " UTC"]
     size, facts = _size_and_requested_values(job.request) if job.is_readable else ("", [])
     chosen = job.id == view.survey and job.is_readable
@@ -94,7 +99,7 @@ def machine_rows(request: SurveyRequest) -> list[list[str]]:
     machine, delta, epsilon = request.machine, request.delta, request.epsilon
     if machine is None:
         return []
-    spans = machine_ranges(machine, (delta.start, delta.stop), (epsilon.start, epsilon.stop))
+    spans = speed_and_eccentricity_ranges(machine, (delta.start, delta.stop), (epsilon.start, epsilon.stop))
     facts = [
         [
             NUMBERS[name].name.lower(),

@@ -59,7 +59,7 @@ class PinsView:
         self._work: dict[Pin, PointTasks] = {}
         self.table = PinTable(self._on_table_action, margin=0, sizing_mode="stretch_width")
         self._task: asyncio.Task[None] | None = None
-        self._show()
+        self._show_pins_and_results()
         store.subscribe(self._on_view_change, "pins", "point", "machine", "survey", "slice", JOBS)
 
     def _on_view_change(self) -> None:
@@ -67,7 +67,7 @@ class PinsView:
         for pin in [each for each in self._work if each not in pins]:
             self._work.pop(pin).stop()
             self._results.pop(pin, None)
-        self._show()
+        self._show_pins_and_results()
         self._start_computing()
 
     def end(self) -> None:
@@ -93,12 +93,12 @@ class PinsView:
 
     def _start_computing(self) -> None:
         if self._next_pin_to_compute() is not None and (self._task is None or self._task.done()):
-            self._task = self._viewer.start(self._compute_all())
+            self._task = self._viewer.start(self._compute_all_pins())
 
     def _next_pin_to_compute(self) -> Pin | None:
         return next((each for each in self._store.view.pins if each not in self._work), None)
 
-    async def _compute_all(self) -> None:
+    async def _compute_all_pins(self) -> None:
         while (pin := self._next_pin_to_compute()) is not None:
             self._work[pin] = work = PointTasks(self._viewer.front, self._viewer.document, pin.model.name)
             # `asyncio.wait` does not raise the CancelledError of a task whose pin was removed meanwhile
@@ -119,11 +119,11 @@ class PinsView:
 
         def show() -> None:
             self._results[pin] = result
-            self._show()
+            self._show_pins_and_results()
 
         await work.change(show)
 
-    def _show(self) -> None:
+    def _show_pins_and_results(self) -> None:
         pins, opened = self._store.view.pins, pin_of_open_point(self._store)
         self.table.param.update(
             offered=opened.label if opened is not None and opened not in pins else "",

@@ -13,7 +13,7 @@ from gear_rattle.service.explorer.common.address import Pin
 from gear_rattle.service.explorer.point.parts import SampledAttractors, add_orbit_letters, sampled_attractors
 from gear_rattle.service.explorer.point.words import harmonics_in_words, name_with_letter, number_text, percent_text
 from gear_rattle.service.harmonics import harmonic_texts
-from rattle.models import ADDED, model_at
+from rattle.models import ADDED, model_of_gear
 from rattle.orbits import region_in_words
 from rattle.plot import legend_name
 
@@ -43,7 +43,7 @@ def compute_pin_results(pin: Pin, count: int) -> PinResults:
     found = sampled_attractors(gear, count)
     if gear.parameters.harmonics:
         return PinResults(None, gear.quiet_limit, found)
-    if not model_at(gear).has_closed_forms:
+    if not model_of_gear(gear).has_closed_forms:
         found = add_orbit_letters(found, gear.orbits())
     return PinResults(gear.region(), gear.quiet_limit, found)
 
@@ -77,7 +77,7 @@ def build_pin_table(pins: Sequence[Pin], results: Mapping[Pin, PinResults | str]
     lines.append(["Region", *(each if isinstance(each, str) else _region_name(each) or "–" for each in of_pins)])
     all_known = [each if isinstance(each, PinResults) else None for each in of_pins]
     lines.append(["Quiet up to ε", *(number_text(each.quiet_limit) if each else "" for each in all_known)])
-    lines.append(["Largest λ₁ of rattling", *(_largest_exponent(each) if each else "" for each in all_known)])
+    lines.append(["Largest λ₁ of rattling", *(_largest_exponent_text(each) if each else "" for each in all_known)])
     names = dict.fromkeys(name for each in all_known if each for name, _ in _named_motions(each))
     return lines + [[name, *(_fractions_and_exponents_text(each, name) for each in all_known)] for name in names]
 
@@ -93,7 +93,7 @@ def _named_motions(results: PinResults) -> list[tuple[str, rattle.Attractor]]:
     return [(name_with_letter(each, letter), each) for each, letter in pairs]
 
 
-def _largest_exponent(results: PinResults) -> str:
+def _largest_exponent_text(results: PinResults) -> str:
     """Return the largest Lyapunov exponent of the periodic and chaotic attractors as text; a dash if there are none."""
     rattling = (each.lyapunov[0] for each in results.chances.attractors if each.kind in RATTLING)
     return number_text(max(rattling, default=math.nan))

@@ -19,8 +19,8 @@ import numpy as np
 import xarray as xr
 
 from gear_rattle.service.database.tables import JobRow
-from gear_rattle.service.errors import MissingError
-from gear_rattle.service.explorer.map.planes import SIDE, MapPlane, maps_of
+from gear_rattle.service.errors import MissingPartError
+from gear_rattle.service.explorer.map.planes import SIDE, MapPlane, map_names_by_variable
 from gear_rattle.service.explorer.places.example import CLOSED_FORMS, MAPS, REQUEST, load_stored_variables
 from gear_rattle.service.explorer.places.example import KEPT as SAMPLED
 from gear_rattle.workers import Axis, SurveyRequest
@@ -113,7 +113,7 @@ class UnfinishedSurveyPlane(ExactPlane):
         """
         if self.value_and_status(delta, epsilon) is None:
             return None
-        with suppress(MissingError):  # raised while the survey is queued and has no cells yet
+        with suppress(MissingPartError):  # raised while the survey is queued and has no cells yet
             found = self._load_computed_map().cell_at(delta, epsilon)
             if found is not None and found["status"]:
                 return found
@@ -141,8 +141,8 @@ class ExactMaps:
     @property
     def maps(self) -> dict[str, Any]:
         """Maps that the explorer draws of its own example survey: {variable: names of its maps, () if it has one}."""
-        exact = maps_of(_closed_form_request(REQUEST))
-        return {name: names for name, names in maps_of(REQUEST).items() if name in {*MAPS, *exact}}
+        exact = map_names_by_variable(_closed_form_request(REQUEST))
+        return {name: names for name, names in map_names_by_variable(REQUEST).items() if name in {*MAPS, *exact}}
 
     def __init__(self) -> None:
         self._unfinished: OrderedDict[tuple[str, str, int, int], MapPlane] = OrderedDict()
@@ -162,8 +162,8 @@ class ExactMaps:
         number : int
             Number of the slice; 0 without a third axis.
         computed : Callable[[], MapPlane]
-            Called by `cell_at`. Returns the map of the cells that the survey has computed; raises MissingError if it
-            has no cells yet.
+            Called by `cell_at`. Returns the map of the cells that the survey has computed; raises MissingPartError if
+            it has no cells yet.
 
         Returns
         -------

@@ -28,7 +28,7 @@ from gear_rattle.service.explorer.point.state import (
     chosen_diagram_point,
     ends_of_diagram_line,
 )
-from rattle.models import model_at
+from rattle.models import model_of_gear
 
 #: (cells along each axis, method) of each picture of the basins at the open point, from the first to the finest.
 RESOLUTIONS = ((100, "cells"), (300, "refined"), (600, "refined"))
@@ -109,7 +109,7 @@ class BasinsTab:
 
     async def _compute_missing_parts(self, is_at_other_point: bool) -> None:
         while missing := self._missing_parts(is_at_other_point):
-            await self._point.work.run_part(*missing.pop(0))
+            await self._point.work.run_part_or_show_error(*missing.pop(0))
 
     async def _compute_open_point_basins(self, side: int, method: str) -> None:
         slow = method != "cells"
@@ -138,7 +138,7 @@ class BasinsTab:
 
     async def _compute_basins_at(self, chosen: Pair, side: int, method: str) -> None:
         """Compute basins at a point of the diagram on side × side cells, and show them if the point is still chosen."""
-        gear, slow = model_at(self._point.gear).gear(*chosen), method != "cells"
+        gear, slow = model_of_gear(self._point.gear).gear(*chosen), method != "cells"
         found = await self._point.work.compute(
             parts.basins_at_other_point, gear, side, method, what="The basins", slow=slow
         )

@@ -69,14 +69,14 @@ def describe_loudest_motion(
 
 def _dimensionless_texts(found: rattle.Intensity, delta: float) -> list[str]:
     level = _decibel_text(found.level(natural_energy(delta)))
-    energy = _value_with_error(found.energy, found.errors.energy)
+    energy = _number_and_error_text(found.energy, found.errors.energy)
     return [number_text(found.impacts), number_text(found.mean_speed), number_text(found.largest_speed), energy, level]
 
 
 def _intensity_texts_in_si(found: rattle.Intensity, machine: Machine) -> list[str]:
     si = machine.intensity_in_si(found)
     numbers = [number_text(each) for each in (si.impacts, si.mean_velocity, si.largest_velocity, si.energy)]
-    return [*numbers, _value_with_error(si.power, si.power_error), _decibel_text(si.level)]
+    return [*numbers, _number_and_error_text(si.power, si.power_error), _decibel_text(si.level)]
 
 
 def _decibel_text(level: float) -> str:
@@ -84,7 +84,7 @@ def _decibel_text(level: float) -> str:
     return number_text(round(level, 2) + 0.0)
 
 
-def _value_with_error(value: float, error: float) -> str:
+def _number_and_error_text(value: float, error: float) -> str:
     return number_text(value) + (f" ± {number_text(error, 2)}" if error > 0 else "")
 
 

@@ -11,7 +11,7 @@ from bokeh.models.annotations import Span
 import rattle
 from gear_rattle.service.explorer.common.figures import foreground_colour, line_colour, themed_figure
 from gear_rattle.service.explorer.common.glyphs import clear
-from gear_rattle.service.explorer.point.words import PERIOD, count_in_words, recurrence_in_words
+from gear_rattle.service.explorer.point.words import PERIOD, count_in_words, repetition_in_words
 
 # half the extent of an axis of Φ, relative to β, and of the axis of Φ', relative to the largest speed
 AXIS_EXTENT = 1.12
@@ -94,7 +94,7 @@ def motion_caption(
     how_long = f"in {_periods_in_words(found.time[-1], period)}"
     if attractor is not None and attractor.kind == "periodic":
         upper, lower = attractor.n_plus, attractor.n_minus
-        how_long = recurrence_in_words(attractor.m, period)
+        how_long = repetition_in_words(attractor.m, period)
     return f"{what}: {count_in_words(upper, 'impact')} on the wall Φ = β and {lower} on Φ = −β {how_long}{fastest}."
 
 

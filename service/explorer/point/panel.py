@@ -14,7 +14,7 @@ from gear_rattle.service.explorer.common.address import Pair
 from gear_rattle.service.explorer.common.figures import PRINTED
 from gear_rattle.service.explorer.common.point_state import ANSWER, BASINS, DIAGRAM, MOTION, NUMBERS, TABS
 from gear_rattle.service.explorer.common.text import TextPane
-from gear_rattle.service.explorer.common.watch import WidgetWatcher, on_press
+from gear_rattle.service.explorer.common.watch import WidgetWatcher, call_on_press
 from gear_rattle.service.explorer.design.tolerance_fields import ToleranceFields
 from gear_rattle.service.explorer.files import read_asset
 from gear_rattle.service.explorer.point import basins, loudness, motion, point_diagram
@@ -38,7 +38,7 @@ CLICKED_STATE = -1  # value of the menu of motions for the motion from a clicked
 
 
 @dataclass(frozen=True)
-class FigurePanel:
+class FigureBelowDiagram:
     """Panel for a figure below the diagram, empty and hidden at first.
 
     x_range: range of the parameter axis, which this figure and the diagram share.
@@ -55,12 +55,14 @@ class PointPanel:
     ----------
     dispatch : Callable[[Event], None]
         Takes an event for each choice of a viewer.
-    profile_place : FigurePanel | None
+    profile_place : FigureBelowDiagram | None
         Panel for the profile of a survey, which stands below the diagram. None for an empty panel.
     """
 
-    def __init__(self, theme: str, dispatch: Callable[[Event], None], profile_place: FigurePanel | None = None) -> None:
-        self.theme, self._dispatch, self._profile_place = theme, dispatch, profile_place or FigurePanel()
+    def __init__(
+        self, theme: str, dispatch: Callable[[Event], None], profile_place: FigureBelowDiagram | None = None
+    ) -> None:
+        self.theme, self._dispatch, self._profile_place = theme, dispatch, profile_place or FigureBelowDiagram()
         self._open_point_stop = 0  # position of the slider that selects the open point; the others select other points
         self._watch = WidgetWatcher()
         self._texts = [self._create_text() for _ in range(18)]
@@ -88,7 +90,7 @@ class PointPanel:
         self._tabs = pn.widgets.RadioButtonGroup(
             label="What is shown of the point", options={tab.capitalize(): tab for tab in TABS}, visible=False,
             color="primary", variant="outline", css_classes=["tabs"], margin=(6, 4, 2, 4),
-            sizing_mode="stretch_width", stylesheets=self._sheets,
+            sizing_mode="stretch_width", stylesheets=self._panel_stylesheets,
         )  # fmt: skip
         self._watch.call_on_change(self._tabs, self._choose_tab)
         self.column = pn.Column(
@@ -135,10 +137,10 @@ class PointPanel:
                 getattr(self, name).clear()
 
     def _create_text(self, html: str = "") -> TextPane:
-        return TextPane(html, *self._sheets, margin=MARGIN)
+        return TextPane(html, *self._panel_stylesheets, margin=MARGIN)
 
     @property
-    def _sheets(self) -> list[str]:
+    def _panel_stylesheets(self) -> list[str]:
         return [read_asset(name) for name in ("widgets.css", "point.css")]
 
     @cached_property
@@ -157,7 +159,7 @@ class PointPanel:
     def diagram_slider(self) -> pn.widgets.IntSlider:
         """Slider that chooses the point (δ, ε) of the diagram whose basins and motion are shown."""
         found = pn.widgets.IntSlider(
-            label="", start=0, end=SLIDER_STEPS, show_value=False, stylesheets=self._sheets, max_width=420,
+            label="", start=0, end=SLIDER_STEPS, show_value=False, stylesheets=self._panel_stylesheets, max_width=420,
             margin=(2, 16), sizing_mode="stretch_width", visible=False,
         )  # fmt: skip
         self._watch.call_on_change(found, self._choose_diagram_point)
@@ -177,7 +179,7 @@ class PointPanel:
     def motion_choice(self) -> pn.widgets.Select:
         """Menu from which a viewer chooses the motion that is shown."""
         found = pn.widgets.Select(
-            label="Motion shown (or click in the basins)", options={}, stylesheets=self._sheets, width=330
+            label="Motion shown (or click in the basins)", options={}, stylesheets=self._panel_stylesheets, width=330
         )
         self._watch.call_on_change(found, self._choose_motion)
         return found
@@ -214,20 +216,20 @@ class PointPanel:
     @cached_property
     def rpm(self) -> pn.widgets.FloatInput:
         """Field for the speed in rpm at which a motion is played as a sound."""
-        style: dict[str, Any] = {"width": 130, "margin": (2, 4), "stylesheets": self._sheets}
+        style: dict[str, Any] = {"width": 130, "margin": (2, 4), "stylesheets": self._panel_stylesheets}
         return pn.widgets.FloatInput(label="Speed, rpm", value=3000.0, start=0.0, **style)
 
     @cached_property
     def _play_button(self) -> pn.widgets.Button:
         found = pn.widgets.Button(
-            label="Play", css_classes=["play"], margin=(2, 4), align="end", stylesheets=self._sheets
+            label="Play", css_classes=["play"], margin=(2, 4), align="end", stylesheets=self._panel_stylesheets
         )
-        on_press(found, lambda: self._dispatch(SoundRequested(self.rpm.value)))
+        call_on_press(found, lambda: self._dispatch(SoundRequested(self.rpm.value)))
         return found
 
     @cached_property
     def _tolerance_fields(self) -> ToleranceFields:
-        found = ToleranceFields(self._dispatch, self._sheets)
+        found = ToleranceFields(self._dispatch, self._panel_stylesheets)
         self._tolerance[:] = [found.panel]
         return found
 
@@ -245,7 +247,7 @@ class PointPanel:
             options=DIRECTIONS,
             color="primary",
             variant="outline",
-            stylesheets=self._sheets,
+            stylesheets=self._panel_stylesheets,
         )
         self._watch.call_on_change(found, lambda: self._dispatch(DirectionChosen(found.value)))
         return found

@@ -16,7 +16,7 @@ from rattle import Diagram
 from rattle.attractors import attractors_of_cell, classify_plane_states, highest_sampled_speed
 from rattle.continuation import plane_scale
 from rattle.flight import wrap_phase_difference
-from rattle.models import AnyGear, Capability, model_at, require_capability
+from rattle.models import AnyGear, Capability, model_of_gear, require_capability
 
 ARCLENGTH, SPACING = 60.0, 0.02  # arclength of a drawn manifold; spacing of points on manifolds and Γ
 # If the sweeps of a diagram find 2 DRAWN_POINTS states or more, only every k-th state is drawn; k is such that
@@ -131,7 +131,7 @@ class DiagramEvent(NamedTuple):
     multipliers: tuple[complex, complex]
 
 
-class DiagramLines(NamedTuple):
+class DiagramContents(NamedTuple):
     """A one-parameter diagram: its branches (`strokes`), its events, and states of attractors that sweeps found.
 
     direction: the parameter x, "epsilon" or "delta". If `to` is not None, x is instead the position on the line from
@@ -187,7 +187,7 @@ def sampled_attractors(gear: AnyGear, count: int) -> SampledAttractors:
     """Return the attractors that `count` samples reach, with multipliers and, where A to D are known, letters."""
     found = gear.attractors(count)
     multipliers = tuple(_multipliers_of(gear, each) for each in found)
-    orbits = gear.orbits() if model_at(gear).has_closed_forms else ()
+    orbits = gear.orbits() if model_of_gear(gear).has_closed_forms else ()
     return SampledAttractors(count, found, multipliers, tuple(_letter_of_attractor(orbits, each) for each in found))
 
 
@@ -235,13 +235,13 @@ def margin(gear: Any) -> QuietMargin:
 
 def compute_plane_lines(gear: AnyGear, arclength: float = ARCLENGTH) -> StatePlaneLines:
     """Return Γ if the model has one, the stable manifolds of the saddles A and B, and the unstable manifold of A."""
-    require_capability(Capability.MANIFOLDS, model_at(gear))
+    require_capability(Capability.MANIFOLDS, model_of_gear(gear))
     from rattle.plot import gamma_line, manifold_line
 
     orbits = {orbit.name: orbit for orbit in gear.orbits()}
     found = (
         [PlaneLine("Γ", gamma_line(gear, largest_sampled_speed(gear.delta, gear.epsilon, gear.beta), SPACING))]
-        if Capability.GAMMA in model_at(gear).has
+        if Capability.GAMMA in model_of_gear(gear).has
         else []
     )
     missing = []
@@ -260,7 +260,7 @@ def diagram(
     to: tuple[float, float] | None = None,
     steps: int | None = None,
     count: int | None = None,
-) -> DiagramLines:
+) -> DiagramContents:
     """Return the one-parameter diagram through the point, along "epsilon" or "delta", or to another point.
 
     Parameters
@@ -274,16 +274,16 @@ def diagram(
 
     Returns
     -------
-    DiagramLines
+    DiagramContents
         The lines of the diagram.
     """
     from rattle.plot import impact_curves_along_branch, impacts_at_event, parameter_axis, strokes
     from rattle.plot import legend_name as name_of_type
 
-    require_capability(Capability.DIAGRAMS, model_at(gear))
+    require_capability(Capability.DIAGRAMS, model_of_gear(gear))
     span = (0.0, 1.0) if to is not None else diagrams.diagram_span(gear, direction, half_span)
     ends = diagrams.diagram_ends(gear, direction, half_span, to)
-    found: Diagram[Any, Any] = model_at(gear).diagram(*ends, steps or diagrams.STEPS, count or diagrams.COUNT)
+    found: Diagram[Any, Any] = model_of_gear(gear).diagram(*ends, steps or diagrams.STEPS, count or diagrams.COUNT)
     scale, offset = (1.0, 0.0) if to is not None else parameter_axis(found)[1:]
     pieces = []
     for branch in found.branches:
@@ -313,7 +313,7 @@ def diagram(
     )  # fmt: skip
     seen = found.points
     chosen = np.arange(0, seen.v.size, max(1, seen.v.size // DRAWN_POINTS))
-    return DiagramLines(
+    return DiagramContents(
         direction,
         to,
         span,
@@ -334,7 +334,7 @@ def basins(gear: AnyGear, side: int, method: str) -> rattle.Basins:
 
 def basins_at_other_point(gear: AnyGear, side: int, method: str) -> BasinsAndOrbits:
     """Return the basins of attraction, and the motions A to D, of a gear at another point than the clicked one."""
-    orbits = gear.orbits() if model_at(gear).has_closed_forms else ()
+    orbits = gear.orbits() if model_of_gear(gear).has_closed_forms else ()
     return BasinsAndOrbits(basins(gear, side, method), orbits)
 
 
@@ -350,7 +350,7 @@ def load_point_kernels(gear: AnyGear) -> None:
         basins(gear, 20, method)
     motion_from_state(gear, 0.3, 4.0, 1.0, 2)
     rattling.load_sound_kernels(gear)
-    has = model_at(gear).has
+    has = model_of_gear(gear).has
     if Capability.MANIFOLDS in has:
         compute_plane_lines(gear, arclength=1.0)
     if Capability.MARGIN in has:

@@ -16,7 +16,7 @@ from gear_rattle.service.explorer.common.figures import LEFT_BORDER, foreground_
 from gear_rattle.service.explorer.common.glyphs import clear
 from gear_rattle.service.explorer.common.watch import WidgetWatcher
 from gear_rattle.service.explorer.files import read_asset
-from gear_rattle.service.explorer.point.parts import DiagramLines, EventImpacts
+from gear_rattle.service.explorer.point.parts import DiagramContents, EventImpacts
 from gear_rattle.service.explorer.point.words import (
     ChaosEvent,
     count_in_words,
@@ -93,7 +93,7 @@ class DiagramPicture:
             color="primary", variant="outline", stylesheets=[read_asset("widgets.css")],
         )  # fmt: skip
         WidgetWatcher().call_on_change(self.speeds, self._fit_speed_axis)
-        self._found: DiagramLines | None = None
+        self._found: DiagramContents | None = None
         self._across: float = NARROW
         self.figure.on_change("inner_width", handler_in_event_loop(self._on_width))  # a browser sets this width
 
@@ -104,7 +104,7 @@ class DiagramPicture:
         for source in (*self._seen.values(), self._strokes, self._marks, self._names):
             clear(source)
 
-    def show(self, found: DiagramLines, at: float) -> None:
+    def show(self, found: DiagramContents, at: float) -> None:
         """Draw a diagram, and mark the point whose basins and motion are shown. at: its value on the parameter axis."""
         self._found = found
         self.figure.x_range.update(start=found.span[0], end=found.span[1])
@@ -164,7 +164,7 @@ class DiagramPicture:
         self._here.location = at
 
 
-class EventName(NamedTuple):
+class PlacedEventName(NamedTuple):
     """Name of an event, as text in one of the rows above the data, with a line down to the event.
 
     x, v: parameter and impact speed of the event. row: number of the row, 0 for the lowest. align: "left" if the text
@@ -180,7 +180,7 @@ class EventName(NamedTuple):
     line: float  # where the event is, in pixels from the left edge of the picture
     right: float  # where the text ends, in pixels from the left edge of the picture
 
-    def collides_with(self, other: EventName) -> bool:
+    def collides_with(self, other: PlacedEventName) -> bool:
         """Return whether the texts of two event names overlap, or the line of one name crosses the other's text."""
         if self.row == other.row:
             return self.left < other.right and other.left < self.right
@@ -188,7 +188,7 @@ class EventName(NamedTuple):
         return lower.left <= upper.line <= lower.right
 
 
-def speed_range(found: DiagramLines) -> Pair:
+def speed_range(found: DiagramContents) -> Pair:
     """Return the range of all speeds in a diagram, with a margin at both ends."""
     speeds = [each for each in (found.v, found.marks.v, *(one.v for one in found.strokes)) if each.size]
     if not speeds:
@@ -196,7 +196,7 @@ def speed_range(found: DiagramLines) -> Pair:
     return _add_margin(min(float(each.min()) for each in speeds), max(float(each.max()) for each in speeds))
 
 
-def dense_speed_range(found: DiagramLines) -> Pair | None:
+def dense_speed_range(found: DiagramContents) -> Pair | None:
     """Return the range of speeds in which the states of attractors are dense, with a margin; None if there is none.
 
     States are dense where a chaotic attractor or a cascade of period doublings has many states at each parameter. The
@@ -225,7 +225,7 @@ def _add_margin(low: float, high: float) -> Pair:
     return low - room, high + room
 
 
-def place_event_names(found: DiagramLines, across: float, shown: Pair = (-np.inf, np.inf)) -> list[EventName]:
+def place_event_names(found: DiagramContents, across: float, shown: Pair = (-np.inf, np.inf)) -> list[PlacedEventName]:
     """Return the event names that fit above a diagram. Names of events on curves of the (δ, ε) plane are placed first.
 
     Parameters
@@ -237,7 +237,7 @@ def place_event_names(found: DiagramLines, across: float, shown: Pair = (-np.inf
 
     Returns
     -------
-    list[EventName]
+    list[PlacedEventName]
         Names that do not overlap.
     """
     marks, (low, high) = found.marks, found.span
@@ -247,13 +247,14 @@ def place_event_names(found: DiagramLines, across: float, shown: Pair = (-np.inf
     ):
         if shown[0] <= v <= shown[1]:
             events.setdefault((x, kind, name, motion), []).append(v)
-    placed: list[EventName] = []
+    placed: list[PlacedEventName] = []
     for (x, kind, name, motion), speeds in sorted(events.items(), key=lambda each: (not each[0][2], len(each[1]))):
         text = f"{MEANINGS[kind]} {name or motion}"
         line, width = across * (x - low) / (high - low), LETTER * len(text) + 3
         align, left = ("left", line) if line + width < across else ("right", line - width)
         tried = (
-            EventName(x, max(speeds), text, row, align, left, line, left + width + ROW / 2) for row in range(NAME_ROWS)
+            PlacedEventName(x, max(speeds), text, row, align, left, line, left + width + ROW / 2)
+            for row in range(NAME_ROWS)
         )
         free = next((each for each in tried if not any(each.collides_with(other) for other in placed)), None)
         if free is not None and left >= 0 and len(placed) < MOST_NAMES:
@@ -267,21 +268,21 @@ def _event_in_words(marks: EventImpacts, i: int) -> str:
     return f"{name}{MEANINGS[marks.kind[i]]} of {marks.motion[i]}"
 
 
-def diagram_axis_name(found: DiagramLines) -> str:
+def diagram_axis_name(found: DiagramContents) -> str:
     """Return the name of a diagram's parameter axis."""
     if found.to is None:
         return NAMES[found.direction]
     return f"way from here to δ {found.to[0]:.6g}, ε {found.to[1]:.6g}"
 
 
-def diagram_table_html(found: DiagramLines, chaos: Sequence[ChaosEvent] = ()) -> str:
+def diagram_table_html(found: DiagramContents, chaos: Sequence[ChaosEvent] = ()) -> str:
     """Return a table of events in HTML. The link of an event opens the point (δ, ε) at which it happens.
 
     Events on curves of the (δ, ε) plane stand before the other events of branches.
 
     Parameters
     ----------
-    found : DiagramLines
+    found : DiagramContents
         The diagram.
     chaos : Sequence[ChaosEvent]
         Beginnings and ends of chaos along ε, see `chaos_events`. They are the first rows for a diagram along ε, and
@@ -310,7 +311,7 @@ def _link_to_point(delta: float, epsilon: float, text: str) -> str:
     return f'<a href="?point={at}" data-point="{at}">{text}</a>'
 
 
-def diagram_caption(found: DiagramLines) -> str:
+def diagram_caption(found: DiagramContents) -> str:
     """Return the caption of a diagram: its axis and range, and how many periodic motions and events it has."""
     named = sorted({name for name in found.marks.name if name})
     motions = count_in_words(len({each.motion for each in found.strokes}), "periodic motion")
@@ -323,7 +324,7 @@ def diagram_caption(found: DiagramLines) -> str:
     )
 
 
-def diagram_legend_html(found: DiagramLines, theme: str) -> str:
+def diagram_legend_html(found: DiagramContents, theme: str) -> str:
     """Return the key of a diagram's lines, dots and event markers, in HTML."""
     there = {each.stable for each in found.strokes}
     lines = [

@@ -16,11 +16,11 @@ from gear_rattle.service.explorer.design.tolerance import tolerance_outline
 from gear_rattle.service.explorer.point.parts import SampledAttractors, largest_sampled_speed
 from gear_rattle.service.explorer.point.words import ChaosEvent, period_name
 from gear_rattle.service.explorer.point.work import PointTasks
-from gear_rattle.service.explorer.state.store import Listeners, PageStore
+from gear_rattle.service.explorer.state.store import ObservableValues, PageStore
 from gear_rattle.service.operations.diagrams import diagram_ends
 from gear_rattle.workers.survey.machine import SurveyedMachine
 from rattle import Machine, RattleError
-from rattle.models import AnyGear, Model, model_at
+from rattle.models import AnyGear, Model, model_of_gear
 from rattle.plot import Palette
 
 ATTRACTORS, CHAOS, ORBITS, SHOWN_POINT, READY = "attractors", "chaos", "orbits", "shown_point", "is_ready"
@@ -37,7 +37,7 @@ class ShownPoint(NamedTuple):
     attractors: tuple[rattle.Attractor, ...] = ()
 
 
-class OpenPoint(Listeners):
+class OpenPoint(ObservableValues):
     """The open point: its gear, the results that are computed so far, and the tasks that compute further results.
 
     The tabs of the point subscribe to the results by name (ATTRACTORS, CHAOS, ORBITS, SHOWN_POINT, READY), and to
@@ -147,7 +147,7 @@ def machine_and_model(
     if entered is None:
         return machine_at(machine, model, *point), model
     found = entered.machine
-    return found, model_at(found.gear)
+    return found, model_of_gear(found.gear)
 
 
 def machine_and_model_of_open_point(store: PageStore) -> tuple[Machine | None, Model] | None:

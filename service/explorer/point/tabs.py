@@ -6,13 +6,13 @@ import asyncio
 from html import escape
 
 import rattle
-from gear_rattle.service.explorer.common.point_state import DIAGRAM, MOTION, NUMBERS, Tolerance
+from gear_rattle.service.explorer.common.point_state import DIAGRAM, MOTION, NUMBERS, PointTolerances
 from gear_rattle.service.explorer.common.text import faint_html
 from gear_rattle.service.explorer.design import rattling, tolerance
 from gear_rattle.service.explorer.design.fields import machine_at_other_point
 from gear_rattle.service.explorer.point import loudness, motion, parts, point_diagram
 from gear_rattle.service.explorer.point.panel import CLICKED_STATE, PointPanel
-from gear_rattle.service.explorer.point.parts import DiagramLines
+from gear_rattle.service.explorer.point.parts import DiagramContents
 from gear_rattle.service.explorer.point.state import (
     ATTRACTORS,
     CHAOS,
@@ -53,7 +53,7 @@ class MotionTab:
             self._offer_motions(point.attractors.attractors)
         if point.is_ready and point.state.shown_tab == MOTION and self._shown != self._motion_key:
             self._shown = self._motion_key
-            part = point.work.run_part(self._panel.under_motion, self._compute_motion)
+            part = point.work.run_part_or_show_error(self._panel.under_motion, self._compute_motion)
             self._motion = point.work.start(part, self._motion)
 
     def _offer_motions(self, attractors: tuple[rattle.Attractor, ...]) -> None:
@@ -98,7 +98,9 @@ class MotionTab:
 
         await point.work.change(show)
         if attractor is not None and attractor.kind != "undecided" and requested == self._motion_key:
-            await point.work.run_part(panel.under_spectrum, lambda: self._compute_spectrum(attractor, shade))
+            await point.work.run_part_or_show_error(
+                panel.under_spectrum, lambda: self._compute_spectrum(attractor, shade)
+            )
 
     async def _compute_spectrum(self, attractor: rattle.Attractor, shade: str) -> None:
         point, requested, gear = self._point, self._motion_key, self._point.shown_point.gear
@@ -119,7 +121,7 @@ class MotionTab:
     def _on_sound_request(self) -> None:
         self._panel.heard.html = waiting_html("the sound")
         work = self._point.work
-        self._sound = work.start(work.run_part(self._panel.heard, self._compute_sound), self._sound)
+        self._sound = work.start(work.run_part_or_show_error(self._panel.heard, self._compute_sound), self._sound)
 
     async def _compute_sound(self) -> None:
         point, attractor, rpm = self._point, self._point.shown_attractor, self._point.store.view.rpm
@@ -127,7 +129,9 @@ class MotionTab:
             raise rattle.RattleError("Only an attractor has a sound. Choose an attractor in the list of motions.")
         if not rpm:
             raise rattle.RattleError("A sound needs a speed above 0 rpm.")
-        found = await point.work.compute(rattling.sound_file, point.shown_point.gear, attractor, rpm, what="The sound")
+        found = await point.work.compute(
+            rattling.sound_file_bytes, point.shown_point.gear, attractor, rpm, what="The sound"
+        )
         await point.work.set_text(self._panel.heard, loudness.audio_html(found))
 
 
@@ -137,8 +141,8 @@ class DiagramTab:
     def __init__(self, point: OpenPoint, panel: PointPanel) -> None:
         self._point, self._panel = point, panel
         self._choice = point.state.diagram_choice
-        self._known: DiagramLines | None = None
-        self._drawn: DiagramLines | None = None
+        self._known: DiagramContents | None = None
+        self._drawn: DiagramContents | None = None
         self._task: asyncio.Task[None] | None = None
         point.follow(self._on_view_change, "point_state")
         point.subscribe(self._on_view_change, READY)
@@ -150,7 +154,7 @@ class DiagramTab:
         if not point.is_ready:
             return
         panel.show_direction(state.direction)
-        panel.mark_position(self._position)
+        panel.mark_position(self._parameter_at_chosen_point)
         if self._choice != state.diagram_choice:
             point.work.cancel_after_grace(self._task)
             self._choice, self._known, self._task = state.diagram_choice, None, None
@@ -158,10 +162,10 @@ class DiagramTab:
         is_shown = self._known is not None and (state.shown_tab == NUMBERS or self._drawn is self._known)
         if state.shown_tab in (DIAGRAM, NUMBERS) and not is_shown and (self._task is None or self._task.done()):
             said = panel.under_diagram if state.shown_tab == DIAGRAM else panel.events
-            self._task = point.work.start(point.work.run_part(said, self._compute_diagram))
+            self._task = point.work.start(point.work.run_part_or_show_error(said, self._compute_diagram))
 
     @property
-    def _position(self) -> float:
+    def _parameter_at_chosen_point(self) -> float:
         """Value on the diagram's parameter axis at the point that the slider chooses."""
         gear, state = self._point.gear, self._point.state
         if state.to is not None:
@@ -187,7 +191,7 @@ class DiagramTab:
         self._list_events()
         if self._point.state.shown_tab == DIAGRAM:
             self._drawn = found
-            panel.diagram.show(found, self._position)
+            panel.diagram.show(found, self._parameter_at_chosen_point)
             said = faint_html(point_diagram.diagram_caption(found))
             panel.under_diagram.html = point_diagram.diagram_legend_html(found, panel.theme) + said
 
@@ -202,7 +206,7 @@ class YieldSection:
 
     def __init__(self, point: OpenPoint, panel: PointPanel) -> None:
         self._point, self._panel = point, panel
-        self._requested: tuple[Tolerance | None, int] = None, point.store.view.yields
+        self._requested: tuple[PointTolerances | None, int] = None, point.store.view.yields
         self._task: asyncio.Task[None] | None = None
         point.follow(self._on_view_change, "point_state", "yields")
         point.subscribe(self._fill_fields_from_view, READY)
@@ -221,9 +225,9 @@ class YieldSection:
         if requested != self._requested:
             said, work = self._panel.tolerance.said, self._point.work
             said.html = waiting_html("the yield")
-            self._task = work.start(work.run_part(said, lambda: self._compute_yield(widths)), self._task)
+            self._task = work.start(work.run_part_or_show_error(said, lambda: self._compute_yield(widths)), self._task)
 
-    async def _compute_yield(self, widths: Tolerance) -> None:
+    async def _compute_yield(self, widths: PointTolerances) -> None:
         point = self._point
         found = await point.work.compute(
             tolerance.compute_yield, point.gear, point.machine, widths, what="The yield", slow=True

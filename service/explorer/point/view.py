@@ -24,7 +24,7 @@ from gear_rattle.service.explorer.point.work import PointTasks, waiting_html
 from gear_rattle.service.explorer.state.store import PageStore, window_of_request
 from gear_rattle.service.state import ApplicationState
 from rattle import Machine
-from rattle.models import Capability, Model, missing_capability_error, model_at
+from rattle.models import Capability, Model, missing_capability_error, model_of_gear
 
 COUNT = 1024  # number of initial conditions from which the basin fractions are estimated
 PAINT_SECONDS = 0.05  # pause after the first texts of a point, so that a browser shows them before it lays out pictures
@@ -103,7 +103,7 @@ class PointAnswer:
     def __init__(self, point: OpenPoint, panel: PointPanel, front: ApplicationState) -> None:
         self._point, self._panel = point, panel
         self._count = min(COUNT, front.settings.max_point_count)
-        self._gear, self._model = point.gear, model_at(point.gear)
+        self._gear, self._model = point.gear, model_of_gear(point.gear)
         self._is_margin_requested = False
         is_compiled = front.kernels.is_compiled(self._model.name)
         if not is_compiled:
@@ -111,7 +111,7 @@ class PointAnswer:
         if self._model.has_closed_forms and is_compiled:
             self._show_orbits(parts.period_one(self._gear))
         elif self._model.has_closed_forms:
-            point.work.start(point.work.run_part(panel.orbits, self._show_closed_form_orbits))
+            point.work.start(point.work.run_part_or_show_error(panel.orbits, self._show_closed_form_orbits))
         point.follow(self._on_view_change, "point_state")
         point.subscribe(self._on_view_change, READY)
         self._on_view_change()
@@ -123,7 +123,7 @@ class PointAnswer:
         self._panel.take.html = words.notebook_link(self._gear, *state.diagram_choice)
         if point.is_ready and state.shown_tab == ANSWER and not self._is_margin_requested:
             self._is_margin_requested = True
-            point.work.start(point.work.run_part(self._panel.safe, self._compute_margin))
+            point.work.start(point.work.run_part_or_show_error(self._panel.safe, self._compute_margin))
 
     async def _compute_in_order(self) -> None:
         """Compute and show attractors and intensities, then set `is_ready`; then compute and show orbits and extents.
@@ -131,15 +131,15 @@ class PointAnswer:
         `is_ready` lets the open tab begin its computations.
         """
         point, panel = self._point, self._panel
-        await point.work.run_part(panel.likely, self._compute_attractors)
-        await point.work.run_part(panel.loud, self._compute_intensities)
+        await point.work.run_part_or_show_error(panel.likely, self._compute_attractors)
+        await point.work.run_part_or_show_error(panel.loud, self._compute_intensities)
         await asyncio.sleep(PAINT_SECONDS)
         await point.work.change(lambda: point.update(is_ready=True))
         if self._gear.parameters.harmonics:
             await point.work.set_text(panel.orbits, f"<p>{OF_ONE_COSINE}</p>")
         elif not self._model.has_closed_forms:
-            await point.work.run_part(panel.orbits, self._compute_orbits)
-        await point.work.run_part(panel.extents, self._compute_extents)
+            await point.work.run_part_or_show_error(panel.orbits, self._compute_orbits)
+        await point.work.run_part_or_show_error(panel.extents, self._compute_extents)
 
     async def _compute_attractors(self) -> None:
         found = await self._point.work.compute(parts.sampled_attractors, self._gear, self._count, what="The attractors")
@@ -149,7 +149,7 @@ class PointAnswer:
         """Show in a sentence how likely the gear is to run quietly. note: HTML after the sentence."""
         said = escape(words.likelihood_in_words(self._gear, found, self._point.period))
         self._panel.likely.html = f'<p class="answer"><strong>{said}</strong>{note}</p>'
-        self._panel.shares.html = words.basin_fractions_bar(found, self._point.palette)
+        self._panel.shares.html = words.basin_fractions_bar_html(found, self._point.palette)
 
     def _show_attractors(self, found: parts.SampledAttractors) -> None:
         self.show(found)

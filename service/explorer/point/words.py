@@ -26,7 +26,7 @@ from gear_rattle.service.explorer.design.fields import ERRORS
 from gear_rattle.service.explorer.point.parts import PeriodOneOrbits, QuietMargin, SampledAttractors
 from gear_rattle.service.harmonics import harmonic_texts
 from rattle import Machine
-from rattle.models import AnyGear, model_at
+from rattle.models import AnyGear, model_of_gear
 from rattle.orbits import region_in_words
 from rattle.parameters import Harmonic
 from rattle.plot import Palette, legend_name
@@ -67,7 +67,7 @@ def period_name(machine: Machine | None) -> str:
     return REVOLUTION if machine is not None and machine.revolutions == 1 else PERIOD
 
 
-def recurrence_in_words(count: int, period: str) -> str:
+def repetition_in_words(count: int, period: str) -> str:
     """Return how often a motion repeats: "every revolution", or "every 3 revolutions" for a count of 3."""
     return f"every {period}" if count == 1 else f"every {count_in_words(count, period)}"
 
@@ -107,7 +107,7 @@ def motion_in_words(attractor: rattle.Attractor, letter: str = "", period: str =
         return "undecided"
     impacts = attractor.n_plus + attractor.n_minus
     held = f" and {count_in_words(attractor.contacts, 'contact phase')}" if attractor.contacts else ""
-    often = recurrence_in_words(attractor.m, period)
+    often = repetition_in_words(attractor.m, period)
     return f"{count_in_words(impacts, 'impact')}{held} {often}, {name_with_letter(attractor, letter)}"
 
 
@@ -125,7 +125,7 @@ def point_in_words(gear: AnyGear) -> str:
     """Return in words the parameters of a gear, and the region of its point in the plane."""
     at = f"Damping δ = {number_text(gear.delta, 6)}, eccentricity ε = {number_text(gear.epsilon, 6)}"
     backlash = f", half-backlash β = {number_text(gear.beta, 6)}"
-    model = model_at(gear)
+    model = model_of_gear(gear)
     for each in model.added:
         backlash += f", {each.list_item_text} = {number_text(model.numbers[each.name], 6)}"
     if harmonics := gear.parameters.harmonics:
@@ -143,7 +143,7 @@ def quiet_limit_in_words(gear: AnyGear, period: str = PERIOD) -> str:
         )
     else:
         quiet = f"Quiet running is possible here, and up to an eccentricity of {number_text(gear.quiet_limit)}."
-    born = gear.sn1 if model_at(gear).has_closed_forms else None
+    born = gear.sn1 if model_of_gear(gear).has_closed_forms else None
     if born is not None and gear.epsilon < born:
         return f"{quiet} Rattle with one impact every {period}, P(1,1,0), begins at ε = {number_text(born)}."
     return quiet
@@ -222,7 +222,7 @@ def margin_in_words(gear: AnyGear, found: QuietMargin, period: str = PERIOD) -> 
     return sentence
 
 
-def basin_fractions_bar(found: SampledAttractors, palette: Palette) -> str:
+def basin_fractions_bar_html(found: SampledAttractors, palette: Palette) -> str:
     """Return the basin fractions as one bar in HTML, with the first MOST_NAMED attractors named below it."""
     named = [
         (palette.colour(each), f"{name_with_letter(each, letter)} {percent_text(each.fraction)}", each.fraction)

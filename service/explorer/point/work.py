@@ -35,10 +35,10 @@ async def prepare_processes(front: ApplicationState) -> None:
     """Start the processes that compute points, and load their kernels, so that the first click is not a slow one."""
     async with anyio.create_task_group() as tasks:
         for _ in range(front.settings.max_points):
-            tasks.start_soon(_prepare_process, front)
+            tasks.start_soon(_load_kernels_in_process, front)
 
 
-async def _prepare_process(front: ApplicationState) -> None:
+async def _load_kernels_in_process(front: ApplicationState) -> None:
     try:
         await compute_in_process(
             front,
@@ -127,7 +127,7 @@ class PointTasks:
         if self.stopped:
             raise asyncio.CancelledError
 
-    async def run_part(self, text: TextPane, work: Callable[[], Awaitable[None]]) -> None:
+    async def run_part_or_show_error(self, text: TextPane, work: Callable[[], Awaitable[None]]) -> None:
         """Run `work`, which computes and shows one part of a view. If it fails, `text` shows the error."""
         try:
             await work()

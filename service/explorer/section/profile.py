@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gear_rattle.service.explorer.common.address import Pair, Ranges
-from gear_rattle.service.explorer.map.colouring import shown_values, valueless_cells
+from gear_rattle.service.explorer.map.colouring import block_values_or_nan, valueless_cells_by_reason
 from gear_rattle.service.explorer.map.planes import MapBlock, MapPlane
 from gear_rattle.workers.pictures.maps import colour_scale_of, map_title
 
@@ -79,9 +79,9 @@ def profile_of(plane: MapPlane, ends: Ends) -> MapProfile:
     shape = block.values.shape
     at, row, column = crossed_cells(block.box, (shape[0], shape[1]), ends)
     is_there = row >= 0
-    values = np.where(is_there, shown_values(plane, block)[row, column], np.float32(np.nan))
+    values = np.where(is_there, block_values_or_nan(plane, block)[row, column], np.float32(np.nan))
     lengths = np.diff(at)
-    without = {why: mask for why, (mask, _) in valueless_cells(plane, block).items()}
+    without = {why: mask for why, (mask, _) in valueless_cells_by_reason(plane, block).items()}
     gaps = {why: float(lengths[is_there & mask[row, column]].sum()) for why, mask in without.items()}
     gaps[OUTSIDE] = float(lengths[~is_there].sum())
     _, _, codes, labels = colour_scale_of(plane.plane, values[np.isfinite(values)])

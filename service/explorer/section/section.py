@@ -15,9 +15,9 @@ from gear_rattle.service.explorer.common.point_state import DIAGRAM
 from gear_rattle.service.explorer.common.text import TextPane, alert_html, faint_html
 from gear_rattle.service.explorer.common.viewer import PageSession
 from gear_rattle.service.explorer.common.watch import WidgetWatcher
-from gear_rattle.service.explorer.map.planes import map_options
+from gear_rattle.service.explorer.map.planes import options_of_map_menu
 from gear_rattle.service.explorer.map.shared import SharedState
-from gear_rattle.service.explorer.point.panel import FigurePanel
+from gear_rattle.service.explorer.point.panel import FigureBelowDiagram
 from gear_rattle.service.explorer.point.state import machine_and_model_of_open_point
 from gear_rattle.service.explorer.section.picture import ProfileFigure
 from gear_rattle.service.explorer.section.profile import Ends, profile_in_words, profile_of
@@ -38,7 +38,7 @@ class ProfileSection:
     def __init__(self, shared: SharedState, viewer: PageSession, store: PageStore, theme: str, sheet: str) -> None:
         self._shared, self._viewer, self._store = shared, viewer, store
         self._theme, self._sheet = theme, sheet
-        self.profile_place = FigurePanel()
+        self.profile_place = FigureBelowDiagram()
         self.said = TextPane("", sheet, margin=(0, 4))
         self._shown_ends: tuple[Any, ...] = ()
         self.drawings = DrawingRunner(viewer, self._show_error)
@@ -49,9 +49,9 @@ class ProfileSection:
             pn.widgets.FloatInput(label=label, width=105, **styled)
             for label in ("values from", "values to", "way to δ", "way to ε")
         )
-        self._watch.call_on_change(self.variable, self._on_variable)
+        self._watch.call_on_change(self.variable, self._on_variable_change)
         for field in (self.low, self.high):
-            self._watch.call_on_change(field, self._on_limits)
+            self._watch.call_on_change(field, self._on_profile_limits)
         for field in (self.delta, self.epsilon):
             self._watch.call_on_change(field, self._on_end_point)
         store.subscribe(
@@ -95,7 +95,7 @@ class ProfileSection:
         direction, half_span, to = view.point_state.diagram_choice
         ends = diagram_ends(gear, direction, half_span, to)
         span = (0.0, 1.0) if to else diagram_span(gear, direction, half_span)
-        chosen, options = map_options(request, view.profile, MapChoice(view.variable, view.index))
+        chosen, options = options_of_map_menu(request, view.profile, MapChoice(view.variable, view.index))
         if model != request.gear_model:
             raise RattleError(OTHER_GEAR)
         plane = await self._viewer.run_in_thread(
@@ -126,10 +126,10 @@ class ProfileSection:
         self.said.html = alert_html(str(why))
         self.profile_place.panel.visible = True
 
-    def _on_variable(self) -> None:
+    def _on_variable_change(self) -> None:
         self._store.dispatch(ProfileChosen(MapChoice.read(str(self.variable.value))))
 
-    def _on_limits(self) -> None:
+    def _on_profile_limits(self) -> None:
         low, high = self.low.value, self.high.value
         if low is None or high is None or not low < high:
             self._show_error("The profile needs two limits, the first below the second.")

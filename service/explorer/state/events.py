@@ -14,7 +14,7 @@ from gear_rattle.service.explorer.common.address import (
     Pin,
     Ranges,
 )
-from gear_rattle.service.explorer.common.point_state import PointTabsState, Tolerance
+from gear_rattle.service.explorer.common.point_state import PointTabsState, PointTolerances
 
 
 @dataclass(frozen=True)
@@ -110,13 +110,13 @@ class WindowReset:
 
 
 @dataclass(frozen=True)
-class BackChosen:
+class WindowBackChosen:
     """Back was chosen: the map shows the previous window again."""
 
 
 @dataclass(frozen=True)
-class ForwardChosen:
-    """Forward was chosen: the map shows again the window that it showed before `BackChosen`."""
+class WindowForwardChosen:
+    """Forward was chosen: the map shows again the window that it showed before `WindowBackChosen`."""
 
 
 @dataclass(frozen=True)
@@ -182,7 +182,7 @@ class DiagramPointChosen:
 class YieldRequested:
     """The yield of the open point with these tolerances was requested."""
 
-    tolerance: Tolerance
+    tolerance: PointTolerances
 
 
 @dataclass(frozen=True)
@@ -262,7 +262,8 @@ class PinRemoved:
 
 Event = (
     SurveyChosen | VariableChosen | DefaultMapChosen | MapIndexChosen | SliceChosen | ColourRangeChosen | MapDrawn |
-    OverlaysChosen | RequiredShareSet | FamilyChosen | WindowMoved | WindowReset | BackChosen | ForwardChosen |
+    OverlaysChosen | RequiredShareSet | FamilyChosen | WindowMoved | WindowReset | WindowBackChosen |
+    WindowForwardChosen |
     PointerMoved | PointOpened | TabChosen | AttractorChosen | InitialConditionChosen | DirectionChosen |
     DiagramPointChosen | YieldRequested | SoundRequested | DiagramEndChosen | PointClosed | BookmarkChosen |
     ProfileChosen | ComparisonMapAdded | ComparisonMapChanged | ComparisonMapRemoved | PinAdded | PinRemoved

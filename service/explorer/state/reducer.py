@@ -10,7 +10,7 @@ from gear_rattle.service.explorer.common.address import (
     MOST_PINS,
     EnteredMachine,
     Pair,
-    Pointer,
+    PointerPosition,
     Ranges,
     View,
 )
@@ -65,18 +65,18 @@ def reduce(view: View, event: Event) -> View:
             return _show_window(view, window) if left < right and bottom < top and right > 0 else view
         case events.WindowReset():
             return _show_window(view, None)
-        case events.BackChosen():
+        case events.WindowBackChosen():
             if not view.before:
                 return view
             turned = replace(view, before=view.before[:-1], after=(*view.after, view.window))
             return _set_window(turned, view.before[-1])
-        case events.ForwardChosen():
+        case events.WindowForwardChosen():
             if not view.after:
                 return view
             turned = replace(view, after=view.after[:-1], before=(*view.before, view.window))
             return _set_window(turned, view.after[-1])
         case events.PointerMoved(at, source):
-            return replace(view, pointer=Pointer(at, source))
+            return replace(view, pointer=PointerPosition(at, source))
         case events.PointOpened(point, machine, state):
             return _open_point(view, point, machine, state)
         case events.TabChosen(tab):
@@ -94,7 +94,7 @@ def reduce(view: View, event: Event) -> View:
         case events.SoundRequested(rpm):
             return replace(view, rpm=rpm, sounds=view.sounds + 1)
         case events.DiagramEndChosen(to):
-            return _draw_diagram_to(view, to)
+            return _set_diagram_line_to(view, to)
         case events.PointClosed():
             return _close_open_point(view)
         case events.BookmarkChosen(window, point, state):
@@ -173,7 +173,7 @@ def _change_point_state(view: View, **fields: Any) -> View:
     return view if view.point is None else replace(view, point_state=view.point_state.with_changes(**fields))
 
 
-def _draw_diagram_to(view: View, to: Pair) -> View:
+def _set_diagram_line_to(view: View, to: Pair) -> View:
     """Draw the diagram from the open point to another point of the plane. If no point is open, open the other one."""
     if view.point is None:
         return _open_point(view, to, None, None)

@@ -20,7 +20,7 @@ JOBS = "jobs"
 NAMES = tuple(each.name for each in fields(View))
 
 
-class Listeners:
+class ObservableValues:
     """Functions that are called after changes of named values."""
 
     def __init__(self) -> None:
@@ -52,7 +52,7 @@ class Listeners:
             self._is_calling = False
 
 
-class PageStore(Listeners):
+class PageStore(ObservableValues):
     """View of a page and its list of surveys, with the listeners of changes.
 
     Parameters
@@ -95,7 +95,7 @@ class PageStore(Listeners):
         return None if status is None else status.job
 
     @property
-    def request_with_all_slices(self) -> SurveyRequest | None:
+    def survey_request_with_all_slices(self) -> SurveyRequest | None:
         """Request of the chosen survey or the example, with all slices; None if it is unknown or unreadable."""
         if self.view.is_example_shown:
             return self._example
@@ -109,7 +109,7 @@ class PageStore(Listeners):
     @property
     def request(self) -> SurveyRequest | None:
         """Request of the shown survey, or of the chosen slice along its third axis; None if it is not known yet."""
-        whole = self.request_with_all_slices
+        whole = self.survey_request_with_all_slices
         return whole if whole is None else whole.slice_request(whole.slice_index(self.view.slice))
 
     @property

@@ -15,7 +15,7 @@ from rattle.models import ADDED, DEFAULT_MODEL, model_of_parameter
 Route = TypeVar("Route", bound=Callable[..., Any])
 
 
-def annotate_query(name: str, without: str = DEFAULT_MODEL, example: float | None = None) -> Any:
+def annotate_added_parameter_query(name: str, without: str = DEFAULT_MODEL, example: float | None = None) -> Any:
     """Return the annotated type of a query parameter of a route: the parameter `name` that a model adds.
 
     without: words after "else" in the description: the model that the route uses if a request lacks this parameter.

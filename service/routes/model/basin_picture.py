@@ -15,7 +15,7 @@ from gear_rattle.service.state import FrontState
 from gear_rattle.service.web.conditional import NOT_MODIFIED, set_query_etag
 from gear_rattle.service.web.problems import declare_problems
 from rattle.attractors import highest_sampled_speed
-from rattle.models import AnyGear, model_at
+from rattle.models import AnyGear, model_of_gear
 
 router = APIRouter(prefix="/v1", tags=["points"])
 
@@ -64,7 +64,7 @@ async def basins(
         resolution,
         (tau_min, tau_max),
         speeds,
-        model=model_at(point.gear).name,
+        model=model_of_gear(point.gear).name,
         what="The basins",
         advice="Request a lower resolution, or a larger δ: transients last for some 1/δ forcing periods.",
     )
@@ -79,7 +79,7 @@ def highest_shown_speed(gear: AnyGear) -> float:
 def _draw_basins(gear: AnyGear, resolution: int, tau: tuple[float, float], v: tuple[float, float]) -> bytes:
     from rattle.plot import panels  # loads matplotlib, only in the process that draws
 
-    added = {each.name: model_at(gear).numbers[each.name] for each in model_at(gear).added}
+    added = {each.name: model_of_gear(gear).numbers[each.name] for each in model_of_gear(gear).added}
     harmonics = gear.parameters.harmonics
     figure = panels(gear.delta, [gear.epsilon], gear.beta, resolution, tau, v, harmonics=harmonics, **added).figure
     figure.set_size_inches(6.4, 6.2)

@@ -26,7 +26,7 @@ from gear_rattle.service.web.problems import declare_problems
 from rattle import Attractor, Intensity
 from rattle.attractors import BUDGET
 from rattle.intensity import natural_energy
-from rattle.models import model_at
+from rattle.models import model_of_gear
 
 router = APIRouter(prefix="/v1", tags=["points"])
 
@@ -112,7 +112,7 @@ async def intensity(
         v_max,
         seed,
         budget,
-        model=model_at(point.gear).name,
+        model=model_of_gear(point.gear).name,
         what="The intensities",
         advice="Request fewer initial conditions (count), or submit a survey.",
     )

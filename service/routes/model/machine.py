@@ -16,7 +16,7 @@ from gear_rattle.service.operations.points import finite_or_none
 from gear_rattle.service.routes.model.added import (
     add_parameter_fields,
     added_fields,
-    annotate_query,
+    annotate_added_parameter_query,
     machine_number_descriptions,
     with_query_parameters,
 )
@@ -59,7 +59,7 @@ POSITIVE_NUMBERS = ("stiffness", "driven_inertia", "driven_drag", "driven_radius
 Harmonics = Annotated[Sequence[str], Query(description=HARMONIC_HELP, max_length=MOST_HARMONICS)]
 #: Query parameters to insert: those that models add stand after `beta`, further numbers of a machine after `drive`.
 ADDED_QUERIES: dict[str, dict[str, Any]] = {
-    "beta": {name: annotate_query(name) for name in ADDED},
+    "beta": {name: annotate_added_parameter_query(name) for name in ADDED},
     "drive": {
         name: Annotated[float | None, annotate_positive_query(text, zero=name not in POSITIVE_NUMBERS)]
         for name, text in (machine_number_descriptions() | SECOND_GEAR).items()
@@ -67,7 +67,9 @@ ADDED_QUERIES: dict[str, dict[str, Any]] = {
 }
 
 
-@with_query_parameters({"drive": {"restitution": annotate_query("restitution", example=0.7), **ADDED_QUERIES["drive"]}})
+@with_query_parameters(
+    {"drive": {"restitution": annotate_added_parameter_query("restitution", example=0.7), **ADDED_QUERIES["drive"]}}
+)
 async def machine_of_query(
     inertia: Annotated[float, annotate_positive_query(INERTIA, 0.003)],
     drag: Annotated[float, annotate_positive_query(DRAG, 0.0005)],
@@ -82,7 +84,9 @@ async def machine_of_query(
     return Machine(inertia, drag, backlash, eccentricity, radius, drive=drive, rpm=rpm, **further_numbers)
 
 
-@with_query_parameters({"drive": {"restitution": annotate_query("restitution", example=0.7), **ADDED_QUERIES["drive"]}})
+@with_query_parameters(
+    {"drive": {"restitution": annotate_added_parameter_query("restitution", example=0.7), **ADDED_QUERIES["drive"]}}
+)
 async def measured_machine_of_query(
     inertia: Annotated[float, annotate_positive_query(INERTIA, 0.003)],
     drag: Annotated[float, annotate_positive_query(DRAG, 0.0005)],

@@ -14,7 +14,7 @@ from gear_rattle.service.operations.processes import compute_in_process
 from gear_rattle.service.routes.model.added import (
     add_parameter_fields,
     added_fields,
-    annotate_query,
+    annotate_added_parameter_query,
     with_query_parameters,
 )
 from gear_rattle.service.routes.model.machine import Harmonics
@@ -109,7 +109,9 @@ class Curves(_Numbers):
     dependencies=[Depends(set_query_etag)],
     responses={200: {"links": examples.CURVES_LINKS}, **NOT_MODIFIED, **declare_problems(422)},
 )
-@with_query_parameters({"beta": {name: annotate_query(name, f"the {DEFAULT_MODEL} one") for name in ADDED}})
+@with_query_parameters(
+    {"beta": {name: annotate_added_parameter_query(name, f"the {DEFAULT_MODEL} one") for name in ADDED}}
+)
 async def curves(
     front: FrontState,
     beta: Backlash = 0.6,

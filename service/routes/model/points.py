@@ -20,7 +20,7 @@ from gear_rattle.service.web.conditional import NOT_MODIFIED, set_query_etag
 from gear_rattle.service.web.problems import declare_problems
 from gear_rattle.workers.survey.request import SpeedLimitOnce
 from rattle.attractors import BUDGET, LARGEST_BUDGET, highest_sampled_speed
-from rattle.models import AnyGear, model_at
+from rattle.models import AnyGear, model_of_gear
 
 router = APIRouter(prefix="/v1", tags=["points"])
 
@@ -159,7 +159,7 @@ class Attractors(PointDocument):
 async def orbits(front: FrontState, point: PointQuery) -> OrbitsDocument:
     """Return the period-one orbits of a point, or of a machine in SI units."""
     gear = point.gear
-    model = model_at(gear)
+    model = model_of_gear(gear)
     if model.has_closed_forms:
         await front.kernels.wait_until_compiled(model.name)
         found = await run_in_threadpool(orbits_document, gear)
@@ -215,7 +215,7 @@ async def attractors(
         v_max,
         seed,
         budget,
-        model=model_at(gear).name,
+        model=model_of_gear(gear).name,
         what="The attractors",
         advice="Request fewer initial conditions (count), or submit a survey.",
     )

@@ -14,7 +14,7 @@ from gear_rattle.service.routes.model.points import AttractorDocument, PointDocu
 from gear_rattle.service.state import FrontState
 from gear_rattle.service.web.conditional import NOT_MODIFIED, set_query_etag
 from gear_rattle.service.web.problems import declare_problems
-from rattle.models import model_at
+from rattle.models import model_of_gear
 
 router = APIRouter(prefix="/v1", tags=["points"])
 
@@ -70,7 +70,7 @@ async def reached(
         gear.reached,
         tau,
         v,
-        model=model_at(gear).name,
+        model=model_of_gear(gear).name,
         what="The attractors of the states",
         advice="Request fewer states.",
     )

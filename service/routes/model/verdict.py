@@ -25,7 +25,7 @@ from gear_rattle.service.state import ApplicationState, FrontState
 from gear_rattle.service.web.conditional import NOT_MODIFIED, set_query_etag
 from gear_rattle.service.web.problems import declare_problems
 from rattle import Machine, RattleError, TransmissionError, read_transmission_error
-from rattle.models import model_at
+from rattle.models import model_of_gear
 from rattle.parameters import HIGHEST_ORDER
 
 router = APIRouter(prefix="/v1", tags=["points"])
@@ -129,7 +129,7 @@ async def _verdict_document(
         machine.verdict,
         count,
         seed,
-        model=model_at(machine.gear).name,
+        model=model_of_gear(machine.gear).name,
         what="The verdict",
         advice="Request fewer initial conditions (count).",
     )

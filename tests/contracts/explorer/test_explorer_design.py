@@ -18,7 +18,7 @@ from waiting import eventually
 import rattle
 from gear_rattle.service.app import create_app
 from gear_rattle.service.errors import UnavailableError
-from gear_rattle.service.explorer.common.point_state import PointTabsState, Tolerance
+from gear_rattle.service.explorer.common.point_state import PointTabsState, PointTolerances
 from gear_rattle.service.explorer.design import rattling, tolerance
 from gear_rattle.service.explorer.design.tolerance import RADIUS
 from gear_rattle.service.explorer.point import loudness, parts
@@ -46,17 +46,17 @@ def test_an_ellipse_holds_95_of_100_gears() -> None:
     rng = np.random.default_rng(1)
     inside = np.hypot(*rng.standard_normal((2, 200_000))) < RADIUS
     assert inside.mean() == pytest.approx(0.95, abs=2e-3)
-    line = tolerance.tolerance_outline(0.6, 0.1, None, Tolerance(0.02, 0.01, 0.9))
+    line = tolerance.tolerance_outline(0.6, 0.1, None, PointTolerances(0.02, 0.01, 0.9))
     away = np.hypot((line[:, 0] - 0.6) / 0.02, (line[:, 1] - 0.1) / 0.01)
     np.testing.assert_allclose(away, RADIUS, rtol=1e-12)
 
 
 def test_the_ellipse_of_a_machine_is_one_of_speed_and_eccentricity() -> None:
-    line = tolerance.tolerance_outline(MACHINE.delta, MACHINE.epsilon, MACHINE, Tolerance(100.0, 2e-6, 0.9))
+    line = tolerance.tolerance_outline(MACHINE.delta, MACHINE.epsilon, MACHINE, PointTolerances(100.0, 2e-6, 0.9))
     rpm = 60.0 * MACHINE.drag / (MACHINE.inertia * line[:, 0])
     eccentricity = line[:, 1] * MACHINE.radius
     np.testing.assert_allclose(np.hypot((rpm - 3000) / 100, (eccentricity - 15e-6) / 2e-6), RADIUS, rtol=1e-9)
-    far = tolerance.tolerance_outline(0.6, 0.01, None, Tolerance(10.0, 10.0, 0.9))
+    far = tolerance.tolerance_outline(0.6, 0.01, None, PointTolerances(10.0, 10.0, 0.9))
     assert far.min() >= 0.0  # cut off where no gears are
     assert far[:, 0].min() > 0.0
 
@@ -68,21 +68,21 @@ def test_the_ellipse_of_a_machine_is_one_of_speed_and_eccentricity() -> None:
 def test_the_yield_where_it_is_known(gear: AnyGear, quiet: float, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(Impacting, "design_gears", 64)
     monkeypatch.setattr(Stiff, "design_gears", 8)
-    found = tolerance.compute_yield(gear, None, Tolerance(0.005, 0.001, 0.9))
+    found = tolerance.compute_yield(gear, None, PointTolerances(0.005, 0.001, 0.9))
     assert (found.quiet.value, found.passing.value) == (quiet, quiet)
     assert f"{100 * quiet:.1f} % [" in tolerance.describe_yield(found, 0.9)
 
 
 def test_the_yield_of_a_machine_is_that_of_its_numbers(monkeypatch: pytest.MonkeyPatch) -> None:
-    given = tolerance.numbers_with_tolerances(MACHINE.gear, MACHINE, Tolerance(0.0, 3e-6, 0.9))
+    given = tolerance.numbers_with_tolerances(MACHINE.gear, MACHINE, PointTolerances(0.0, 3e-6, 0.9))
     assert given["rpm"] == pytest.approx(3000)
     assert given["eccentricity"] == rattle.Normal(15e-6, 3e-6, low=0.0)
     assert (given["backlash"], given["drive"]) == (100e-6, "torque")
     with pytest.raises(rattle.ParameterError, match="nothing varies"):
-        tolerance.compute_yield(MACHINE.gear, MACHINE, Tolerance(0.0, 0.0, 0.9))
+        tolerance.compute_yield(MACHINE.gear, MACHINE, PointTolerances(0.0, 0.0, 0.9))
     monkeypatch.setattr(Impacting, "design_gears", 128)
     monkeypatch.setattr(tolerance, "MOST_JUDGED", 1)
-    found = tolerance.compute_yield(MACHINE.gear, MACHINE, Tolerance(0.0, 1e-9, 0.9))
+    found = tolerance.compute_yield(MACHINE.gear, MACHINE, PointTolerances(0.0, 1e-9, 0.9))
     shares = {each.kind: each.fraction for each in MACHINE.attractors(1024)}
     assert found.quiet.low - 0.03 < shares["quiet"] < found.quiet.high + 0.03
 
@@ -149,7 +149,7 @@ def test_a_machine_s_point_is_told_in_si_and_heard(tmp_path: Path, monkeypatch: 
         return work(*((arguments[0], 64) if work is parts.sampled_attractors else arguments))
 
     async def body(front: ApplicationState) -> None:
-        state = PointTabsState(tolerance=Tolerance(0.0, 1e-6, 0.9))
+        state = PointTabsState(tolerance=PointTolerances(0.0, 1e-6, 0.9))
         view = new_view(front, MACHINE.delta, MACHINE.epsilon, Impacting(MACHINE.beta), MACHINE, state=state)
         panel, dispatch = view.panel, view.store.dispatch
 
@@ -180,7 +180,7 @@ def test_a_machine_s_point_is_told_in_si_and_heard(tmp_path: Path, monkeypatch: 
         assert (first.label, second.label, second.value) == ("σ of speed, rpm", "σ of eccentricity, µm", 1.0)
         second.value = 2.0
         panel.tolerance.request_yield()
-        assert view.store.view.point_state == PointTabsState(tolerance=Tolerance(0.0, 2e-6, 0.9), tab="motion")
+        assert view.store.view.point_state == PointTabsState(tolerance=PointTolerances(0.0, 2e-6, 0.9), tab="motion")
         second.value = None
         panel.tolerance.request_yield()
         assert "needs a number" in panel.tolerance.said.html

@@ -16,7 +16,7 @@ from gear_rattle.service.explorer.common.address import Pin, View
 from gear_rattle.service.explorer.families.description import longest_run_of_true
 from gear_rattle.service.explorer.families.view import FamiliesView
 from gear_rattle.service.explorer.further.difference import DifferenceMap
-from gear_rattle.service.explorer.map.colouring import colouring, valueless_cells
+from gear_rattle.service.explorer.map.colouring import colouring, valueless_cells_by_reason
 from gear_rattle.service.explorer.map.picture import picture_query
 from gear_rattle.service.explorer.map.readout import cell_in_words
 from gear_rattle.service.explorer.state.events import FamilyChosen, PinAdded, PinRemoved
@@ -158,7 +158,7 @@ def test_an_empty_slot_is_not_taken_for_a_cell_without_attractors(tmp_path: Path
                 "only quiet",
             ]
         exponents, _ = atlas.plane(front.database.job(survey_id), "lyapunov_max", 0)
-        assert "only quiet" in valueless_cells(exponents, exponents.block())  # as in the figure of a survey
+        assert "only quiet" in valueless_cells_by_reason(exponents, exponents.block())  # as in the figure of a survey
 
     with_families(tmp_path, body)
 

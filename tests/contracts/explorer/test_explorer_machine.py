@@ -16,7 +16,7 @@ from waiting import eventually
 
 import rattle
 from gear_rattle.service.explorer.common.address import EnteredMachine, View
-from gear_rattle.service.explorer.common.point_state import PointTabsState, Tolerance
+from gear_rattle.service.explorer.common.point_state import PointTabsState, PointTolerances
 from gear_rattle.service.explorer.design.fields import POINT, MachineFields
 from gear_rattle.service.explorer.design.tolerance import numbers_with_tolerances, tolerance_outline
 from gear_rattle.service.explorer.map.overlays import curve_pieces
@@ -27,7 +27,7 @@ from gear_rattle.service.explorer.state.store import window_of_request
 from gear_rattle.service.state import ApplicationState
 from gear_rattle.workers import SurveyRequest
 from gear_rattle.workers.pictures.look import LINES
-from rattle.models import Impacting, model_at
+from rattle.models import Impacting, model_of_gear
 
 pytestmark = pytest.mark.usefixtures("templates_once")
 
@@ -125,7 +125,7 @@ def test_the_tolerances_of_an_open_point_are_drawn(tmp_path: Path) -> None:
         shown.open((machine.delta, machine.epsilon))
         drawn = shown.map.ellipse_at
         assert not len(drawn.data["x"])
-        widths = Tolerance(100.0, 2e-6, 0.9)
+        widths = PointTolerances(100.0, 2e-6, 0.9)
         shown.change_point(PointTabsState(tolerance=widths))
         expected = tolerance_outline(machine.delta, machine.epsilon, machine, widths)
         np.testing.assert_allclose(np.column_stack([drawn.data["x"], drawn.data["y"]]), expected, rtol=1e-9)
@@ -218,7 +218,7 @@ def test_an_address_keeps_a_machine_of_two_gears() -> None:
     assert View.parse(address).machine == given
     machine, model = machine_and_model((given.machine.delta, given.machine.epsilon), given, None, Impacting())
     assert machine == given.machine
-    assert model == model_at(given.machine.gear)
+    assert model == model_of_gear(given.machine.gear)
     old = "0.003,0.0005,0.0001,1.5e-05,0.05,3000.0,torque,"
     assert View.parse({"point": [b"0.6,0.1"], "machine": [old.encode()]}).machine == given._replace(
         **dict.fromkeys(EnteredMachine._fields[8:])
@@ -237,7 +237,7 @@ def test_a_machine_s_survey_with_mesh_errors_asks_its_points_with_them() -> None
     assert model == request.gear_model
     assert machine.harmonics == ((20, pytest.approx(0.0033), 0.0),)
     assert machine.added == {"restitution": 0.9, "load": 0.0}
-    found = numbers_with_tolerances(model.gear(*point), machine, Tolerance(10.0, 1e-6, 0.9))
+    found = numbers_with_tolerances(model.gear(*point), machine, PointTolerances(10.0, 1e-6, 0.9))
     assert found["restitution"] == 0.9
     assert found["error_20"] == machine.errors[0][1]
     assert rattle.population(found, gears=2, count=2).gears.verdict.size == 2

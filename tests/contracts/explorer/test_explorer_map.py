@@ -22,9 +22,9 @@ from gear_rattle.service.explorer.map import planes, shared
 from gear_rattle.service.explorer.map.colouring import (
     NAME_SIZE,
     Colouring,
+    block_values_or_nan,
     colouring,
     family_name_positions,
-    shown_values,
 )
 from gear_rattle.service.explorer.map.cursor import cursor_after_steps, move_window_to_cursor, zoomed_window
 from gear_rattle.service.explorer.map.figure import MapFigure
@@ -118,8 +118,8 @@ def test_cells_are_drawn_where_they_are(plane: MapPlane) -> None:
 
 def test_a_large_survey_is_drawn_with_what_is_rare_and_whole_where_one_looks_closer(plane: MapPlane) -> None:
     room = (8, 8)
-    assert plane.is_thinned(room)
-    assert not plane.is_thinned((29, 15))
+    assert plane.has_more_cells_than_pixels(room)
+    assert not plane.has_more_cells_than_pixels((29, 15))
     block = plane.block(room=room)
     assert block.values.shape == (4, 8)  # of 15 × 29, four of each axis in one
     for i, j in np.ndindex(4, 8):
@@ -134,7 +134,7 @@ def test_a_large_survey_is_drawn_with_what_is_rare_and_whole_where_one_looks_clo
     assert sum(shares_of(plane, block).values()) == pytest.approx(1)
     window = ((plane.delta[9] - 1e-3, plane.delta[13] + 1e-3), (plane.epsilon[2], plane.epsilon[6]))
     close = plane.block(window, room)
-    np.testing.assert_array_equal(shown_values(plane, close), plane.values[2:7, 9:14])
+    np.testing.assert_array_equal(block_values_or_nan(plane, close), plane.values[2:7, 9:14])
     np.testing.assert_array_equal(close.delta, plane.delta[9:14])
 
 

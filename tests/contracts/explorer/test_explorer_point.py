@@ -29,7 +29,7 @@ from gear_rattle.service.explorer.point import parts, words, work
 from gear_rattle.service.explorer.point.basins import MOST_NAMED, basins_legend
 from gear_rattle.service.explorer.point.motion import motion_caption
 from gear_rattle.service.explorer.point.panel import PointPanel
-from gear_rattle.service.explorer.point.parts import DiagramLines, DrawnBranchPart, EventImpacts
+from gear_rattle.service.explorer.point.parts import DiagramContents, DrawnBranchPart, EventImpacts
 from gear_rattle.service.explorer.point.point_diagram import (
     DiagramPicture,
     dense_speed_range,
@@ -194,13 +194,13 @@ def test_numbers_of_things_and_periods() -> None:
     assert [words.count_in_words(count, "event") for count in (0, 1, 2, 1024)] == [
         "0 events", "1 event", "2 events", "1,024 events",
     ]  # fmt: skip
-    assert words.recurrence_in_words(1, words.period_name(None)) == "every forcing period"
+    assert words.repetition_in_words(1, words.period_name(None)) == "every forcing period"
     alone = rattle.Machine(0.003, 5e-4, 1e-4, 1e-5, 0.05, rpm=3000)
-    assert words.recurrence_in_words(2, words.period_name(alone)) == "every 2 revolutions"
+    assert words.repetition_in_words(2, words.period_name(alone)) == "every 2 revolutions"
     other = {"driven_teeth": 31, "driven_inertia": 0.01, "driven_drag": 1e-3, "driven_eccentricity": 1e-5}
     pair = replace(alone, teeth=20, **other)
     assert pair.revolutions == 31
-    assert words.recurrence_in_words(2, words.period_name(pair)) == "every 2 forcing periods"
+    assert words.repetition_in_words(2, words.period_name(pair)) == "every 2 forcing periods"
 
 
 def test_a_table_folds_what_comes_after_six_rows() -> None:
@@ -234,17 +234,17 @@ def test_a_survey_s_cell_answers_where_it_lists_all_attractors() -> None:
 
 def test_a_bar_has_the_shares_of_all_attractors() -> None:
     found = parts.sampled_attractors(rattle.Gear(0.6, 0.1), 64)
-    said = words.basin_fractions_bar(found, Palette())
+    said = words.basin_fractions_bar_html(found, Palette())
     shares = [float(each) for each in re.findall(r"flex-grow:([\d.]+)", said)]
     assert shares == pytest.approx([each.fraction for each in found.attractors], abs=1e-6)
     assert re.search(r'role="img" aria-label="Shares of starts: quiet 7[\d.]+ %; chaotic', said)
 
 
-def drawn(marks: EventImpacts, v: np.ndarray, upward: np.ndarray) -> DiagramLines:
+def drawn(marks: EventImpacts, v: np.ndarray, upward: np.ndarray) -> DiagramContents:
     """A diagram with these events, and an unstable motion that has these speeds."""
     at = np.linspace(0.1, 0.2, v.size)
     stroke = DrawnBranchPart(at, v, at, "P(1,1,0), A", False)
-    return DiagramLines("epsilon", None, (0.0, 1.0), (stroke,), marks, (), at, v, at, upward)
+    return DiagramContents("epsilon", None, (0.0, 1.0), (stroke,), marks, (), at, v, at, upward)
 
 
 def test_events_are_told_beside_their_motions_and_markers_explained() -> None:

@@ -13,11 +13,11 @@ from gear_rattle.service.explorer.common.address import (
     EnteredMachine,
     MapChoice,
     Pin,
-    Pointer,
+    PointerPosition,
     Ranges,
     View,
 )
-from gear_rattle.service.explorer.common.point_state import PointTabsState, Tolerance
+from gear_rattle.service.explorer.common.point_state import PointTabsState, PointTolerances
 from gear_rattle.service.explorer.places.example import REQUEST
 from gear_rattle.service.explorer.state import events
 from gear_rattle.service.explorer.state.events import Event
@@ -82,7 +82,7 @@ def test_own_limits_begin_where_the_colours_do_that_are_drawn() -> None:
 
 
 def test_windows_are_gone_back_to_and_forward_again() -> None:
-    back, forward = events.BackChosen(), events.ForwardChosen()
+    back, forward = events.WindowBackChosen(), events.WindowForwardChosen()
     nowhere = View()
     assert reduce(nowhere, back) is reduce(nowhere, forward) is nowhere
     view = after(nowhere, events.WindowMoved(WINDOW), events.WindowMoved(CLOSER))
@@ -126,7 +126,7 @@ def test_a_point_is_opened_changed_and_closed() -> None:
     assert reduce(View(), events.TabChosen("motion")) == View()
 
 
-START, WIDTHS = (0.25, 4.5), Tolerance(0.02, 0.01, 0.9)
+START, WIDTHS = (0.25, 4.5), PointTolerances(0.02, 0.01, 0.9)
 
 
 @pytest.mark.parametrize(
@@ -186,7 +186,7 @@ def test_a_place_has_a_window_and_a_point() -> None:
     kept = reduce(view, events.BookmarkChosen(WINDOW, (0.7, 0.2)))
     assert kept.point_state == PointTabsState(tab="motion")
     assert reduce(view, events.BookmarkChosen(WINDOW, None)) == View(delta=WINDOW[0], epsilon=WINDOW[1])
-    assert reduce(there, events.BackChosen()).window is None
+    assert reduce(there, events.WindowBackChosen()).window is None
 
 
 def test_a_pointer_elsewhere_is_dropped_where_a_point_or_a_place_is_gone_to() -> None:
@@ -215,7 +215,7 @@ def test_pins_are_added_once_and_removed() -> None:
 
 def test_a_pointer_is_in_no_address() -> None:
     view = reduce(View(), events.PointerMoved((0.6, 0.1), "map"))
-    assert view.pointer == Pointer((0.6, 0.1), "map")
+    assert view.pointer == PointerPosition((0.6, 0.1), "map")
     assert view.query() == ""
 
 
@@ -260,7 +260,7 @@ def test_a_listener_that_is_gone_is_not_called() -> None:
 
 def test_a_store_without_a_survey_has_the_example() -> None:
     store = PageStore(View(), REQUEST)
-    assert store.request_with_all_slices is REQUEST
+    assert store.survey_request_with_all_slices is REQUEST
     assert store.window == window_of_request(REQUEST)
     store.dispatch(events.WindowMoved(WINDOW))
     assert store.window == WINDOW

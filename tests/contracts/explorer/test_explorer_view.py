@@ -32,15 +32,15 @@ from gear_rattle.service.explorer.map.beside import PanelBesideMap
 from gear_rattle.service.explorer.map.colouring import Colouring, colouring
 from gear_rattle.service.explorer.map.controls import FEATURED, MapControls
 from gear_rattle.service.explorer.map.figure import MapFigure
-from gear_rattle.service.explorer.map.overlays import map_key_entries
-from gear_rattle.service.explorer.map.planes import ENLARGED_POINTS, MapCache, MapPlane, maps_of
+from gear_rattle.service.explorer.map.overlays import legend_entries_of_map
+from gear_rattle.service.explorer.map.planes import ENLARGED_POINTS, MapCache, MapPlane, map_names_by_variable
 from gear_rattle.service.explorer.map.readout import cell_position
 from gear_rattle.service.explorer.map.shared import SharedState, default_variable, is_closed_form_map
 from gear_rattle.service.explorer.map.survey_map import map_block_of_frame
 from gear_rattle.service.explorer.map.view import MapView
 from gear_rattle.service.explorer.page.rows import example_row, survey_row
 from gear_rattle.service.explorer.places.exact import ExactMaps, ExactPlane
-from gear_rattle.service.explorer.point.panel import FigurePanel
+from gear_rattle.service.explorer.point.panel import FigureBelowDiagram
 from gear_rattle.service.explorer.state.events import (
     BookmarkChosen,
     PointClosed,
@@ -86,7 +86,7 @@ class Shown:
         self.controls = MapControls(shared, store, "")
         self.go_to = NavigationPanel(store, "")
         self.beside = PanelBesideMap(
-            shared, viewer, store, "light", FigurePanel(), self.go_to.panel, self.panel.readout.pane
+            shared, viewer, store, "light", FigureBelowDiagram(), self.go_to.panel, self.panel.readout.pane
         )
         self.title, self.said, self.readout = self.panel.title, self.panel.said, self.panel.readout
         self.lines, self.keys = self.panel.lines, self.panel.keys
@@ -471,7 +471,9 @@ def test_a_map_that_a_survey_lacks_keeps_its_button_and_says_what_to_compute(tmp
         shown.controls.buttons.chosen = "worst_level"  # nobody can press it
         assert shown.view.variable == "quiet_fraction"
         for each in FEATURED:  # a survey with the named group has the map
-            maps = maps_of(SurveyRequest(**BODY | {"quantities": sorted({"attractors", str(each.group)})}))
+            maps = map_names_by_variable(
+                SurveyRequest(**BODY | {"quantities": sorted({"attractors", str(each.group)})})
+            )
             assert set(each.variables) & set(maps), each.button
         mesh = {"model": "inelastic", "restitution": 0.9, "harmonics": [(20, 0.003, 0.0)], "quantities": ["attractors"]}
         shown.choose(accepted(front, SurveyRequest(**BODY | mesh)))
@@ -515,7 +517,7 @@ def test_the_example_is_still_there_beside_surveys(tmp_path: Path) -> None:
 def test_the_usual_map_of_a_survey_that_is_computed_is_one_that_fills_in(asked: dict[str, Any], filling: str) -> None:
     request = SurveyRequest(**BODY | asked)
     assert default_variable(request, False) == filling
-    first = next(iter(maps_of(request)))
+    first = next(iter(map_names_by_variable(request)))
     assert default_variable(request, True) == (first if is_closed_form_map(request, first) else filling)
 
 
@@ -580,7 +582,7 @@ def test_few_lines_are_on_until_a_viewer_chooses_and_over_regions_all_of_their_b
 
 def test_each_line_has_the_sentence_of_the_help() -> None:
     rows = dict(re.findall(r"<td>(.*?)</td>\s*<td>(.*?)</td>", help_html()))
-    found = {each["label"]: each["meaning"] for each in map_key_entries(Impacting())}
+    found = {each["label"]: each["meaning"] for each in legend_entries_of_map(Impacting())}
     points = found.pop("COD20–23")
     assert found == {label: rows[label] for label in found}
     assert set(found) == {*rattle.curves.NAMES} - {"quiet_limit"} | {

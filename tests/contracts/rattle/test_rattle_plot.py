@@ -30,7 +30,7 @@ from rattle.plot.colours import Palette
 from rattle.plot.drawing import new_figure
 from rattle.plot.paper_figures import ParameterForm, RangeArgument, parse_option, request
 from rattle.plot.paper_ranges import FIGURE_7, FIGURE_8
-from rattle.plot.plane import IN_PAPER, draw_curve, draw_points
+from rattle.plot.plane import IN_PAPER, draw_curve, mark_codimension_two_points
 
 CELLS = 120
 
@@ -226,7 +226,7 @@ def check_boxes(axes: Axes) -> None:
 
 def test_lines_are_folded_at_the_sides() -> None:
     tau = np.linspace(-0.75, 1.55, 24)
-    line = basins.fold_line(tau, 1.0 + tau, v_max=2.2)
+    line = basins.fold_line_at_phase_ends(tau, 1.0 + tau, v_max=2.2)
     real = line[~np.isnan(line[:, 0])]
     assert np.isnan(line[:, 0]).sum() == 3
     assert ((real[:, 0] >= 0) & (real[:, 0] <= 1)).all()
@@ -462,7 +462,7 @@ def test_names_of_points_cover_no_marker_and_no_other_name(
         lines = [draw_curve(axes, trace(name, 0.6, *window)) for name in IN_PAPER]
         points = codimension_two(0.6)
     axes.set(xlim=window[0], ylim=window[1])
-    labels = draw_points(axes, points, lines)
+    labels = mark_codimension_two_points(axes, points, lines)
     assert labels is not None
     figure.set_layout_engine("none")
     inside = [

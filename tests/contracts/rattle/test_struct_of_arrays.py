@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import rattle
-from rattle.attractors.samples import Outcome, copy_with_double_capacity, empty_orbit_tables
+from rattle.attractors.samples import Outcome, copy_with_double_capacity, create_orbit_tables
 from rattle.numerics import StructOfArrays
 
 
@@ -56,7 +56,7 @@ def test_a_table_of_attractors_without_rows_has_the_types_of_one_with_rows() -> 
 
 
 def test_kernels_take_a_table_over_the_same_memory_as_a_type_that_another_process_knows() -> None:
-    for known in empty_orbit_tables(3, 8, 4):
+    for known in create_orbit_tables(3, 8, 4):
         taken = known.to_kernel_tuple()
         assert taken._asdict().keys() == known.columns().keys()
         assert all(getattr(taken, name) is x for name, x in known.columns().items())

@@ -162,10 +162,10 @@ def test_a_point_is_not_computed_for_who_has_it(client: TestClient, monkeypatch:
     monkeypatch.setattr(points, "orbits_document", compute)
     assert client.get(POINT, headers={"If-None-Match": tags[0]}).status_code == 304
     assert client.get(POINT).status_code == 500
-    conditional._hash_of_answering_code.cache_clear()
+    conditional._hash_of_all_code.cache_clear()
     monkeypatch.setattr(conditional, "code_version", lambda: "of tomorrow")
     assert client.get(POINT, headers={"If-None-Match": tags[0]}).status_code == 500
-    conditional._hash_of_answering_code.cache_clear()
+    conditional._hash_of_all_code.cache_clear()
 
 
 def test_an_answer_is_sent_again_after_a_change_of_any_part_of_the_service(
@@ -179,12 +179,12 @@ def test_an_answer_is_sent_again_after_a_change_of_any_part_of_the_service(
         (tmp_path / folder).mkdir()
         (tmp_path / folder / "changed.py").write_text("CHANGED = True")
         monkeypatch.setattr(conditional, "SERVICE", tmp_path)
-        conditional._hash_of_answering_code.cache_clear()
+        conditional._hash_of_all_code.cache_clear()
         answer = client.get(POINT, headers={"If-None-Match": tag})
         assert answer.status_code == 200
         tag, before = answer.headers["etag"], tag
         assert tag != before
-    conditional._hash_of_answering_code.cache_clear()
+    conditional._hash_of_all_code.cache_clear()
 
 
 def test_any_tag_is_that_of_whatever_is_there(client: TestClient, running: str) -> None:

@@ -21,7 +21,7 @@ from gear_rattle.service.explorer.common.news import JobStatus
 from gear_rattle.service.explorer.map.shared import default_survey
 from gear_rattle.service.explorer.page.rows import survey_row
 from gear_rattle.service.settings import Settings
-from gear_rattle.workers import Bucket, SurveyRequest, complete, compute_tile, create_store, tiles_of
+from gear_rattle.workers import StoreInBucket, SurveyRequest, complete, compute_tile, create_store, tiles_of
 from gear_rattle.workers.survey.levels import grid
 
 pytestmark = pytest.mark.usefixtures("templates_once")
@@ -54,7 +54,7 @@ def in_a_bucket(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, storage: S3) ->
 
         def take(survey_id: str, key: str) -> None:
             store = front_of(client).directory.store(survey_id)
-            assert isinstance(store, Bucket)
+            assert isinstance(store, StoreInBucket)
             obstore.delete(store.objects, key)
 
         yield client, take

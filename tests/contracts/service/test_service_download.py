@@ -17,7 +17,7 @@ from written import write_tile
 
 from gear_rattle.service.database import DoneTile
 from gear_rattle.service.database.tables import State
-from gear_rattle.service.errors import MissingError
+from gear_rattle.service.errors import MissingPartError
 from gear_rattle.service.explorer.map.colouring import colouring
 from gear_rattle.service.explorer.map.planes import MapCache
 from gear_rattle.service.explorer.page.form import cost_in_words
@@ -168,7 +168,7 @@ def test_a_store_that_was_moved_away_is_said_to_be_gone(tmp_path: Path) -> None:
             for ending in ("map.png", "download.nc", "download.csv"):
                 refused = client.get(f"/v1/surveys/{survey_id}/{ending}")
                 assert_problem(refused, 404, code="not_in_survey")
-            with pytest.raises(MissingError):
+            with pytest.raises(MissingPartError):
                 MapCache(front).plane(front.database.job(survey_id), "region", 0)
 
 
@@ -199,7 +199,7 @@ def test_a_cost_is_taken_from_the_survey_most_like(client: TestClient, running: 
     more = REQUEST.model_copy(update={"seed": 1})
     assert (found := most_similar_survey(more, jobs)) is not None
     assert found.id == running
-    assert front.database.tile_seconds(running) == pytest.approx(0.5 * found.tiles_done)
+    assert front.database.total_tile_seconds(running) == pytest.approx(0.5 * found.tiles_done)
     other = SurveyRequest(**BODY | {"quantities": ["region"]})
     assert most_similar_survey(other, jobs) is None
     many = SurveyRequest(**BODY | {"initial_conditions": {"count": 64}})

@@ -31,7 +31,7 @@ from gear_rattle.service.routes import picture
 from gear_rattle.workers import ClusterLostError, SurveyError, SurveyRequest, open_survey
 from gear_rattle.workers.pictures import maps
 from gear_rattle.workers.pictures.look import OWN_STYLES, SHARE, FinerCells, OverlayData, PictureLook
-from gear_rattle.workers.pictures.maps import draw_map, map_picture
+from gear_rattle.workers.pictures.maps import draw_map, render_map_picture
 from gear_rattle.workers.pictures.overlay import draw_curves
 from rattle.models import Capability
 
@@ -246,14 +246,14 @@ def test_cells_without_the_family_that_is_chosen_are_dimmed(
         return cells(axes, at, values, *rest)
 
     monkeypatch.setattr(maps, "_draw_cells", seen)
-    assert map_picture(shared, "region", look=PictureLook(family=family)) != map_picture(shared, "region")
+    assert render_map_picture(shared, "region", look=PictureLook(family=family)) != render_map_picture(shared, "region")
     np.testing.assert_array_equal(np.isnan(covered[0]), share[family] > 0)
     monkeypatch.setattr(maps, "MOST_DRAWN_CELLS", (5, 4))  # of cells that become one
-    map_picture(shared, "region", look=PictureLook(family=family))
+    render_map_picture(shared, "region", look=PictureLook(family=family))
     assert covered[1].size < covered[0].size
     assert np.isnan(covered[1]).any()
     with pytest.raises(SurveyError, match="from 0 to 1"):
-        map_picture(shared, "region", look=PictureLook(family=2))
+        render_map_picture(shared, "region", look=PictureLook(family=2))
 
 
 def test_a_crisis_curve_is_computed_again_after_an_unexpected_error_only(

@@ -15,7 +15,7 @@ from waiting import HANG, wait_until
 
 from gear_rattle.service.access import keys
 from gear_rattle.service.database import Database
-from gear_rattle.service.database.keys import Keys
+from gear_rattle.service.database.keys import AccessKeys
 from gear_rattle.service.database.tables import KeyRow, Scope
 
 HOST = "127.0.0.1:8000"
@@ -94,15 +94,15 @@ def test_signing_out_ends_the_streams_of_this_browser_alone(client: TestClient) 
 
 def test_one_question_is_for_all_of_them_and_none_for_none(client: TestClient, monkeypatch: pytest.MonkeyPatch) -> None:
     asked, twice = [], threading.Event()
-    live_identities = Keys.live_identities
+    live_identities = AccessKeys.live_identities
 
-    def count(database: Keys, identities: Any) -> Any:
+    def count(database: AccessKeys, identities: Any) -> Any:
         asked.append(len(identities))
         if len(asked) > 1:
             twice.set()
         return live_identities(database, identities)
 
-    monkeypatch.setattr(Keys, "live_identities", count)
+    monkeypatch.setattr(AccessKeys, "live_identities", count)
     every = [new_key(client)[1] for _ in range(4)]
     with streams(client, [*every, *every]):
         del asked[:]

@@ -11,7 +11,7 @@ from written import compute_and_write_tile
 import rattle
 from gear_rattle.workers import Axis, Group, SurveyRequest, create_store, finish_store, tiles_of
 from gear_rattle.workers.pictures import maps
-from gear_rattle.workers.pictures.maps import map_picture
+from gear_rattle.workers.pictures.maps import render_map_picture
 
 pytestmark = pytest.mark.usefixtures("templates_once")
 
@@ -88,5 +88,5 @@ def test_a_map_says_what_cells_without_a_value_mean(
     monkeypatch.setattr(
         maps, "draw_legend", lambda axes: (said.extend(axes.get_legend_handles_labels()[1]), draw(axes))
     )
-    assert map_picture(survey, name).startswith(b"\x89PNG")
+    assert render_map_picture(survey, name).startswith(b"\x89PNG")
     assert set(said) == meanings

@@ -34,9 +34,9 @@ from gear_rattle.workers.survey.refined.rounds import (
     KINDS,
     AuditCounts,
     AuditRound,
-    first_round,
+    create_first_audit_round,
     next_audit_round,
-    wrong_share_upper,
+    upper_bound_of_wrong_share,
 )
 
 pytestmark = pytest.mark.usefixtures("templates_once")
@@ -84,7 +84,7 @@ def test_the_bound_holds_whatever_is_wrong() -> None:
         kind = np.array([5, CHAOTIC + 5, CHAOTIC + 2])[rng.choice(3, 20_000, p=[0.6, 0.3, 0.1])]
         wrong = rng.random(kind.size) < rng.choice([0.0, 0.004, 0.02], 3)[np.searchsorted([5, 10, 13], kind)]
         draw, filled = rng.random(kind.size), np.ones(kind.size, bool)
-        rounds = (first_round(0.01, 0.004, kind.size),)
+        rounds = (create_first_audit_round(0.01, 0.004, kind.size),)
         while True:
             before = rounds[-2].drawn if len(rounds) > 1 else 0.0
             limit = np.where(kind >= CHAOTIC, rounds[-1].chaotic, rounds[-1].regular)
@@ -99,7 +99,7 @@ def test_the_bound_holds_whatever_is_wrong() -> None:
                 break
             rounds = (*rounds, more)
         assert len(rounds) <= 6
-        upper = wrong_share_upper(counts, len(rounds) - 1)
+        upper = upper_bound_of_wrong_share(counts, len(rounds) - 1)
         assert upper <= 0.004
         missed += (wrong & filled).sum() > upper * filled.sum()
         filling += bool(filled.any())

@@ -10,7 +10,7 @@ from gear_rattle.workers.boundaries.edges import FamilyEdges, count_edges, find_
 from gear_rattle.workers.survey.crossings import CurveCrossings, crossings_of
 from rattle import curves
 from rattle.families.family_table import Families
-from rattle.families.spread import Rectangle
+from rattle.families.spread import CellRectangle
 
 DELTA, EPSILON = np.linspace(0.55, 0.65, 19), np.linspace(0.05, 0.08, 23)
 WINDOW = (0.54, 0.66), (0.045, 0.085)
@@ -32,7 +32,7 @@ def found_in(families: Families, names: tuple[str, ...], side: int) -> FamilyEdg
     crossings = [crossings_on(name) for name in names]
     rows = families.attractors
     parts = [
-        Rectangle(i, min(i + side, EPSILON.size), j, min(j + side, DELTA.size))
+        CellRectangle(i, min(i + side, EPSILON.size), j, min(j + side, DELTA.size))
         for i in range(0, EPSILON.size, side)
         for j in range(0, DELTA.size, side)
     ]

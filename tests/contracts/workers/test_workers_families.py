@@ -31,7 +31,7 @@ from gear_rattle.workers import (
     tiles_done,
     tiles_of,
 )
-from gear_rattle.workers.storage.added import run_in_process
+from gear_rattle.workers.storage.added import run_in_this_process
 from gear_rattle.workers.survey.stored_families import EDGE_VARIABLES, FAMILY_VARIABLES
 
 GROUPS = ("attractors", "lyapunov", "families")
@@ -238,7 +238,7 @@ def test_blocks_do_not_show(
 
     def each(task: Callable[..., Any], *arguments: Any) -> list[Any]:
         done.append(task.__name__)
-        return run_in_process(task, *arguments)
+        return run_in_this_process(task, *arguments)
 
     monkeypatch.setattr(gear_rattle.workers.families.blocks, "SLOTS_OF_BLOCK", 8 * side**2)
     shutil.copytree(apart, path)
@@ -286,9 +286,9 @@ def test_a_tile_that_was_being_moved_when_its_worker_died_is_moved_all_the_same(
 
     def each(task: Callable[..., Any], of: SurveyRequest, where: str, items: Sequence[Any]) -> list[Any]:
         try:
-            return run_in_process(task, of, where, items)
+            return run_in_this_process(task, of, where, items)
         except KeyboardInterrupt:
-            return run_in_process(task, of, where, items)
+            return run_in_this_process(task, of, where, items)
 
     monkeypatch.setattr(StoreDirectory, "put", dying)
     join_attractors_of_survey(request, path, each)

@@ -27,7 +27,7 @@ from gear_rattle.workers import (
     tiles_of,
 )
 from gear_rattle.workers.pictures.figure import survey_figure
-from gear_rattle.workers.pictures.maps import WITHOUT_VALUE, colour_scale_of, map_picture
+from gear_rattle.workers.pictures.maps import WITHOUT_VALUE, colour_scale_of, render_map_picture
 from rattle.plot.colours import REGION_COLOURS
 
 REQUEST = SurveyRequest(
@@ -73,19 +73,19 @@ def lines(axes: Axes) -> dict[str, np.ndarray]:
 
 @pytest.mark.parametrize("name", [pytest.param(name, marks=() if name in USUAL else deep) for name in MAPS])
 def test_every_map_of_a_running_survey_is_drawn(partial: xr.Dataset, name: str) -> None:
-    picture = pixels(map_picture(partial, name))
+    picture = pixels(render_map_picture(partial, name))
     grey = np.all(np.isclose(picture[..., :3], 0.78, atol=0.005), axis=-1)
     assert 0.35 < grey.mean() < 0.7  # three of its four tiles are not computed
 
 
 def test_an_empty_survey_is_drawn(tmp_path: Path) -> None:
     empty = survey(tmp_path / "survey.zarr", tiles=slice(0))
-    assert map_picture(empty, "lyapunov_max").startswith(b"\x89PNG")
+    assert render_map_picture(empty, "lyapunov_max").startswith(b"\x89PNG")
     assert len(survey_figure(empty).axes) == 6
 
 
 def test_slots_are_drawn_by_index(whole: xr.Dataset) -> None:
-    first, second = (pixels(map_picture(whole, "orbit_phase", index)) for index in (0, 2))
+    first, second = (pixels(render_map_picture(whole, "orbit_phase", index)) for index in (0, 2))
     assert not np.array_equal(first, second)
 
 
@@ -103,7 +103,7 @@ def test_slots_are_drawn_by_index(whole: xr.Dataset) -> None:
 )
 def test_what_is_no_map_is_refused(whole: xr.Dataset, name: str, index: int, message: str) -> None:
     with pytest.raises(SurveyError, match=message):
-        map_picture(whole, name, index)
+        render_map_picture(whole, name, index)
 
 
 def test_figure_has_regions_curves_and_points(whole: xr.Dataset) -> None:
@@ -170,7 +170,7 @@ def test_the_map_of_the_regions_has_the_curves_too(whole: xr.Dataset) -> None:
     def red(png: bytes) -> float:
         return float(np.all(np.isclose(pixels(png)[..., :3], (0.773, 0.106, 0.106), atol=0.01), axis=-1).mean())
 
-    assert red(map_picture(whole, "region")) > 0.001 > red(map_picture(whole, "orbit_exists")) == 0
+    assert red(render_map_picture(whole, "region")) > 0.001 > red(render_map_picture(whole, "orbit_exists")) == 0
 
 
 def test_curves_outside_the_map_are_left_out(tmp_path: Path) -> None:
@@ -203,9 +203,9 @@ def test_nothing_to_draw_says_so(whole: xr.Dataset) -> None:
 
 def test_drawing_in_threads_gives_the_same_pictures(whole: xr.Dataset) -> None:
     names = ["region", "lyapunov_max", "quiet_fraction"]
-    alone = [map_picture(whole, name) for name in names]
+    alone = [render_map_picture(whole, name) for name in names]
     with ThreadPoolExecutor(3) as pool:
-        assert list(pool.map(lambda name: map_picture(whole, name), names)) == alone
+        assert list(pool.map(lambda name: render_map_picture(whole, name), names)) == alone
 
 
 def test_no_global_drawing_state() -> None:

@@ -25,7 +25,7 @@ from gear_rattle.workers import (
     tiles_of,
 )
 from gear_rattle.workers.storage.location import StoreDirectory
-from gear_rattle.workers.storage.manifest import manifest_of, read_root_attributes, set_attributes
+from gear_rattle.workers.storage.manifest import manifest_of, read_root_attributes, set_store_attributes
 from gear_rattle.workers.survey.version import code_version
 
 REQUEST = SurveyRequest(
@@ -227,7 +227,7 @@ def of_another_version(store: Path) -> Path:
 def test_a_store_of_another_version_is_decoded(store: Path) -> None:
     found = examine(of_another_version(store))
     assert found.is_whole
-    assert found.is_decoded
+    assert found.was_checked_by_decoding
     assert found.version == "1.0.0a1+0123456789abcdef"
     assert found.files > 100
     chunk = store / "region/c/1/0"
@@ -237,10 +237,10 @@ def test_a_store_of_another_version_is_decoded(store: Path) -> None:
 
 
 def test_a_store_of_another_version_with_our_manifest_is_verified_by_it(store: Path) -> None:
-    set_attributes(StoreDirectory(store), {"code_version": "1.0.0a1+0123456789abcdef"})
+    set_store_attributes(StoreDirectory(store), {"code_version": "1.0.0a1+0123456789abcdef"})
     found = examine(store)
     assert found.is_whole
-    assert not found.is_decoded
+    assert not found.was_checked_by_decoding
     assert found.version == "1.0.0a1+0123456789abcdef"
 
 

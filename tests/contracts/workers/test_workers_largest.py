@@ -21,7 +21,7 @@ from gear_rattle.workers.kinds import tiles_of
 from gear_rattle.workers.pictures import largest
 from gear_rattle.workers.pictures.largest import OTHERS, family_colours, family_names, open_survey_for_map
 from gear_rattle.workers.pictures.look import LARGEST, SHARE, PictureLook
-from gear_rattle.workers.pictures.maps import map_picture
+from gear_rattle.workers.pictures.maps import render_map_picture
 from rattle.plot.colours import KIND_COLOURS, colour
 
 pytestmark = pytest.mark.usefixtures("templates_once")
@@ -105,8 +105,8 @@ def test_the_share_of_one_is_that_of_its_map(stored: Path) -> None:
 def test_slots_of_one_family_are_added_and_of_equal_shares_the_lower_number_wins() -> None:
     family = np.array([[0, 3, 5, -1, 0], [2, 2, 4, -1, -1], [2, 3, -1, -1, -1]])[:, None]
     share = np.array([[0.4, 0.3, 0.5, np.nan, 1.0], [0.3, 0.4, 0.5, np.nan, np.nan], [0.3, 0.3, 0, np.nan, np.nan]])
-    assert largest.dominant_family(family, share[:, None])[0].tolist() == [2, 3, 4, -1, 0]
-    assert largest.dominant_family(family, share[:, None], first=1)[0].tolist() == [2, 3, 4, -1, -1]
+    assert largest.dominant_families(family, share[:, None])[0].tolist() == [2, 3, 4, -1, 0]
+    assert largest.dominant_families(family, share[:, None], first=1)[0].tolist() == [2, 3, 4, -1, -1]
 
 
 def test_families_have_the_names_and_colours_of_their_motions(stored: Path) -> None:
@@ -133,7 +133,7 @@ def test_slices_have_families_of_their_own(tmp_path: Path) -> None:
         names = survey[LARGEST].attrs["flag_meanings"].split()[1:-1]
         table = open_survey(path, f"slices/{number}/families")
         assert [each.replace("_", " ") for each in names] == family_names(survey, table, len(names))
-        expected = largest.dominant_family(survey.attractor_family.values, survey.attractor_fraction.values)
+        expected = largest.dominant_families(survey.attractor_family.values, survey.attractor_fraction.values)
         np.testing.assert_array_equal(survey[LARGEST][0], np.minimum(expected + 1, OTHERS))
 
 
@@ -150,7 +150,7 @@ def test_what_cannot_be_drawn_says_why(stored: Path, tmp_path: Path) -> None:
 def test_a_picture_has_the_map(stored: Path) -> None:
     survey = open_survey_for_map(partial(open_survey, stored), LARGEST)
     whole, window = (
-        map_picture(survey, LARGEST, 1, look=look, form="svg")
+        render_map_picture(survey, LARGEST, 1, look=look, form="svg")
         for look in (PictureLook(), PictureLook(delta=(0.42, 0.45)))
     )
     assert b"rattling" in whole

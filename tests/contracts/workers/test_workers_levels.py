@@ -31,10 +31,16 @@ from gear_rattle.workers import (
 )
 from gear_rattle.workers.overviews import build_pyramid_levels
 from gear_rattle.workers.pictures.levels import level_opener, reduce_map
-from gear_rattle.workers.storage.added import run_in_process
+from gear_rattle.workers.storage.added import run_in_this_process
 from gear_rattle.workers.storage.store import remove_outdated_results
 from gear_rattle.workers.survey.levels import reduce
-from gear_rattle.workers.survey.levels.grid import GROUP, Pair, level_blocks, levels_of, reduction_steps
+from gear_rattle.workers.survey.levels.grid import (
+    GROUP,
+    Pair,
+    coarsening_factors_of_levels,
+    level_blocks,
+    stored_levels_of_shape,
+)
 from gear_rattle.workers.survey.levels.template import OCCURS, SHARE, code_meanings
 from gear_rattle.workers.survey.slices import select_slice
 from gear_rattle.workers.survey.values.quantities import variables_of_groups
@@ -177,8 +183,8 @@ def test_phases_go_round() -> None:
 def test_axes_are_halved_down_to_256(shape: Pair, shapes: list[Pair], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(grid, "LARGEST_WITHOUT_LEVELS", 512)
     monkeypatch.setattr(grid, "LARGEST_NOT_HALVED", 256)
-    assert [level.shape for level in levels_of(shape)] == shapes
-    assert all(set(step) <= {1, 2} for step in reduction_steps(levels_of(shape)))
+    assert [level.shape for level in stored_levels_of_shape(shape)] == shapes
+    assert all(set(step) <= {1, 2} for step in coarsening_factors_of_levels(stored_levels_of_shape(shape)))
 
 
 def test_an_island_of_one_cell_is_in_every_level(tmp_path: Path) -> None:
@@ -196,7 +202,7 @@ def test_an_island_of_one_cell_is_in_every_level(tmp_path: Path) -> None:
     complete(request, tmp_path)
     island = int(np.flatnonzero(open_survey(tmp_path).region.values.ravel() == 17)[0])
     row, column = divmod(island, 11)
-    for level in levels_of(request.shape):
+    for level in stored_levels_of_shape(request.shape):
         of = open_survey(tmp_path, level.path)
         at = {"level_epsilon": row // level.cells[0], "level_delta": column // level.cells[1]}
         assert int(of.region_occurs.isel(at)) >> 17 & 1
@@ -211,7 +217,7 @@ def bits(cells: np.ndarray) -> int:
 
 def test_levels_are_of_what_the_cells_hold_in_the_end(joined: Path) -> None:
     """Slots are those after the join; each slice has its own levels; complex numbers are represented by moduli."""
-    whole, (level, *_) = open_survey(joined), levels_of(JOINED.shape)
+    whole, (level, *_) = open_survey(joined), stored_levels_of_shape(JOINED.shape)
     of = open_survey(joined, level.path).load()
     names = [
         each.name
@@ -221,7 +227,9 @@ def test_levels_are_of_what_the_cells_hold_in_the_end(joined: Path) -> None:
     assert int(whole.attractor_kind.isel(attractor=1).max()) > 0
     for name in names:
         cells = np.abs(whole[name].values) if np.iscomplexobj(whole[name]) else whole[name].values.astype(float)
-        for at, (rows, columns) in cells_of_level(JOINED.shape, reduction_steps(levels_of(JOINED.shape))[:1]):
+        for at, (rows, columns) in cells_of_level(
+            JOINED.shape, coarsening_factors_of_levels(stored_levels_of_shape(JOINED.shape))[:1]
+        ):
             some = cells[..., rows, columns].reshape(*cells.shape[:-2], -1)
             found = of[name].isel(level_epsilon=at[0], level_delta=at[1])
             if name + OCCURS in of:
@@ -244,7 +252,7 @@ def test_what_levels_do_not_have_is_drawn_from_the_cells(joined: Path) -> None:
 
 def test_any_reader_finds_them(joined: Path) -> None:
     """Readers are xarray in all its ways, consolidated metadata, and the convention for levels."""
-    levels = levels_of(JOINED.shape)
+    levels = stored_levels_of_shape(JOINED.shape)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         with xr.open_zarr(joined) as survey:
@@ -262,7 +270,7 @@ def test_any_reader_finds_them(joined: Path) -> None:
     assert convention["uuid"] == "d35379db-88df-4056-af3a-620245f8e347"
     layout = attributes["multiscales"]["layout"]
     assert [each["asset"] for each in layout] == [str(level.number) for level in levels]
-    for each, step in zip(layout, reduction_steps(levels), strict=True):
+    for each, step in zip(layout, coarsening_factors_of_levels(levels), strict=True):
         assert each["transform"]["scale"] == list(step)
         assert each.get("derived_from", "0") == str(int(each["asset"]) - 1)
 
@@ -274,7 +282,7 @@ def test_no_order_and_no_tile_shows_in_their_bytes(store: Path, tmp_path: Path) 
         assert files_of(make(request, tmp_path / name, order)) == files_of(store)
 
     def backwards(task: Any, request: Any, path: str, items: Any) -> list[Any]:
-        return run_in_process(task, request, path, items[::-1])[::-1]
+        return run_in_this_process(task, request, path, items[::-1])[::-1]
 
     build_pyramid_levels(survey(), tmp_path / "back", backwards)
     assert files_of(tmp_path / "back") == files_of(store)
@@ -286,7 +294,7 @@ def test_who_is_killed_leaves_a_survey_without_levels(store: Path, tmp_path: Pat
     fill(survey(), path)
 
     def dying(task: Any, request: Any, path: str, items: Any) -> list[Any]:
-        run_in_process(task, request, path, items[:2])
+        run_in_this_process(task, request, path, items[:2])
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
@@ -331,4 +339,4 @@ def test_no_survey_of_512_cells_a_side_and_no_population_has_levels(tmp_path: Pa
 def test_the_codes_of_every_variable_fit_in_their_masks() -> None:
     for quantity in QUANTITIES:
         words = code_meanings(quantity)
-        assert 8 * reduce.mask_type(len(words)).itemsize >= len(words)
+        assert 8 * reduce.smallest_mask_dtype(len(words)).itemsize >= len(words)

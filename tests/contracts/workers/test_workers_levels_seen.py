@@ -10,7 +10,7 @@ from depth import either
 from matplotlib.colors import to_rgb
 
 from gear_rattle.workers.pictures.levels import DisplayedCells, finest_level_part, reduce_cells
-from gear_rattle.workers.pictures.maps import CODE_COLOURS, map_picture
+from gear_rattle.workers.pictures.maps import CODE_COLOURS, render_map_picture
 from gear_rattle.workers.survey.levels.grid import possible_levels
 from gear_rattle.workers.survey.values.evaluate import FAILED
 from gear_rattle.workers.survey.values.schema import CELL
@@ -119,7 +119,7 @@ def test_an_island_is_in_the_picture() -> None:
             {"orbit_exists": (("orbit", *CELL), exists), "status": (CELL, np.ones(exists.shape[1:], np.int8))},
             {"epsilon": np.linspace(0.1, 0.2, 1300), "delta": np.linspace(0.4, 1.0, 1100), "orbit": ["A"], "beta": 0.6},
         )
-        picture = matplotlib.image.imread(BytesIO(map_picture(survey, "orbit_exists")))[..., :3]
+        picture = matplotlib.image.imread(BytesIO(render_map_picture(survey, "orbit_exists")))[..., :3]
         found: np.ndarray = np.isclose(picture, to_rgb(CODE_COLOURS[1]), atol=0.01).all(axis=-1)
         return found
 

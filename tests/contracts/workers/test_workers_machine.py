@@ -15,7 +15,7 @@ from gear_rattle.workers import Axis, SurveyRequest, Window, create_store, finis
 from gear_rattle.workers.pictures.figure import survey_figure
 from gear_rattle.workers.pictures.look import PictureLook
 from gear_rattle.workers.pictures.machine_axes import tick_values
-from gear_rattle.workers.pictures.maps import map_figure, map_picture
+from gear_rattle.workers.pictures.maps import draw_map_figure, render_map_picture
 from gear_rattle.workers.storage.export import csv_lines, write_netcdf
 
 pytestmark = pytest.mark.usefixtures("templates_once")
@@ -103,7 +103,7 @@ def test_a_picture_has_speed_and_eccentricity_as_axes_rising_to_the_right_and_up
 ) -> None:
     request, path = stored
     survey = xr.open_zarr(path, chunks=None)
-    for figure in (map_figure(survey, "quiet_fraction"), survey_figure(survey)):
+    for figure in (draw_map_figure(survey, "quiet_fraction"), survey_figure(survey)):
         axes = figure.axes[0]
         assert (axes.get_xlabel(), axes.get_ylabel()) == ("speed, rpm", "eccentricity, µm")
         for axis, number, per in ((axes.xaxis, "rpm", 1.0), (axes.yaxis, "eccentricity", 1e6)):
@@ -116,11 +116,11 @@ def test_a_picture_has_speed_and_eccentricity_as_axes_rising_to_the_right_and_up
         assert axes.get_ylim()[0] < axes.get_ylim()[1]
         beside = {each.get_xlabel() + each.get_ylabel() for each in axes.child_axes}
         assert beside == {"damping δ", "eccentricity ε"}
-    watched = map_figure(survey, "watched_periods")
+    watched = draw_map_figure(survey, "watched_periods")
     assert "forcing period" not in watched.axes[0].get_title() + watched.axes[1].get_ylabel()
     assert "revolutions" in watched.axes[1].get_ylabel()
     window = PictureLook(delta=(float(survey.delta[0]), float(survey.delta[1])), epsilon=(0.0, 5e-4))
-    drawing = map_picture(survey, "region", look=window, form="svg").decode()
+    drawing = render_map_picture(survey, "region", look=window, form="svg").decode()
     for said in ("speed, rpm", "eccentricity, µm", "damping δ", "eccentricity ε"):
         assert f"<!-- {said} -->" in drawing
 

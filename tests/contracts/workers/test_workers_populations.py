@@ -184,7 +184,9 @@ def test_a_gear_that_failed_is_undecided_in_the_answers(tmp_path: Path, monkeypa
     test = tmp_path / "population.zarr"
     create_store(REQUEST, test)
     monkeypatch.setattr(
-        gear_rattle.workers.populations.tiles, "_evaluate", _no_third(gear_rattle.workers.populations.tiles._evaluate)
+        gear_rattle.workers.populations.tiles,
+        "_evaluate_gears",
+        _no_third(gear_rattle.workers.populations.tiles._evaluate_gears),
     )
     run_tiles_in_this_process(REQUEST, test, TILES, lambda _: None, never)
     found = read_finished_population(test)

@@ -24,7 +24,7 @@ from gear_rattle.workers import (
 from gear_rattle.workers.storage.location import place_of
 from gear_rattle.workers.survey import tiles as computing
 from gear_rattle.workers.survey.refined.asked import BLOCK
-from gear_rattle.workers.survey.refined.audit import AUDITED, DISAGREED, random_draws, share_upper_bound
+from gear_rattle.workers.survey.refined.audit import AUDITED, DISAGREED, random_numbers_of_cells, share_upper_bound
 from gear_rattle.workers.survey.refined.blocks import Blocks
 from gear_rattle.workers.survey.refined.evidence import flag_leaves_with_differing_cells
 from gear_rattle.workers.survey.refined.shares import _divide_fractions
@@ -150,11 +150,11 @@ def test_an_audit_of_all_cells_finds_each_that_would_be_wrong(plain: dict[str, n
 def test_audits_are_a_share_of_the_cells_wherever_they_are_looked_at() -> None:
     whole = Blocks(slice(0, 600), slice(0, 500), (600, 500))
     some = Blocks(slice(64, 128), slice(32, 96), (600, 500))
-    found = random_draws(whole, 5).reshape(whole.shape)
-    assert (random_draws(some, 5).reshape(some.shape) == found[64:129, 32:97]).all()
+    found = random_numbers_of_cells(whole, 5).reshape(whole.shape)
+    assert (random_numbers_of_cells(some, 5).reshape(some.shape) == found[64:129, 32:97]).all()
     for share in (0.03, 0.5):
         assert (found < share).mean() == pytest.approx(share, abs=4 * np.sqrt(share / found.size))
-    assert (found != random_draws(whole, 6).reshape(whole.shape)).any()
+    assert (found != random_numbers_of_cells(whole, 6).reshape(whole.shape)).any()
 
 
 def test_the_bound_of_an_audit_is_exact() -> None:

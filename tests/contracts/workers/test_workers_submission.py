@@ -14,7 +14,7 @@ import pytest
 import gear_rattle.workers.cluster.submission
 from gear_rattle.workers import Axis, SurveyRequest, TileRecord, tiles_of
 from gear_rattle.workers.cluster import runner
-from gear_rattle.workers.cluster.submission import Submission
+from gear_rattle.workers.cluster.submission import SubmittedTiles
 from gear_rattle.workers.survey.tiles import Tile
 
 REQUEST = SurveyRequest(
@@ -59,7 +59,7 @@ def test_endless_tiles_are_taken_one_at_a_time(monkeypatch: pytest.MonkeyPatch) 
         lambda _, futures: ended.extend(each.key for each in futures),
     )
     monkeypatch.setattr(gear_rattle.workers.cluster.submission, "TILE_SECONDS", -1.0)
-    submission = Submission(lambda: None, REQUEST, "nowhere", Client())  # type: ignore[arg-type, return-value]
+    submission = SubmittedTiles(lambda: None, REQUEST, "nowhere", Client())  # type: ignore[arg-type, return-value]
     first, second = tiles_of(REQUEST)[:2]
     submission.submit(first)
     submission.submit(second)
@@ -82,7 +82,7 @@ def test_endless_tiles_are_taken_one_at_a_time(monkeypatch: pytest.MonkeyPatch) 
 def test_a_large_tile_may_take_longer(monkeypatch: pytest.MonkeyPatch) -> None:
     """Tiles of a large survey that is refined were taken for endless on a machine that had other things to do."""
     monkeypatch.setattr(gear_rattle.workers.cluster.submission, "end_tasks", lambda *_: None)
-    submission = Submission(lambda: None, REQUEST, "nowhere", Client())  # type: ignore[arg-type, return-value]
+    submission = SubmittedTiles(lambda: None, REQUEST, "nowhere", Client())  # type: ignore[arg-type, return-value]
     small, large = (Tile(index, slice(0, side), slice(0, side)) for index, side in enumerate((64, 128)))
     submission.submit(large)
     submission.submit(small)
@@ -109,7 +109,7 @@ def test_a_late_tile_is_repeated_once_while_others_wait(monkeypatch: pytest.Monk
         def who_has(self, _: Any) -> dict[str, tuple[str, ...]]:
             return {"other": ("holding",)}
 
-    submission = Submission(lambda: None, REQUEST, "nowhere", Four())  # type: ignore[arg-type, return-value]
+    submission = SubmittedTiles(lambda: None, REQUEST, "nowhere", Four())  # type: ignore[arg-type, return-value]
     submission.submit(tiles_of(REQUEST)[0])
     submission.repeat_late_tiles(again=True)
     assert asked == []
@@ -154,7 +154,7 @@ def test_a_result_that_waits_with_one_of_a_frozen_worker_is_not_waited_for(monke
     monkeypatch.setattr(gear_rattle.workers.cluster.submission, "end_tasks", lambda *_: None)
     monkeypatch.setattr(gear_rattle.workers.cluster.submission, "LATE_FACTOR", 0)
     monkeypatch.setattr(runner, "POLL_SECONDS", 0.0)
-    submission = Submission(lambda: None, REQUEST, "nowhere", Two())  # type: ignore[arg-type, return-value]
+    submission = SubmittedTiles(lambda: None, REQUEST, "nowhere", Two())  # type: ignore[arg-type, return-value]
     done: list[Any] = []
     runner._run_submission(
         submission, tiles, done.append, lambda: next(rounds) > 100, lambda: True, lambda: False, print
@@ -164,7 +164,7 @@ def test_a_result_that_waits_with_one_of_a_frozen_worker_is_not_waited_for(monke
 
 def test_attempts_that_lost_are_known(monkeypatch: pytest.MonkeyPatch) -> None:
     """Such attempts may overwrite a tile that a later round has changed."""
-    submission = Submission(lambda: None, REQUEST, "nowhere", Client())  # type: ignore[arg-type, return-value]
+    submission = SubmittedTiles(lambda: None, REQUEST, "nowhere", Client())  # type: ignore[arg-type, return-value]
     for _ in range(3):
         submission.submit(tiles_of(REQUEST)[0])
     slow, quick, late = submission.in_flight.values()

@@ -30,7 +30,7 @@ from gear_rattle.workers.boundaries.explain import explain
 from gear_rattle.workers.certificates import IDENTITY_ATTRIBUTE, certify_survey
 from gear_rattle.workers.kinds import position_of_failed_cell
 from gear_rattle.workers.pictures.figure import survey_figure
-from gear_rattle.workers.pictures.maps import map_picture
+from gear_rattle.workers.pictures.maps import render_map_picture
 from gear_rattle.workers.storage.export import csv_lines, require_readable_variables, table_bands, write_netcdf
 from gear_rattle.workers.storage.integrity import manifest_of
 from gear_rattle.workers.storage.location import place_of
@@ -161,14 +161,14 @@ def test_every_file_of_a_tile_is_known_by_its_key(store: Path) -> None:
 
 
 def test_a_cell_that_fails_is_named_with_its_slice(monkeypatch: pytest.MonkeyPatch) -> None:
-    evaluate = computing._evaluate
+    evaluate = computing._evaluate_cells_of_survey
 
     def fails(request: SurveyRequest, cells: Any) -> Any:
         if cells.model.beta == 0.7 and 0.15 in cells.epsilon:
             raise ArithmeticError("broken")
         return evaluate(request, cells)
 
-    monkeypatch.setattr(computing, "_evaluate", fails)
+    monkeypatch.setattr(computing, "_evaluate_cells_of_survey", fails)
     request = SurveyRequest(**AXES, beta=BETAS, quantities=("region",))
     *_, last = tiles_of(request)
     _, record = compute_tile(request, last)
@@ -200,7 +200,7 @@ def test_tables_and_files_have_all_slices(store: Path, planes: list[Path], tmp_p
 def test_what_is_of_a_plane_asks_for_a_slice(store: Path, tmp_path: Path) -> None:
     with open_survey(store) as whole:
         for ask in (
-            lambda: map_picture(whole, "region"),
+            lambda: render_map_picture(whole, "region"),
             lambda: survey_figure(whole),
             lambda: explain(whole),
             lambda: certify_survey(whole, tmp_path / "c.zarr"),
@@ -209,7 +209,9 @@ def test_what_is_of_a_plane_asks_for_a_slice(store: Path, tmp_path: Path) -> Non
         ):
             with pytest.raises(SurveyError, match="2 values of beta: choose a slice from 0 to 1"):
                 ask()
-        assert map_picture(select_slice(whole, 0), "region") != map_picture(select_slice(whole, 1), "region")
+        assert render_map_picture(select_slice(whole, 0), "region") != render_map_picture(
+            select_slice(whole, 1), "region"
+        )
         assert [each.beta.item() for each in slices_of(whole)] == [0.6, 0.7]
     with pytest.raises(SurveyError, match="choose one of its slices"):
         _ = REQUEST.gear_model

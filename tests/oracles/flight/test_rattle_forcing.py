@@ -72,7 +72,11 @@ def test_derivatives_of_the_forcing(rng):
             assert found == pytest.approx(float(derivative(order, t, epsilon)), abs=1e-14 * (2 * math.pi) ** order)
         third, fourth, minus_fifth = (
             each(np.float32(at[0]), np.float32(at[1]), np.float32(epsilon))
-            for each in (forcing.third_derivative32, forcing.fourth_derivative32, forcing.minus_fifth_derivative32)
+            for each in (
+                forcing.forcing_third_derivative32,
+                forcing.forcing_fourth_derivative32,
+                forcing.minus_forcing_fifth_derivative32,
+            )
         )
         assert third == pytest.approx(float(derivative(3, t, epsilon)), abs=2e-4)
         assert fourth == pytest.approx(float(derivative(4, t, epsilon)), abs=2e-3)
@@ -103,7 +107,7 @@ def test_changes_of_the_forcing_over_a_flight(rng):
 def test_a_short_step_of_the_phase(rng):
     for u in (1e-4, -1e-4, 1e-6):
         sine, cosine = forcing.sine_cosine_at(t0 := rng.random())
-        later = forcing.advance_sine_and_cosine(forcing.short_versines(u), sine, cosine)
+        later = forcing.advance_sine_and_cosine(forcing.short_versine_and_sine(u), sine, cosine)
         assert later == pytest.approx(forcing.sine_cosine_at(t0 + u), abs=3e-15)
 
 
@@ -112,7 +116,7 @@ def test_bounds_hold_at_every_phase(rng):
     for _ in range(20):
         epsilon, t0 = rng.uniform(0.01, 0.5), rng.random()
         slopes, accelerations = (np.array([float(derivative(order, x, epsilon)) for x in t[::20]]) for order in (1, 2))
-        assert abs(slopes).max() <= forcing.largest_slope(epsilon) * (1 + 1e-12)
+        assert abs(slopes).max() <= forcing.largest_forcing_slope(epsilon) * (1 + 1e-12)
         assert abs(accelerations).max() <= float(forcing.largest_acceleration32(np.float32(epsilon))) * (1 + 1e-6)
         assert np.ptp(slopes) <= float(forcing.forcing_slope_range32(np.float32(epsilon))) * (1 + 1e-6)
         sine, cosine = forcing.sine_cosine_at(t0)
@@ -128,7 +132,7 @@ def test_the_contact_force_and_what_is_known_of_it(rng):
         exact = np.array([float(force(x, delta, epsilon)) for x in t])
         found = [forcing.contact_force(*forcing.sine_cosine_at(x), delta, epsilon, forcing.DRIFT) for x in t]
         assert found == pytest.approx(exact, abs=1e-12)
-        assert exact[:-1].mean() == pytest.approx(forcing.mean_force(delta), rel=1e-12)
+        assert exact[:-1].mean() == pytest.approx(forcing.mean_contact_force(delta), rel=1e-12)
         kernel_swing, swing = forcing.contact_force_amplitude(delta, epsilon), np.ptp(exact) / 2
         assert swing == pytest.approx(kernel_swing, rel=1e-5)
         share = kernel_swing / exact[:-1].mean()
@@ -147,7 +151,7 @@ def test_the_contact_force_and_what_is_known_of_it(rng):
         assert forcing.contact_force_rate(*forcing.sine_cosine_at(0.3), delta, epsilon) == pytest.approx(
             rate, rel=1e-12
         )
-        arc = forcing.negative_arc(delta, epsilon)
+        arc = forcing.find_negative_force_arc(delta, epsilon)
         assert arc.exists == (exact.min() < 0.0)
         if arc.exists:
             entry = forcing.phase_of_arc_entry(delta, 1.0 / share)
@@ -173,7 +177,7 @@ def test_the_force_ahead_of_a_contact_and_its_integral(rng):
         assert ahead == pytest.approx(wall * float(force(t + s, delta, epsilon)), abs=1e-12)
         exact = wall * float(integral(t, s, delta, epsilon))
         assert forcing.force_integral(s, mean, a, b) == pytest.approx(exact, abs=1e-12)
-        analytic = forcing.analytic_force_coefficients(
+        analytic = forcing.force_fourier_coefficients_of_complex_phase(
             wall, *forcing.sine_cosine_of_complex_time(complex(t)), delta, epsilon
         )
         assert analytic == pytest.approx((mean, a, b), abs=1e-12)

@@ -23,7 +23,7 @@ def test_an_elastic_impact_turns_the_velocity_and_keeps_the_energy():
         assert ELASTIC.energy_loss(w) == w**2 / 2 - after**2 / 2
         step = 1e-6
         change = (impact_law.reflected_velocity(w + step) - impact_law.reflected_velocity(w - step)) / (2 * step)
-        assert impact_law.reflected_change(1.0) == pytest.approx(change, rel=1e-9)
+        assert impact_law.velocity_change_after_elastic_impact(1.0) == pytest.approx(change, rel=1e-9)
         energy = (impact_law.reflected_velocity(w + step) ** 2 - impact_law.reflected_velocity(w - step) ** 2) / (
             4 * step
         )
@@ -52,4 +52,4 @@ def test_multipliers_and_exponents_have_the_product_and_the_sum_of_the_law():
         assert np.prod(orbit.multipliers) == pytest.approx(expected, rel=1e-12)
     for each in gear.attractors(count=64):
         if each.kind in ("periodic", "chaotic"):
-            assert sum(each.lyapunov) == pytest.approx(ELASTIC.exponent_sum(0.6, math.nan), abs=1e-9)
+            assert sum(each.lyapunov) == pytest.approx(ELASTIC.lyapunov_exponent_sum(0.6, math.nan), abs=1e-9)

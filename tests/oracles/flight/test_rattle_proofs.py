@@ -15,17 +15,17 @@ import rattle
 from rattle.flight import coefficients, generate_coefficients
 from rattle.flight.contact_phase import stays_in_contact
 from rattle.flight.first_impact import first_impact_by_safe_search
-from rattle.flight.forcing import DRIFT, TWO_PI, negative_arc
+from rattle.flight.forcing import DRIFT, TWO_PI, find_negative_force_arc
 from rattle.flight.guess import (
     ERROR,
     convert_flight_to_single_precision,
     estimate_minimum,
     guess_time_of_turn_or_arrival,
     refine_time,
-    step_to_level,
-    sum_of_height_terms,
+    sum_of_height_term_sizes,
     sum_of_slope_terms,
     taylor_coefficients,
+    time_step_to_level,
 )
 from rattle.flight.law import evaluate, evaluate32, evaluate_short, flight_from_phase
 from rattle.flight.proof import convert_arc_to_single_precision, has_at_most_one_turn, height_lower_bound
@@ -137,7 +137,7 @@ def test_the_negative_arc_is_where_the_contact_force_is_negative():
         limit = 2 * abs(delta) / math.hypot(2 * np.pi, delta)
         epsilon = limit * 10 ** rng.uniform(-0.5, 1.5)
         force = abs(delta) * DRIFT - TWO_PI * epsilon * (TWO_PI * np.cos(theta) + delta * np.sin(theta))
-        exists, leave, length, sin_entry, sin_exit = negative_arc(delta, epsilon)
+        exists, leave, length, sin_entry, sin_exit = find_negative_force_arc(delta, epsilon)
         assert exists == (epsilon > limit)
         if not exists:
             assert force.min() > 0
@@ -167,7 +167,7 @@ def _single_precision(n, seed):
         short = convert_flight_to_single_precision(flight)
         found = evaluate32(s, short)
         true = evaluate(float(s), flight)
-        worst0 = max(worst0, abs(found[0] - true[0]) / sum_of_height_terms(s, short))
+        worst0 = max(worst0, abs(found[0] - true[0]) / sum_of_height_term_sizes(s, short))
         worst1 = max(worst1, abs(found[1] - true[1]) / sum_of_slope_terms(short))
     return worst0 / ERROR, worst1 / ERROR
 
@@ -215,9 +215,9 @@ def _depths(n, seed, regime):
         s = guess_time_of_turn_or_arrival(up, gap, F32(1.0 / delta), short)
         series = taylor_coefficients(s, short)
         _height, minimum = estimate_minimum(s, series, short)
-        s += step_to_level(True, F32(0.0), series)
+        s += time_step_to_level(True, F32(0.0), series)
         s, _u, _speed = refine_time(s, F32(0.0), short)
-        arc = convert_arc_to_single_precision(negative_arc(delta, epsilon))
+        arc = convert_arc_to_single_precision(find_negative_force_arc(delta, epsilon))
         certain = has_at_most_one_turn(up, True, F32(tau), s, minimum.time, short, arc)
         bound = height_lower_bound(s, minimum, short.delta)
         if bound > -1e29 and certain and s > 0.0 and minimum.time < s and delta * s < 2.0:

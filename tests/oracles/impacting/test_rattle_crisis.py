@@ -10,7 +10,7 @@ from transients import crisis_of, escapes
 from rattle.crisis import boundary_crisis, crisis_curve
 from rattle.errors import ParameterError, RattleError
 from rattle.impacting.bifurcations.codimension_two import codimension_two
-from rattle.impacting.crisis.curve import contact_above_sn1, crisis_at_damping
+from rattle.impacting.crisis.curve import crisis_at_damping, find_crisis_above_sn1
 from rattle.impacting.map.iterate import iterate
 from rattle.impacting.orbits.period_one import orbits_at
 from rattle.impacting.orbits.periodic import period_one_orbit
@@ -148,7 +148,7 @@ def test_it_passes_beside_cod22():
     end = next(point for point in codimension_two() if point.name == "COD22").delta
     points = [corner()]
     while points[-1].epsilon_above_sn1 > 3.5e-5:
-        points.append(contact_above_sn1(points, 0.75 * points[-1].epsilon_above_sn1, end))
+        points.append(find_crisis_above_sn1(points, 0.75 * points[-1].epsilon_above_sn1, end))
     delta, gap = (np.array(x) for x in zip(*((point.delta, point.epsilon_above_sn1) for point in points), strict=True))
     assert (np.diff(delta) > 0).all()
     assert delta[-1] > end + 2e-5

@@ -8,7 +8,7 @@ from mpmath import mp, mpf
 
 import rattle
 from rattle.inelastic.map.cells import make_inelastic_point
-from rattle.inelastic.map.flight import evaluate_forced_flight, forced_flight
+from rattle.inelastic.map.flight import evaluate_forced_flight, prepare_forced_flight
 from rattle.inelastic.map.harmonics import force_at
 
 FIRST = (1, 1.0, 0.0)
@@ -81,7 +81,7 @@ def test_flight_law(count: int, highest: int) -> None:
         ours, exact = random_gear(rng, count, highest)
         point, tau, w = ours._point, float(rng.random()), float(rng.normal())
         departure = np.empty((2, point.harmonics.shape[1]))
-        flight = forced_flight(tau, w, ours.delta, point.drift, point.harmonics, departure)
+        flight = prepare_forced_flight(tau, w, ours.delta, point.drift, point.harmonics, departure)
         for s in 10.0 ** rng.uniform(-9, 1, 5):
             f0, f1, _f2, _lost = evaluate_forced_flight(float(s), flight, point.harmonics, departure)
             height, speed = state(exact, mpf(tau), mpf(w), mpf(s))

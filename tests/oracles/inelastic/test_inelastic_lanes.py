@@ -5,7 +5,7 @@ import pytest
 from depth import either
 from numpy.typing import NDArray
 
-from rattle.attractors.classify import create_trajectories, empty_probe_record
+from rattle.attractors.classify import allocate_probe_record, create_trajectories
 from rattle.attractors.samples import Outcome, Trajectories
 from rattle.inelastic import iterate, iterate_tangent
 from rattle.inelastic.attractors.classifier import InelasticClassifier
@@ -76,7 +76,7 @@ def test_exponents_in_lanes_are_those_of_the_map() -> None:
     delta, epsilon, r, n = 0.45, 0.3, 0.8, 12
     given = (np.array([x]) for x in (delta, epsilon, BETA, r, 0.0))
     found = InelasticClassifier(inelastic_cells(*given), *states(np.random.default_rng(4), (1, n)))
-    seen = empty_probe_record(n)
+    seen = allocate_probe_record(n)
     found.samples.limit[:] = 100_000
     found.follow_with_tangent(np.arange(n), np.full(n, 3000.0), np.full(n, 300.0), seen)
     time, stretch, contraction = seen.sums.sum(axis=(0, 1))

@@ -111,10 +111,10 @@ def test_gears_pass_whose_share_of_quiet_runs_is_large_enough() -> None:
 @pytest.mark.parametrize(("gears", "judged"), [(10, 3), (1000, 256), (7, 7), (5, 100)])
 def test_as_many_gears_are_judged_as_was_asked(gears: int, judged: int) -> None:
     plan = of(PAPER, gears=gears, judged=judged, share=0.5)
-    asked = plan.is_judged(np.arange(plan.rows))
+    asked = plan.flag_judged_rows(np.arange(plan.rows))
     assert asked.sum() == min(gears, judged)
     assert not asked[gears:].any()
-    assert not of(PAPER, gears=gears).is_judged(np.arange(gears)).any()
+    assert not of(PAPER, gears=gears).flag_judged_rows(np.arange(gears)).any()
 
 
 def test_gears_pass_whose_margin_is_large_enough() -> None:

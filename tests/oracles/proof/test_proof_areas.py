@@ -19,7 +19,7 @@ from rattle.impacting.orbits.limits import quiet_limit
 from rattle.impacting.orbits.period_one import period_one, regions
 from rattle.proof.areas import one_impact, quiet_enclosure, two_impacts
 from rattle.proof.areas.block import ABSENT, ATTRACTING, CAPTURED, LOUD, QUIET, REGIONS, SADDLE, ProvedBlock
-from rattle.proof.areas.capture import _growth_coefficient, require_captures
+from rattle.proof.areas.capture import _growth_coefficient, require_captures_below_speed
 from rattle.proof.areas.checker.check import check
 from rattle.proof.areas.checker.intervals import BlockRefusal
 from rattle.proof.areas.columns import cut_into_columns, prove_column
@@ -50,7 +50,7 @@ def finder_says(block):
     try:
         with precision(64):
             if block.claim == CAPTURED:
-                require_captures(piece_of(block), block.speed)
+                require_captures_below_speed(piece_of(block), block.speed)
             else:
                 BlockProver(block.beta).require_claim(block.claim, block.delta, block.epsilon)
     except NotProvedError as why:
@@ -223,7 +223,7 @@ def test_a_flight_of_one_impact_is_that_of_a_motion(letter):
     with precision():
         piece = PlanePiece(arb(0.6), arb(0.09), arb(0.6))
         y = one_impact.minus_y(arb_series([piece.delta]))[0]
-        assert float(one_impact.x_enclosure(piece, letter, y)) == pytest.approx(x, abs=1e-13)
+        assert float(one_impact.epsilon_cosine_enclosure(piece, letter, y)) == pytest.approx(x, abs=1e-13)
         s = arb(0.37)
         found, slope = (
             one_impact.flight_height(s, arb_series([piece.delta]), arb(x))[0],
@@ -250,7 +250,7 @@ def test_a_solution_of_two_impacts_is_a_motion(name):
         cell = two_impacts.SolutionCell(arb(s), arb(s), arb(0.6), arb(0.6))
         x, y, v, u = (float(each) for each in cell.solution.over_cell)
         assert (np.hypot(x, y), v) == pytest.approx((0.09, orbit.v), abs=1e-9)
-        above, below = (float(each) for each in cell.margins)
+        above, below = (float(each) for each in cell.stability_margin_bounds)
         trace = sum(orbit.multipliers).real
         assert 2 * above / (u * v) == pytest.approx(1 + np.exp(-0.6) - trace, rel=1e-6)
         assert 2 * below / (u * v) == pytest.approx(1 + np.exp(-0.6) + trace, rel=1e-6)

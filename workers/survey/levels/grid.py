@@ -23,7 +23,7 @@ Pair = tuple[int, int]  # one number for each axis: (epsilon, delta)
 
 
 @dataclass(frozen=True)
-class Level:
+class PyramidLevel:
     """A pyramid level: the whole survey at lower resolution. Pairs are along (epsilon, delta).
 
     number: 1 for the finest level. cells: how many cells of the survey a cell of the level covers along each axis.
@@ -58,13 +58,13 @@ class LevelBlock:
         """The index that selects the block's cells in the array of a variable of the survey."""
         return *self.along, ..., self.epsilon, self.delta
 
-    def selection_at_level(self, level: Level) -> tuple[int | EllipsisType | slice, ...]:
+    def selection_at_level(self, level: PyramidLevel) -> tuple[int | EllipsisType | slice, ...]:
         """Return the index that selects the block's cells in the array of a variable of a level."""
         spans = zip((self.epsilon, self.delta), level.cells, strict=True)
         return *self.along, ..., *(slice(span.start // cells, -(-span.stop // cells)) for span, cells in spans)
 
 
-def possible_levels(shape: Pair) -> tuple[Level, ...]:
+def possible_levels(shape: Pair) -> tuple[PyramidLevel, ...]:
     """Return all levels that a grid of this shape can have, down to a single cell.
 
     While an axis has more than LARGEST_NOT_HALVED cells, only axes with more than LARGEST_NOT_HALVED cells are halved.
@@ -72,19 +72,19 @@ def possible_levels(shape: Pair) -> tuple[Level, ...]:
 
     Returns
     -------
-    tuple[Level, ...]
+    tuple[PyramidLevel, ...]
         From the finest to the coarsest.
     """
-    cells, found, now = (1, 1), list[Level](), shape
+    cells, found, now = (1, 1), list[PyramidLevel](), shape
     while max(now) > 1:
         least = LARGEST_NOT_HALVED if max(now) > LARGEST_NOT_HALVED else 1
         cells = _as_pair(each * 2 if size > least else each for each, size in zip(cells, now, strict=True))
         now = _as_pair(-(-size // each) for size, each in zip(shape, cells, strict=True))
-        found.append(Level(len(found) + 1, cells, now))
+        found.append(PyramidLevel(len(found) + 1, cells, now))
     return tuple(found)
 
 
-def levels_of(shape: Pair) -> tuple[Level, ...]:
+def stored_levels_of_shape(shape: Pair) -> tuple[PyramidLevel, ...]:
     """Return the levels that the store of a survey of this shape has.
 
     A survey of at most LARGEST_WITHOUT_LEVELS cells along each axis has no levels. In other surveys the coarsest level
@@ -92,14 +92,14 @@ def levels_of(shape: Pair) -> tuple[Level, ...]:
 
     Returns
     -------
-    tuple[Level, ...]
+    tuple[PyramidLevel, ...]
         From the finest to the coarsest; empty for a small survey.
     """
     all_of = possible_levels(shape) if max(shape) > LARGEST_WITHOUT_LEVELS else ()
     return all_of[: 1 + sum(max(level.shape) > LARGEST_NOT_HALVED for level in all_of)]
 
 
-def reduction_steps(levels: tuple[Level, ...]) -> list[Pair]:
+def coarsening_factors_of_levels(levels: tuple[PyramidLevel, ...]) -> list[Pair]:
     """Return for each level how many cells of the next finer level a cell covers along each axis, 1 or 2."""
     cells = [(1, 1), *(level.cells for level in levels)]
     return [_as_pair(new // old for old, new in zip(*both, strict=True)) for both in pairwise(cells)]
@@ -112,7 +112,7 @@ def block_shape(request: SurveyRequest) -> Pair:
     side = LARGEST_SIDE
     while side * side * maps > BLOCK_NUMBERS:
         side //= 2
-    return _as_pair(max(side, cells) for cells in levels_of(request.shape)[-1].cells)
+    return _as_pair(max(side, cells) for cells in stored_levels_of_shape(request.shape)[-1].cells)
 
 
 def level_blocks(request: SurveyRequest) -> list[LevelBlock]:
@@ -129,7 +129,7 @@ def level_blocks(request: SurveyRequest) -> list[LevelBlock]:
     ]
 
 
-def level_centres(axis: np.ndarray, cells: int) -> np.ndarray:
+def centres_of_level_cells(axis: np.ndarray, cells: int) -> np.ndarray:
     """Return the centres of a level's cells along an axis.
 
     axis: the centres of the survey's cells. cells: how many of the survey's cells each cell of the level covers along

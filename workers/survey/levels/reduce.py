@@ -52,7 +52,7 @@ def reduced_codes(values: np.ndarray, known: np.ndarray, steps: Sequence[Pair], 
         counts = {code: pool_cells(count.astype(np.int32), step, np.add) for code, count in counts.items()}
         of = pool_cells(of, step, np.add)
         most, highest = np.zeros(of.shape, values.dtype), np.zeros(of.shape, np.int32)
-        occurs = np.zeros(of.shape, mask_type(number))
+        occurs = np.zeros(of.shape, smallest_mask_dtype(number))
         for code, count in counts.items():
             more = count > highest
             most[more], highest[more] = code, count[more]
@@ -60,7 +60,7 @@ def reduced_codes(values: np.ndarray, known: np.ndarray, steps: Sequence[Pair], 
         yield LevelCodes(most, _divide_or_nan(highest, of).astype(np.float32), occurs)
 
 
-def mask_type(number: int) -> np.dtype[np.unsignedinteger]:
+def smallest_mask_dtype(number: int) -> np.dtype[np.unsignedinteger]:
     """Return the smallest unsigned type that has a bit for each of `number` codes."""
     return np.dtype(np.uint8 if number <= 8 else np.uint16 if number <= 16 else np.uint32)
 

@@ -8,8 +8,15 @@ import zarr
 from zarr.abc.buffer import Buffer
 from zarr.storage import MemoryStore
 
-from gear_rattle.workers.survey.levels.grid import GROUP, Level, block_shape, level_centres, levels_of, reduction_steps
-from gear_rattle.workers.survey.levels.reduce import STATISTICS, mask_type
+from gear_rattle.workers.survey.levels.grid import (
+    GROUP,
+    PyramidLevel,
+    block_shape,
+    centres_of_level_cells,
+    coarsening_factors_of_levels,
+    stored_levels_of_shape,
+)
+from gear_rattle.workers.survey.levels.reduce import STATISTICS, smallest_mask_dtype
 from gear_rattle.workers.survey.manifest import ROOT
 from gear_rattle.workers.survey.request import SurveyRequest
 from gear_rattle.workers.survey.template import (
@@ -75,7 +82,7 @@ def describe_level_arrays(quantity: Quantity) -> tuple[LevelArrayDescription, ..
         numbers = quantity.attributes | {"long_name": long_name}
         return (LevelArrayDescription(name, (STATISTIC, *dims), np.dtype(np.float32), numbers),)
     most = quantity.attributes | {"cell_methods": f"{LEVEL_CELL[0]}: {LEVEL_CELL[1]}: mode"}
-    masks = mask_type(len(words))
+    masks = smallest_mask_dtype(len(words))
     flags = {"flag_masks": [1 << code for code in range(len(words))], "flag_meanings": " ".join(words)}
     same = {"units": "1", "references": quantity.reference}
     share = f"share of the cells that have the most frequent {name}"
@@ -88,7 +95,7 @@ def describe_level_arrays(quantity: Quantity) -> tuple[LevelArrayDescription, ..
 
 
 def create_level_array(
-    root: zarr.Group, request: SurveyRequest, level: Level, array: LevelArrayDescription
+    root: zarr.Group, request: SurveyRequest, level: PyramidLevel, array: LevelArrayDescription
 ) -> zarr.Array:
     """Create an array of a level in its group, with a chunk for each block."""
     axes = request.third_axis
@@ -118,7 +125,7 @@ def files_of_levels(request: SurveyRequest) -> Template:
     """Return the files of a store's levels by key, except the chunks of their arrays."""
     kept: dict[str, Buffer] = {}
     root = zarr.create_group(MemoryStore(kept), zarr_format=3)
-    levels = levels_of(request.shape)
+    levels = stored_levels_of_shape(request.shape)
     attributes = {
         "long_name": "the survey in less and less resolution; level 0 is the survey itself",
         "zarr_conventions": [MULTISCALES],
@@ -139,7 +146,7 @@ def files_of_levels(request: SurveyRequest) -> Template:
     return {key: content for key, content in file_contents(kept).items() if key != ROOT}
 
 
-def _multiscales_layout_entries(levels: tuple[Level, ...]) -> Iterator[dict[str, Any]]:
+def _multiscales_layout_entries(levels: tuple[PyramidLevel, ...]) -> Iterator[dict[str, Any]]:
     """Yield the description of each level as the multiscales convention of zarr requires it.
 
     Yields
@@ -148,18 +155,20 @@ def _multiscales_layout_entries(levels: tuple[Level, ...]) -> Iterator[dict[str,
         Name of the level, name of the next finer level, and scale and translation relative to that level, along
         (epsilon, delta).
     """
-    for level, step in zip(levels, reduction_steps(levels), strict=True):
+    for level, step in zip(levels, coarsening_factors_of_levels(levels), strict=True):
         before = {"derived_from": str(level.number - 1)} if level.number > 1 else {}
         translation = [(each - 1) / 2 for each in step]
         transform = {"scale": [float(each) for each in step], "translation": translation}
         yield {"asset": str(level.number), **before, "transform": transform}
 
 
-def _write_coordinates(group: zarr.Group, request: SurveyRequest, level: Level, dims: set[str]) -> None:
+def _write_coordinates(group: zarr.Group, request: SurveyRequest, level: PyramidLevel, dims: set[str]) -> None:
     axes = (request.epsilon, request.delta)
     for name, dim, axis, cells in zip(CELL, LEVEL_CELL, axes, level.cells, strict=True):
         long_name = f"{COORDINATES[name].long_name}, middle of the cells"
-        write_array(group, dim, (dim,), level_centres(axis.values(), cells), {"long_name": long_name, "units": "1"})
+        write_array(
+            group, dim, (dim,), centres_of_level_cells(axis.values(), cells), {"long_name": long_name, "units": "1"}
+        )
     for dim in sorted(dims):
         words = "statistic of the covered cells' numbers" if dim == STATISTIC else dimension_description(request, dim)
         values = encode_coordinate_labels(_dimension_labels(request, dim))

@@ -23,7 +23,7 @@ AUDIT_ATTRIBUTES = (
 ROUNDS = "refined_rounds"
 
 
-def random_draws(blocks: Blocks, seed: int) -> np.ndarray:
+def random_numbers_of_cells(blocks: Blocks, seed: int) -> np.ndarray:
     """Return a random number for each cell of a frame (see `Blocks`); cells with the smallest numbers are audited.
 
     The number of a cell depends only on the seed and on the cell's position in the grid.

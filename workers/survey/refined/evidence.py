@@ -80,7 +80,7 @@ class ComputedCells:
             piece = self.existing.get(block) or self._create_empty_grid_piece(top, left, height, width)
             piece.add_attractors(mine)
             self.existing[block] = piece
-            self._code[block, : height + 1, : width + 1] = label_codes_in(piece)
+            self._code[block, : height + 1, : width + 1] = hash_labels_of_cells(piece)
 
     def _create_empty_grid_piece(self, top: int, left: int, height: int, width: int) -> GridPiece:
         delta, epsilon = self.cells.delta, self.cells.epsilon
@@ -118,7 +118,7 @@ class ComputedCells:
         found: np.ndarray = (square.inside & wild[cell]).any((1, 2))
         return found
 
-    def disagreeing_cells(self, square: LeafCells, audited: np.ndarray, before: np.ndarray) -> np.ndarray:
+    def flag_disagreeing_cells(self, square: LeafCells, audited: np.ndarray, before: np.ndarray) -> np.ndarray:
         """Return flags of the audited cells whose motions differ from the motions on the edges of their leaf.
 
         Parameters
@@ -174,7 +174,7 @@ def flag_leaves_with_differing_cells(samples: np.ndarray, known: np.ndarray, cou
     return found
 
 
-def label_codes_in(piece: GridPiece) -> np.ndarray:
+def hash_labels_of_cells(piece: GridPiece) -> np.ndarray:
     """Return a number for each cell (rows, columns); it is the same for cells whose orbits have the same labels."""
     found, orbits, n = np.zeros(piece.shape, np.uint64), piece.orbits, piece.n
     mixed = np.zeros(n, np.uint64)

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from gear_rattle.workers.survey.crossings import CurveCrossings
-from gear_rattle.workers.survey.refined.audit import random_draws
+from gear_rattle.workers.survey.refined.audit import random_numbers_of_cells
 from gear_rattle.workers.survey.refined.blocks import Blocks
 from gear_rattle.workers.survey.refined.evidence import ComputedCells
 from gear_rattle.workers.survey.refined.rounds import AuditRound
@@ -144,7 +144,9 @@ def refine_cells(whole: Cells, rows: slice, columns: slice, plan: FillingPlan) -
     frame = replace(whole, epsilon=whole.epsilon[blocks.frame[0]], delta=whole.delta[blocks.frame[1]])
     compares_attractors = bool(SAMPLED.intersection(plan.quantities))
     evidence = ComputedCells(blocks, frame, compares_attractors, Group.REGION in plan.quantities)
-    tree = RefinementTree(evidence, crossed_edges(blocks, plan.crossings), random_draws(blocks, plan.seed), plan.rounds)
+    tree = RefinementTree(
+        evidence, crossed_edges(blocks, plan.crossings), random_numbers_of_cells(blocks, plan.seed), plan.rounds
+    )
     tree.compute_cells()
     level, added_width, table = np.zeros(blocks.n_cells, np.int8), np.zeros(evidence.table.cell.size), evidence.table
     for leaves in tree.filled:

@@ -32,9 +32,10 @@ FIRST_AUDIT_FACTOR = 3.0
 class AuditRound(NamedTuple):
     """A round of audits.
 
-    drawn: the round audits the filled cells whose random number (see `random_draws`) is below this value, but not below
-    that of the round before. regular, chaotic: sizes of leaves (squares of cells). Before the audit the round computes
-    all cells of two kinds of leaves: leaves without chaos up to the size `regular`, leaves with chaos up to `chaotic`.
+    drawn: the round audits the filled cells whose random number (see `random_numbers_of_cells`) is below this value,
+    but not below that of the round before. regular, chaotic: sizes of leaves (squares of cells). Before the audit the
+    round computes all cells of two kinds of leaves: leaves without chaos up to the size `regular`, leaves with chaos up
+    to `chaotic`.
     """
 
     drawn: float
@@ -60,7 +61,7 @@ def confidence_of_round(number: int) -> float:
     return 1.0 - (1.0 - CONFIDENCE) / 2.0 ** (number + 1)
 
 
-def first_round(audit: float, bound: float | None, cells: int) -> AuditRound:
+def create_first_audit_round(audit: float, bound: float | None, cells: int) -> AuditRound:
     """Return the first round of audits of a survey.
 
     audit: the least share of the filled cells to audit. bound: the largest allowed share of wrong cells; None if the
@@ -77,7 +78,7 @@ def first_round(audit: float, bound: float | None, cells: int) -> AuditRound:
     return AuditRound(1.0 if needed > MOST_AUDITED else max(audit, needed))
 
 
-def wrong_share_upper(counts: AuditCounts, number: int) -> float:
+def upper_bound_of_wrong_share(counts: AuditCounts, number: int) -> float:
     """Return an upper bound of the share of wrong cells among the cells that are filled after a round.
 
     counts: the findings of the round. number: the number of the round. The audit bounds the number of wrong cells
@@ -98,7 +99,7 @@ def wrong_share_upper(counts: AuditCounts, number: int) -> float:
 def next_audit_round(bound: float, rounds: tuple[AuditRound, ...], counts: AuditCounts) -> AuditRound | None:
     """Return the next round of audits, or None if the bound is met. counts: the findings of the round `rounds[-1]`."""
     number = len(rounds)
-    if wrong_share_upper(counts, number - 1) <= bound:
+    if upper_bound_of_wrong_share(counts, number - 1) <= bound:
         return None
     limits = [rounds[-1].regular, rounds[-1].chaotic]
     left = counts.filled.astype(float)

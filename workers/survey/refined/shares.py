@@ -56,7 +56,7 @@ def fill_leaves(evidence: ComputedCells, leaves: Leaves) -> FilledCellAttractors
     for i in np.flatnonzero(empty.any((1, 2))):
         block, row, column = (int(x[i]) for x in leaves[:3])
         if block in evidence.existing and block not in blocks:
-            blocks[block] = group_into_branches(evidence.existing[block])
+            blocks[block] = group_orbits_into_branches(evidence.existing[block])
         leaf = _LeafToFill(evidence, cell[i], known[i], empty[i])
         parts += leaf.fill_with_orbits(blocks[block], row, column) if block in blocks else leaf.fill_without_orbits()
     return FilledCellAttractors(
@@ -64,7 +64,7 @@ def fill_leaves(evidence: ComputedCells, leaves: Leaves) -> FilledCellAttractors
     )
 
 
-def group_into_branches(existing: GridPiece) -> OrbitsByBranch:
+def group_orbits_into_branches(existing: GridPiece) -> OrbitsByBranch:
     """Group the orbits of a block into branches: neighbouring orbits that continue into each other are connected."""
     from scipy.sparse import coo_array  # imported here, because it takes an eighth of a second to load
     from scipy.sparse.csgraph import connected_components

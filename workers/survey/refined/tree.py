@@ -113,7 +113,9 @@ class RefinementTree:
         np.ndarray
             Flags (k,); False also for a leaf of which this round computes all cells.
         """
-        found = self.evidence.are_leaves_uniform(leaves) & ~self._are_crossed(self.blocks.cells_of_leaves(leaves))
+        found = self.evidence.are_leaves_uniform(leaves) & ~self._are_crossed_by_curves(
+            self.blocks.cells_of_leaves(leaves)
+        )
         if max(self._current_round.regular, self._current_round.chaotic) >= leaves.size:
             limit = np.where(
                 self.evidence.find_leaves_with_chaos(leaves), self._current_round.chaotic, self._current_round.regular
@@ -121,7 +123,7 @@ class RefinementTree:
             found &= limit < leaves.size
         return found
 
-    def _are_crossed(self, square: LeafCells) -> np.ndarray:
+    def _are_crossed_by_curves(self, square: LeafCells) -> np.ndarray:
         """Return for each leaf whether a curve passes between two of its cells."""
         cell, inside = self.blocks.cell_numbers(square), square.inside
         right, down = (crossed.ravel()[cell] for crossed in self.crossed)
@@ -141,7 +143,7 @@ class RefinementTree:
             return np.ones(leaves.block.size, bool)
         before = self.evidence.label_codes(square)
         self.evidence.compute(self.blocks.sort_without_repetitions(cell[audited]))
-        odd = self.evidence.disagreeing_cells(square, audited, before)
+        odd = self.evidence.flag_disagreeing_cells(square, audited, before)
         self.audit[cell[audited]] = AUDITED
         self.audit[cell[odd]] = DISAGREED
         return self._are_leaves_uniform(leaves)

@@ -48,13 +48,13 @@ def _slot_of_each_attractor(cells: Cells) -> np.ndarray:
     return np.arange(cell.size) - np.searchsorted(cell, cell)
 
 
-def slot_fraction(cells: Cells) -> np.ndarray:
+def basin_fraction_of_slots(cells: Cells) -> np.ndarray:
     """Return the basin fraction of each slot, shape (slots, n_epsilon, n_delta)."""
     return slot_evaluator("samples", "float64")(cells) / cells.count
 
 
 def slot_fraction_upper(cells: Cells) -> np.ndarray:
-    """Return the upper end of the 95 % Wilson interval of `slot_fraction`, shape (slots, n_epsilon, n_delta)."""
+    """Return the upper 95 % Wilson limits of `basin_fraction_of_slots`, shape (slots, n_epsilon, n_delta)."""
     return arrange_in_slots(cells, rattle.wilson_interval(cells.attractors.samples, cells.count)[1], np.nan, "float64")
 
 
@@ -79,7 +79,7 @@ def shortest_observation_times(cells: Cells) -> np.ndarray:
     return least.reshape(cells.shape)
 
 
-def lyapunov_exponents(cells: Cells) -> np.ndarray:
+def slot_lyapunov_exponents(cells: Cells) -> np.ndarray:
     """Return both Lyapunov exponents of the attractor in each slot, shape (slots, 2, n_epsilon, n_delta)."""
     return np.stack([slot_evaluator(field, "float64", np.nan)(cells) for field in ("first", "second")], axis=1)
 

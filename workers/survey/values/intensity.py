@@ -61,12 +61,12 @@ def _mean_over_samples(cells: Cells, values: np.ndarray) -> np.ndarray:
 
 def _sample_intensity_evaluator(field: str) -> Evaluate:
     def evaluate(cells: Cells) -> np.ndarray:
-        return _sample_values(cells, field).reshape(cells.shape)
+        return _intensity_over_samples(cells, field).reshape(cells.shape)
 
     return evaluate
 
 
-def _sample_values(cells: Cells, field: str) -> np.ndarray:
+def _intensity_over_samples(cells: Cells, field: str) -> np.ndarray:
     found = cells.intensities
     if field == "mean_speed":
         impacts = found.impacts_plus + found.impacts_minus

@@ -151,7 +151,7 @@ QUANTITIES: tuple[Quantity, ...] = (
         "float32",
         "share of the sampled initial conditions; 0 of a stable orbit that exists and that none of them found",
         _BASINS,
-        evaluate.slot_fraction,
+        evaluate.basin_fraction_of_slots,
     ),
     Quantity(
         "attractor_fraction_upper",
@@ -268,7 +268,7 @@ QUANTITIES: tuple[Quantity, ...] = (
         "float64",
         "Lyapunov exponent per forcing period, natural logarithm",
         _SUM_RULE,
-        evaluate.lyapunov_exponents,
+        evaluate.slot_lyapunov_exponents,
     ),
     Quantity(
         "lyapunov_max",

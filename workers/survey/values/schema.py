@@ -109,7 +109,7 @@ class Quantity:
                 name=f"{self.name}_{part}",
                 dtype="float64",
                 long_name=f"{self.long_name}, {words}",
-                evaluate=partial(_complex_part, self.evaluate, part),
+                evaluate=partial(_real_or_imaginary_part, self.evaluate, part),
             )
             for part, words in PARTS.items()
         )
@@ -128,5 +128,5 @@ def is_phase(name: str) -> bool:
     return name.endswith("_phase")
 
 
-def _complex_part(evaluate: Evaluate, part: str, cells: Any) -> np.ndarray:
+def _real_or_imaginary_part(evaluate: Evaluate, part: str, cells: Any) -> np.ndarray:
     return np.asarray(getattr(np.asarray(evaluate(cells)), part))

@@ -66,7 +66,7 @@ def prove_on_whole_block(claim: str, beta: Fraction, delta: Ends, epsilon: Ends)
     squares = IV.mpf((e**2).a), IV.mpf((e**2).b)
     for letter, state in CLAIMS[claim].items():
         if letter in "AC":
-            found = proved_stability_of_one_impact(letter, state, d, interval_between(beta, beta), squares)
+            found = proved_state_of_a_or_c(letter, state, d, interval_between(beta, beta), squares)
         else:
             found = proved_stability_of_two_impacts(1 if letter == "D" else -1, state, column(delta, beta), squares)
         require(found == state, f"the state of {letter} is proved to be {found!r}, but {state!r} is claimed")
@@ -97,7 +97,7 @@ def prove_captures(beta: Fraction, delta: Ends, epsilon: Ends, speed: Interval, 
             prove_captures(beta, *both, speed, depth + 1)
 
 
-def proved_stability_of_one_impact(
+def proved_state_of_a_or_c(
     letter: str, state: str, d: Interval, beta: Interval, squares: tuple[Interval, Interval]
 ) -> str:
     """Return the existence and stability of A or C that are proved for all points of a block.
@@ -140,7 +140,7 @@ def proved_stability_of_two_impacts(
         If the existence, or a stability that is to be proved, is not proved to be the same on the whole block; or if
         there are several motions.
     """
-    runs = cells.parts_of_motions(slope, *squares)
+    runs = cells.enclose_motions_in_runs(slope, *squares)
     require(len(runs) < 2, f"there are {len(runs)} motions {'D' if slope > 0 else 'B'}, where at most one is claimed")
     if not runs:
         return NONE

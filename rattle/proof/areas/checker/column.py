@@ -29,7 +29,7 @@ class TwoImpactColumn:
             self.cells[low, high] = TwoImpactCell(interval_between(low, high), self.d, self.beta)
         return self.cells[low, high]
 
-    def parts_of_motions(self, slope: int, low: Interval, high: Interval) -> list[list[Part]]:
+    def enclose_motions_in_runs(self, slope: int, low: Interval, high: Interval) -> list[list[Part]]:
         """Enclose the times s from Σ⁺ to Σ⁻ of all motions B (slope −1) or D (slope 1) that have low ≤ ε² ≤ high.
 
         ε² falls as s grows along the solutions B, and rises along D.
@@ -47,7 +47,7 @@ class TwoImpactColumn:
         decided, parts = [], [(Fraction(0), Fraction(1))]
         while parts:
             first, last = parts.pop()
-            answer = self.cell(first, last).all_solutions_are(slope, low, high)
+            answer = self.cell(first, last).are_all_solutions_of_type(slope, low, high)
             if answer is None:
                 wide = last - first > self.narrowest
                 require(

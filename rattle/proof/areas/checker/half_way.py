@@ -11,7 +11,7 @@ class EquationTerms:
 
     def __init__(self, s: Jet, d: Jet) -> None:
         self.s, self.d = s, d
-        self.a, self.b, self.end = (d * s).exp_minus(), (d * (1 - s)).exp_minus(), d.exp_minus()
+        self.a, self.b, self.end = (d * s).exp_of_negative(), (d * (1 - s)).exp_of_negative(), d.exp_of_negative()
         self.sine, self.cosine = s.sine_and_cosine(1)
 
 

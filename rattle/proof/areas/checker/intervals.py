@@ -106,9 +106,9 @@ class Jet:
         """Return f(self) with its derivatives, by the chain rule; x and slope are the values of f and f' at self."""
         return Jet(x, multiply_enclosures(slope, self.s), multiply_enclosures(slope, self.d))
 
-    def exp_minus(self) -> "Jet":
+    def exp_of_negative(self) -> "Jet":
         """Return e^(−x), x being this number, with its derivatives."""
-        x = exp_minus(self.x)
+        x = exp_of_negative(self.x)
         return self.apply_chain_rule(x, -x)
 
     def sine_and_cosine(self, factor: int) -> "tuple[Jet, Jet]":
@@ -127,7 +127,7 @@ def sine_and_cosine_of(angle: Interval) -> tuple[Interval, Interval]:
     return IV.sin(angle) + SLACK, IV.cos(angle) + SLACK
 
 
-def exp_minus(x: Interval) -> Interval:
+def exp_of_negative(x: Interval) -> Interval:
     """Return an enclosure of e^(−x)."""
     return IV.exp(-x) * (1 + SLACK)
 

@@ -13,7 +13,7 @@ SEARCH_POINTS = 32
 
 def y_of_damping(d: Jet) -> Jet:
     """Return Y = ε sin 2πτ = 2 − δ coth(δ/2), (15.1) of docs/proofs.md, for the damping d."""
-    end = d.exp_minus()
+    end = d.exp_of_negative()
     return 2 - d * (1 + end) / (1 - end)
 
 
@@ -22,7 +22,7 @@ def height_at(t: Jet, d: Jet, x: Interval) -> Jet:
     sine, cosine = t.sine_and_cosine(2)
     y = y_of_damping(d)
     rest = ((2 - y + d) * (2 * PI)) / d
-    return t * (4 * PI) - rest * (1 - (d * t).exp_minus()) - (1 - cosine) * x - y * sine
+    return t * (4 * PI) - rest * (1 - (d * t).exp_of_negative()) - (1 - cosine) * x - y * sine
 
 
 class OneImpactBlock:
@@ -100,7 +100,7 @@ class OneImpactBlock:
 
         def x_at_flip_of_c(d: Jet) -> Jet:
             """Return the X = ε cos 2πτ at which C flips, (15.4) of docs/proofs.md; C attracts if 0 < X < this value."""
-            end = d.exp_minus()
+            end = d.exp_of_negative()
             return d * d * (1 + end) / (1 - end) * (1 / (2 * PI))
 
         flip = box.enclose_by_mean_value(x_at_flip_of_c(box.centre[1]).x, x_at_flip_of_c(box.jets[1]))

@@ -5,7 +5,7 @@ The equations and the lemma are in docs/proofs.md.
 
 from fractions import Fraction
 
-from .intervals import IV, PI, ZERO, Interval, exp_minus, interval_between, is_less, require, sine_and_cosine_of
+from .intervals import IV, PI, ZERO, Interval, exp_of_negative, interval_between, is_less, require, sine_and_cosine_of
 
 #: Number of parts of a forcing period; the bounds are computed over each part.
 PARTS = 192
@@ -134,7 +134,7 @@ class BounceBounds:
         tuple[Interval, Interval, Interval, Interval]
             The first, second and third derivative of ln a, then a itself.
         """
-        w, (g, sine, cosine) = exp_minus(-z), self.force_terms(t)
+        w, (g, sine, cosine) = exp_of_negative(-z), self.force_terms(t)
         k, d = 2 * PI, self.d
         f1, b, c = k * sine / g, k**2 * cosine / g, -(k**3) * sine / g  # g'/g, g''/g and g'''/g
         f2, f3 = b - f1**2, c - 3 * f1 * b + 2 * f1**3

@@ -15,7 +15,7 @@ from .intervals import (
     Interval,
     Jet,
     ParameterBox,
-    exp_minus,
+    exp_of_negative,
     force_of_phase,
     is_less,
     midpoint,
@@ -91,7 +91,7 @@ class TwoImpactCell(ParameterBox):
             return True
         return is_less(self.bound_square_plus_speed(1), low) or is_less(self.bound_square_plus_speed(-1), -high)
 
-    def all_solutions_are(self, slope: int, low: Interval, high: Interval) -> bool | None:
+    def are_all_solutions_of_type(self, slope: int, low: Interval, high: Interval) -> bool | None:
         """Return whether all solutions with low ≤ ε² ≤ high are admissible motions B (slope −1) or D (slope 1).
 
         B are the solutions at which ε falls as s grows, D those at which ε rises; s is the time from Σ⁺ to Σ⁻.
@@ -110,7 +110,11 @@ class TwoImpactCell(ParameterBox):
         reaches = is_less(ZERO, self.u.x) or is_less(high, self.bound_square_plus_speed(1))
         if not (reaches or is_less(-low, self.bound_square_plus_speed(-1))):
             return None
-        return True if self.is_monotone(-1, ZERO, self.s) and self.is_monotone(1, self.s, ONE) else None
+        return (
+            True
+            if self.is_displacement_monotone(-1, ZERO, self.s) and self.is_displacement_monotone(1, self.s, ONE)
+            else None
+        )
 
     def bound_square_plus_speed(self, sign: int) -> Interval:
         """Return bounds of sign · ε² + λu over the cell, for some λ ≥ 0 that makes the bounds narrow.
@@ -127,7 +131,7 @@ class TwoImpactCell(ParameterBox):
         _, u, square = self.middle
         return self.enclose_by_mean_value(sign * square + factor * u, self.square * sign + self.u * factor)
 
-    def is_monotone(self, sign: int, start: Interval, end: Interval) -> bool:
+    def is_displacement_monotone(self, sign: int, start: Interval, end: Interval) -> bool:
         """Return whether Φ is proved to be monotone on a flight from time `start` to `end`, with Φ' of this sign."""
         parts = [(start.b, end.a)]
         while parts:
@@ -159,4 +163,4 @@ class TwoImpactCell(ParameterBox):
             sine, cosine = sine_and_cosine_of(2 * PI * at - PI * self.s)
             return 4 * PI - 2 * PI * (z1 * cosine + z2 * sine)
 
-        return forced_velocity(t) + (w - forced_velocity(departure)) * exp_minus(self.d * (t - departure))
+        return forced_velocity(t) + (w - forced_velocity(departure)) * exp_of_negative(self.d * (t - departure))
