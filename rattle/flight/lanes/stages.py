@@ -315,8 +315,8 @@ def advance(memory, groups, flights, force, tangent, paths):
     """Compute the next `flights` flights of every lane that has made fewer impacts on Σ⁺ than its limit.
 
     memory: the block, as `allocate_lane_block` returns it. groups: number of groups of lanes in use. force: the result
-    of `classify_contact_force_of_lanes`. tangent: whether tangent vectors are carried along. paths: two counters, of the flights that
-    need a scan and of the flights that also need the safe search.
+    of `classify_contact_force_of_lanes`. tangent: whether tangent vectors are carried along. paths: two counters, of
+    the flights that need a scan and of the flights that also need the safe search.
     """
     b = memory[0]
     lossy = has_lossy_lane(b, groups)
