@@ -629,7 +629,15 @@ class Classifier(ABC):
 
 
 def impact_limits_of_stages(stage: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Return the most impacts of a sample from its start to the end of each stage (k,); weak damping allows more."""
+    """Return the number of impacts that a sample may make from its start to the end of each stage, at strong damping.
+
+    At weak damping the callers multiply this number by `longer`. stage (k,): numbers of stages, from 0.
+
+    Returns
+    -------
+    NDArray[np.float64]
+        Numbers of impacts (k,).
+    """
     return np.where(stage == 0, float(FIRST), SECOND * float(GROWTH) ** (stage - 1))
 
 

@@ -62,7 +62,7 @@ def measured(time: ArrayLike, speed: ArrayLike | None = None, wall: ArrayLike | 
     Parameters
     ----------
     time : ArrayLike
-        Rising times in forcing periods.
+        Times of the impacts in forcing periods, strictly increasing.
     speed : ArrayLike | None
         Speeds ≥ 0 before the impacts, in the model's unit, if they are known.
     wall : ArrayLike | None

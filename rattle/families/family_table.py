@@ -73,9 +73,10 @@ class Families:
 def tabulate_families(
     delta: NDArray[np.float64], epsilon: NDArray[np.float64], count: int, sums: ComponentSums
 ) -> FamilyTable:
-    """Return the properties of families of cells `epsilon` (m,) × `delta` (n,) from the sums over all cells.
+    """Return the properties of all families on a grid of cells.
 
-    count: the number of samples of a cell.
+    delta (n,), epsilon (m,): the axes of the grid. count: the number of samples of a cell. sums: the sums over all
+    cells, from which the properties are computed.
 
     Returns
     -------

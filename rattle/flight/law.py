@@ -5,9 +5,10 @@ A flight leaves a wall (+1: Φ = β, −1: Φ = −β) with phase τ and velocit
 
     F(s) = Φ(s) − Φ(0) = w s + A k(δs)/δ − ε [cos θ (1 − cos 2πs) − sin θ (2πs − sin 2πs)].
 
-The term with ε is e(t₀) + s e'(t₀) − e(t₁). This term and all others that depend on the forcing e come from
-`rattle.flight.forcing`. The mean drift is q = 4π. Reversed time is the same law with δ → −δ, q → −q, τ → −τ and w → −w,
-so one kernel serves both directions of time.
+The last term, which is subtracted, is e(t₀) + s e'(t₀) − e(t₁) for the forcing e(t) = ε cos 2πt and a flight from t₀ to
+t₁ = t₀ + s. This term and all others that depend on the forcing come from `rattle.flight.forcing`. The mean drift is
+q = 4π. Reversed time is the same law with δ → −δ, q → −q, τ → −τ and w → −w, so one kernel serves both directions of
+time.
 """
 
 import math

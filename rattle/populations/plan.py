@@ -154,11 +154,11 @@ class PopulationPlan:
         return slice(start, start + self.rows_per_sobol_part)
 
     def part_that_keeps_number(self, i: int) -> int:
-        """Return the index of the part in which varying number i keeps its values and all others are drawn again."""
+        """Return the index of the part that keeps the varying number of index i and draws all others again."""
         return FIRST_REDRAWN + i
 
     def part_that_redraws_number(self, i: int) -> int:
-        """Return the index of the part in which only varying number i is drawn again."""
+        """Return the index of the part that draws the varying number of index i again and keeps all others."""
         return FIRST_REDRAWN + len(self.tolerances.names) + i
 
     def values(self, rows: NDArray[np.int64]) -> Array:

@@ -93,8 +93,9 @@ def cluster_context(
 ) -> AbstractContextManager[Client]:
     """Return the context of a cluster: an existing one, or processes that start on this machine.
 
-    numbers: the values of the parameters that the model adds, by name; a thread compiles this model's kernels while
-    processes start. scheduler: the address of a dask scheduler; None starts processes, and prints a message.
+    numbers: the values, by name, of the parameters that a model has besides δ, ε and β. Their names select the model
+    whose kernels a thread compiles while processes start; with a scheduler they are not used. scheduler: the address of
+    a dask scheduler; None starts processes, and prints a message.
 
     Returns
     -------

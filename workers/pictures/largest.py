@@ -69,8 +69,8 @@ def open_survey_for_map(
         raise SurveyError(f"this survey has no families: compute a survey with --quantity {Group.FAMILIES}")
     if (cells := math.prod(survey.sizes[axis] for axis in CELL)) > limit:
         raise SurveyError(
-            f"this survey has {cells:,} cells, and families can be drawn for at most {limit:,}: save a window of the "
-            "survey"
+            f"this survey has {cells:,} cells, and families can be drawn for at most {limit:,}: compute a "
+            "survey of a smaller window, or one with fewer cells"
         )
     return add_family_maps(survey, opened(slice_group_path(number, GROUP)))
 

@@ -265,7 +265,9 @@ def _open_or_create_repository(path: Path) -> icechunk.Repository:
     try:
         import icechunk
     except ImportError as error:
-        raise MissingExtraError("Icechunk needs icechunk: pip install 'gear-rattle[icechunk]'") from error
+        raise MissingExtraError(
+            "copies to an Icechunk repository need the package icechunk: pip install 'gear-rattle[icechunk]'"
+        ) from error
     icechunk.set_logs_filter("error")  # icechunk would warn of several writers, but a copy has one writer
     storage = icechunk.local_filesystem_storage(str(path))
     try:

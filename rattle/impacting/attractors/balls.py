@@ -31,7 +31,9 @@ from rattle.flight.law import LONGEST_DECAY, decay_remainder64, flight_from_sine
 from rattle.flight.tangent import flight_tangent
 from rattle.numerics.compile import inline, kernel
 
-ALL = 2 * DIRECTIONS  # number of directions, on both ellipses, that are tried at once: one on each lane of a group
+# Number of directions that are tried at once, one on each lane of a group: DIRECTIONS on the ellipse of the tried
+# radius, and DIRECTIONS on the ellipse of half that radius.
+ALL = 2 * DIRECTIONS
 FEW = 4  # the first attempt for a region tries FEW directions, a quarter turn apart, at FEW radii
 RADII = int(math.log2(LARGEST / SMALLEST)) + 1  # number of radii to try, each half the previous one
 

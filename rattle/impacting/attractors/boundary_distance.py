@@ -231,7 +231,10 @@ class _QuietCells:
         self.keep_slowest(found_tau, found)
 
     def search_below_least_speed(self) -> None:
-        """Classify sets of states below the least speed that is known to end quiet motion, until it falls no more."""
+        """Classify sets of states that are slower than the slowest state known to end quiet motion.
+
+        The search of a cell ends after the first set that leads to no slower state, or after ROUNDS sets.
+        """
         pending = np.arange(len(self.v))
         for i in range(1, ROUNDS + 1):
             if not pending.size:

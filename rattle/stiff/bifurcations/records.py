@@ -49,7 +49,7 @@ class StiffEvent(NamedTuple):
 
     @property
     def unknowns(self) -> Array:
-        """The unknowns (2c + 3,) of the motion at the event: times, durations/p, δ, ε and p = 1/√(2κ)."""
+        """The unknowns (2c + 3,) of the event's motion, which has c contacts: times, durations/p, δ, ε, p = 1/√(2κ)."""
         return unknowns_of_stiff_orbit(self.orbit)
 
     @property

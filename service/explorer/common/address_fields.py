@@ -69,7 +69,7 @@ def require_allowed_text(allowed: Collection[str], text: str) -> str:
 
 
 def parse_pair(text: str) -> Pair:
-    """Return two finite numbers with a comma between them. Raises ValueError for any other text."""
+    """Return the two finite numbers of a text such as "0.6,0.089". Raises ValueError for any other text."""
     first, second = (float(part) for part in text.split(","))
     if not (math.isfinite(first) and math.isfinite(second)):
         raise ValueError(f"Two finite numbers with a comma between them are needed, not {text!r}.")

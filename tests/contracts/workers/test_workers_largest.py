@@ -138,7 +138,7 @@ def test_slices_have_families_of_their_own(tmp_path: Path) -> None:
 
 
 def test_what_cannot_be_drawn_says_why(stored: Path, tmp_path: Path) -> None:
-    with pytest.raises(SurveyError, match="120 cells, and families can be drawn for at most 100: save a window"):
+    with pytest.raises(SurveyError, match="120 cells, and families can be drawn for at most 100: compute a"):
         open_survey_for_map(partial(open_survey, stored), LARGEST, limit=100)
     without = SurveyRequest.model_validate(REQUEST.model_dump() | {"quantities": ["region", "attractors"]})
     path = tiles_only(without, tmp_path / "survey.zarr")

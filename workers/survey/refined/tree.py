@@ -65,10 +65,10 @@ class RefinementTree:
             self._divide_until_uniform(self._divide_failing_leaves(self._audit_leaves))
 
     def _divide_until_uniform(self, waiting: list[Leaves]) -> None:
-        """Compute the edges of new leaves, and divide leaves until all leaves in `filled` are uniform.
+        """Compute the edge cells of new leaves, and divide leaves until all leaves in `filled` are uniform.
 
-        waiting: the new leaves, whose edges are not computed yet. A new orbit is continued to all cells of its block.
-        Therefore a leaf that was found uniform may later have cells that differ; such a leaf is divided too.
+        waiting: the new leaves, whose edge cells may not be computed yet. A new orbit is continued to all cells of its
+        block. Therefore a leaf that was found uniform may later have cells that differ; such a leaf is divided too.
         """
         while True:
             self._compute_and_divide_leaves(waiting)
@@ -87,10 +87,10 @@ class RefinementTree:
         return others
 
     def _compute_and_divide_leaves(self, waiting: list[Leaves]) -> None:
-        """Compute the edges of new leaves, from the largest leaves to the smallest.
+        """Compute the edge cells of new leaves, from the largest leaves to the smallest.
 
         Leaves that are uniform and pass the audit are added to `filled`; the other leaves are divided. waiting: the new
-        leaves, whose edges are not computed yet.
+        leaves, whose edge cells may not be computed yet.
         """
         size = BLOCK
         while size:
