@@ -42,7 +42,7 @@ def test_a_survey_of_a_machine_is_submitted_and_has_its_speeds_beside_it(page: P
     wait_for_map(page, "above[0].visible")
     ticks = "() => { const view = Bokeh.index.find_one(Bokeh.documents.map((each) => each.get_model_by_name('rpm'))" \
         ".find((each) => each)); const [at] = view?.tick_coords.major ?? [[]]; " \
-        "return at.length > 1 && at.every((each, k) => !k || each < at[k - 1]) }"  # fmt: skip
+        "return at.length > 1 && at.every((each, k) => !k || each > at[k - 1]) }"  # fmt: skip
     wait_for(page, ticks)
     httpx.delete(service + listed["links"]["self"], timeout=HANG)
 

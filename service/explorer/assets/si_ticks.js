@@ -17,4 +17,4 @@ if (inverse && high > 4 * low) {
 }
 const inside = rounded.filter((each) => each >= low && each <= high)
 return inside.map((each) => inverse ? scale / each : each / scale)
-  .sort((one, other) => cb_data.range.start > cb_data.range.end ? other - one : one - other)  // from left to right, so that labels are kept apart
+  .sort((one, other) => one - other)  // rising, also on a reversed range: Bokeh keeps labels apart in this order only
