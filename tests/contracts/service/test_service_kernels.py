@@ -204,8 +204,9 @@ usual = SurveyRequest(**axes, initial_conditions={"count": 4}, **fields)
 template_of(usual)
 compute_tile(usual, tiles_of(usual)[0])
 delta, epsilon = np.linspace(0.35, 0.4, 3), np.linspace(0.2, 0.3, 3)
-join_attractors(delta, epsilon, 16, model.attractors_of(delta, epsilon[:, None], SampleSpec(16)), model.cells(delta,
-epsilon)) print("needed:", needed)
+found = model.attractors_of(delta, epsilon[:, None], SampleSpec(16))
+join_attractors(delta, epsilon, 16, found, model.cells(delta, epsilon))
+print("needed:", needed)
 """
 
 
