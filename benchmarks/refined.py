@@ -134,7 +134,7 @@ def main() -> None:
             raise SystemExit(f"{known.store} has no filled cells")
         parts = list(drawn(survey, known.cells, known.seed))
         # The tiles are shuffled, so that after a time limit the computed cells are from the whole plane.
-        np.random.default_rng(known.seed).shuffle(parts)  # type: ignore[arg-type]
+        np.random.default_rng(known.seed).shuffle(parts)  # type: ignore[arg-type]  # numpy's types know arrays only
         for found in pool.imap_unordered(compared, parts):
             found["any of these"] = np.logical_or.reduce(list(found.values()))
             n += found["any of these"].size

@@ -243,7 +243,7 @@ class SampledGear:
 
     @property
     def _parameter_values(self) -> dict[str, Any]:
-        return asdict(self)  # type: ignore[call-overload]
+        return asdict(self)  # type: ignore[call-overload]  # each gear is a dataclass
 
     def _highest_speed(self, v_max: SpeedLimit) -> float:
         return float(SampleSpec(v_max=v_max).highest_speeds(self.parameters)[0])

@@ -59,7 +59,7 @@ def determinant_of_impact(determinant):
 
 
 @inline
-def log_determinant(delta, time, impacts):  # noqa: ARG001
+def log_determinant(delta, time, impacts):  # noqa: ARG001 - all impact laws have one signature
     """Return ln|det| of the tangent map in (t, w²/2) of a motion with this duration and number of impacts."""
     return -delta * time
 
@@ -78,11 +78,11 @@ class ImpactLaw:
     #: end but become lower and lower; their limit is quiet motion.
     chatter_completes: bool = False
 
-    def determinant(self, delta: Any, time: Any, impacts: Any) -> Any:  # noqa: ARG002
+    def determinant(self, delta: Any, time: Any, impacts: Any) -> Any:  # noqa: ARG002 - as the other law
         """Return the determinant e^(−δ time) of the tangent map of a motion, the product of its multipliers."""
         return np.exp(-delta * time)
 
-    def lyapunov_exponent_sum(self, delta: Any, impacts_per_period: Any) -> Any:  # noqa: ARG002
+    def lyapunov_exponent_sum(self, delta: Any, impacts_per_period: Any) -> Any:  # noqa: ARG002 - as the other law
         """Return the sum λ₁ + λ₂ of the Lyapunov exponents, per forcing period; −δ for elastic impacts."""
         return -delta
 

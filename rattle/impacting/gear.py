@@ -114,9 +114,9 @@ class Gear(SampledGear, RattlingGear):
         epsilon: float,
         beta: float = 0.6,
         *,
-        restitution: float = 1.0,  # noqa: ARG002
-        load: float = 0.0,  # noqa: ARG002
-        harmonics: Sequence[Sequence[float]] = (),  # noqa: ARG002
+        restitution: float = 1.0,  # noqa: ARG002 - for `__new__`
+        load: float = 0.0,  # noqa: ARG002 - for `__new__`
+        harmonics: Sequence[Sequence[float]] = (),  # noqa: ARG002 - for `__new__`
     ) -> None:
         """Set the parameters. `__new__` has already handled restitution, load and harmonics."""
         for name, value in (("delta", delta), ("epsilon", epsilon), ("beta", beta)):

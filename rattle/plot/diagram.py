@@ -42,8 +42,8 @@ NAMED_LEFT_OUT = 4
 #: MARGIN: margin of the v axis above and below a branch, as a share of the branch's range of v. The margin is at least
 #: LEAST_MARGIN, in units of v.
 MARGIN, LEAST_MARGIN = 0.1, 0.01
-#: SIZE: font size of labels in points (1/72 inch). ANCHORS: the name of a curve is tried at this number of its visible
-#: points or more, if so many are visible.
+#: SIZE: font size of labels in points (1/72 inch). ANCHORS: least number of a curve's visible points at which its name
+#: is tried; if fewer are visible, the name is tried at all of them.
 SIZE, ANCHORS = 10, 40
 #: Number of steps of each sweep for the impacting gear and for the stiff gear.
 STEPS, STIFF_STEPS = 500, 250

@@ -84,7 +84,7 @@ class MapFigure:
         self._why_mapper = glyphs.transparent_colour_mapper()
         self._why = glyphs.create_image_renderer(self._reasons, self._why_mapper)
         self._scales = glyphs.colour_scales(self._values, self._fine, **_colour_bar_style(theme))
-        self._log, self._fits = False, True
+        self._log = False
         self._lines: dict[str, tuple[ColumnDataSource, list[Any]]] = {}
         for line in (*STYLES, *OWN_STYLES):
             source = glyphs.create_empty_source(glyphs.LINE)
@@ -120,7 +120,6 @@ class MapFigure:
             plot.on_change(side, handler_in_event_loop(lambda _attribute, _old, _new: self._position_names()))
         self._block_corners: list[tuple[str, float, float]] = []
         self._box_around_centre: Ranges | None = None
-        self._visible_delta: Pair | None = None
         self._frame: tuple[np.ndarray, Ranges] | None = None
         self._listen_to_browser(name)
 
@@ -207,25 +206,23 @@ class MapFigure:
         if self._leader is self and window != self._window:
             self._window = window
             self._axes.show_window(*window)
-        self._visible_delta = window[0]
-        self._hide_enlarged_cells()
+        self._update_visibility_of_cells()
         self._position_names()
 
-    def _hide_enlarged_cells(self) -> None:
-        box, visible = self._box_around_centre, self._visible_delta
-        self._fits = box is None or visible is None or box[0][1] - box[0][0] < LARGEST_ZOOM * (visible[1] - visible[0])
-        self._update_visibility_of_cells()
-
     def _update_visibility_of_cells(self) -> None:
-        self._why.visible = self._fits
+        is_drawn = not self.has_too_large_cells
+        self._why.visible = is_drawn
         for log, scale in self._scales.items():
-            scale.cells.visible = self._fits and log == self._log
+            scale.cells.visible = is_drawn and log == self._log
             scale.fine.visible = log == self._log
 
     @property
     def has_too_large_cells(self) -> bool:
         """True if the window is so narrow that the survey's cells are too large on the screen to be drawn."""
-        return not self._fits
+        if self._box_around_centre is None:
+            return False
+        (left, right), ((low, high), _) = self._box_around_centre[0], self._leader._window
+        return right - left >= LARGEST_ZOOM * (high - low)
 
     @property
     def pixels(self) -> tuple[int, int]:
@@ -238,7 +235,6 @@ class MapFigure:
     def draw_cells(self, block: MapBlock, colours: Colouring) -> None:
         """Draw the cells of a survey in these colours, and the names of regions or families."""
         self._box_around_centre, where = block.box, image_position_and_size(block.box)
-        self._hide_enlarged_cells()  # the address of a page may have a narrow window before there are cells
         self._apply_colours(colours)
         shown = np.where(colours.reasons == 0, block.values, np.float32(np.nan))
         places = list(colours.names.values())
