@@ -4,13 +4,22 @@ from __future__ import annotations
 
 from rattle.continuation import plane_scale
 from rattle.models import AnyGear
+from rattle.stiff import StiffGear
 
 Pair = tuple[float, float]
 
 #: Default extent of a diagram on either side of the point, by direction, as a multiple of `plane_scale`.
 SPANS = {"epsilon": 0.02, "delta": 0.05}
 LEAST_SPAN, MOST_SPAN = 1e-7, 0.5  # least and largest extent of a diagram, in δ or ε, on either side of the point
-STEPS, COUNT = 160, 32  # intervals of the parameter in a diagram, and initial conditions at each value
+#: Default number of intervals of the parameter in a diagram. A step of the stiff gear in chaos takes about a second.
+STEPS, STEPS_OF_STIFF_GEAR = 160, 24
+#: Default number of initial conditions at each value. With fewer than 64 the test for chaos has to follow more states.
+COUNT = 64
+
+
+def default_steps(gear: AnyGear) -> int:
+    """Return the default number of intervals of the parameter in a diagram of this gear."""
+    return STEPS_OF_STIFF_GEAR if isinstance(gear, StiffGear) else STEPS
 
 
 def diagram_span(gear: AnyGear, direction: str, extent: float | None = None) -> Pair:

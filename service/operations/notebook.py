@@ -7,7 +7,7 @@ from dataclasses import fields
 from typing import Any
 
 import rattle
-from gear_rattle.service.operations.diagrams import COUNT, STEPS, Pair
+from gear_rattle.service.operations.diagrams import COUNT, Pair, default_steps
 from rattle import Machine
 from rattle.models import AnyGear, Capability, model_of_gear
 
@@ -65,7 +65,8 @@ def _notebook_cells(gear: AnyGear, machine: Machine | None, ends: tuple[Pair, Pa
     )
     yield "title", "markdown", made
     yield "point", "code", _python_code_of_point(gear, machine)
-    yield "fineness", "code", FINENESS.format(starts=POINT_SAMPLES, side=BASIN_CELLS, steps=STEPS, count=COUNT)
+    fineness = {"starts": POINT_SAMPLES, "side": BASIN_CELLS, "steps": default_steps(gear), "count": COUNT}
+    yield "fineness", "code", FINENESS.format(**fineness)
     region = "" if gear.parameters.harmonics else "print('region', rattle.REGIONS[gear.region()])\n"
     yield "orbits", "code", f"{region}gear.orbits()"
     yield "attractors", "code", "attractors = gear.attractors(starts)\nattractors"

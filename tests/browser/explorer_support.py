@@ -11,7 +11,7 @@ from depth import either
 from playwright.sync_api import Browser, BrowserContext, Page, TimeoutError
 from waiting import HANG, wait_until
 
-EXPLORER = {"RATTLE_EXPLORER": "true"}
+EXPLORER = {"RATTLE_EXPLORER": "true", "RATTLE_MAX_POINT_SECONDS": str(HANG)}
 CELLS = either(150, 600)  # a side of the basins of a point
 BESIDE = either(100, 300)  # of another one on the way of its diagram
 WINDOW = 80  # cells a side of a window that is computed finer

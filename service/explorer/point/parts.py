@@ -283,7 +283,9 @@ def diagram(
     require_capability(Capability.DIAGRAMS, model_of_gear(gear))
     span = (0.0, 1.0) if to is not None else diagrams.diagram_span(gear, direction, half_span)
     ends = diagrams.diagram_ends(gear, direction, half_span, to)
-    found: Diagram[Any, Any] = model_of_gear(gear).diagram(*ends, steps or diagrams.STEPS, count or diagrams.COUNT)
+    found: Diagram[Any, Any] = model_of_gear(gear).diagram(
+        *ends, steps or diagrams.default_steps(gear), count or diagrams.COUNT
+    )
     scale, offset = (1.0, 0.0) if to is not None else parameter_axis(found)[1:]
     pieces = []
     for branch in found.branches:
