@@ -10,8 +10,8 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-# A given text longer than this is not compared with the known names: they are all shorter, and the time of a comparison
-# grows as the square of the length.
+# A given text longer than this is not compared with the known names: all names are shorter, and the time of a
+# comparison grows as the square of the length.
 LONGEST_NAME = 80
 # a known name that contains the given text, not at its beginning, is suggested only if the text is at least this long
 LEAST_PART_LENGTH = 3
@@ -92,7 +92,7 @@ def require_one_of(what: str, name: object, known: Iterable[str]) -> None:
 
 
 def require_real_array(name: str, value: ArrayLike) -> NDArray[np.float64]:
-    """Return value as a float64 array; raise ParameterError unless it holds real numbers (no text, bool or mask)."""
+    """Return value as a float64 array; raise ParameterError unless it holds real numbers (not text, bool or masked)."""
     if isinstance(value, np.ma.MaskedArray) and np.ma.is_masked(value):
         raise ParameterError(f"{name} has masked elements: leave them out, or fill them")
     try:
@@ -151,8 +151,8 @@ def broadcast_parameters(
 ) -> list[NDArray[np.float64]]:
     """Broadcast parameters to one shape, and check that they are finite and inside their domains.
 
-    A parameter must be > 0, or ≥ 0 if `MAY_BE_ZERO` has its name. If `AT_MOST` has its name, the parameter must be at
-    most the number there.
+    A parameter must be > 0, or ≥ 0 if `MAY_BE_ZERO` has its name. `AT_MOST` has the largest allowed values of some
+    parameters.
 
     Returns
     -------

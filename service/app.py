@@ -56,8 +56,8 @@ SOURCES = Path(__file__).with_name("documents")  # a link to docs/; a wheel cont
 WORKERS_NICE = 5
 
 Cluster = Callable[[], AbstractContextManager["Client"]]
-#: A function that opens the cluster. Its argument is a function that returns whether the start-up was cancelled. The
-#: function may call it again and again while the cluster starts.
+#: A function that opens the cluster. Its argument is a function that returns whether the start-up was cancelled, and
+#: that is called repeatedly while the cluster starts.
 StartCluster = Callable[[Callable[[], bool]], AbstractContextManager["Client"]]
 Lifespan = Callable[[FastAPI], AbstractAsyncContextManager[None]]
 

@@ -37,7 +37,7 @@ class UnknownKeyError(ServiceError):
 
 
 class UnauthorizedError(ServiceError):
-    """The service requires a key, and the request has none, an unknown or revoked one, or a session that has ended."""
+    """The service requires a key, but the request has no key, an unknown or revoked key, or an ended session."""
 
     code = "unauthorized"
 

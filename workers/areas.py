@@ -1,4 +1,4 @@
-"""Prove the blocks (rectangles) of a plane in several processes, and write them to a file, one block in each line."""
+"""Prove claims about blocks (rectangles) of a plane in several processes, and write the proved blocks to a file."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ def certify_areas(
     on_done: Callable[[int], None] = lambda _: None,
     should_stop: Callable[[], bool] = lambda: False,
 ) -> list[ProvedBlock]:
-    """Divide a plane into `number` columns of δ, prove the blocks of each, and write them to the file `out`.
+    """Prove claims about blocks of the plane `delta` × `epsilon`, and write the proved blocks to the file `out`.
 
-    Each line of the file is one block. After each column, `on_done` is called with the number of finished columns, and
-    then `should_stop`.
+    The plane is divided into `number` columns of δ. Each line of the file is one block. After each column, `on_done` is
+    called with the number of finished columns, and then `should_stop`.
 
     Returns
     -------
@@ -60,7 +60,7 @@ def certify_areas(
 
 
 def _prove_columns(ranges: list[Ends], epsilon: Ends, beta: Fraction, processes: int) -> Iterator[list[ProvedBlock]]:
-    """Prove the blocks of each column, and yield a list for each column. ranges: the range of δ of each column."""
+    """Yield for each column the list of its proved blocks. ranges: the range of δ of each column."""
     if processes == 1:
         yield from (prove_column(beta, delta, epsilon) for delta in ranges)
         return

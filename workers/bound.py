@@ -32,7 +32,7 @@ COUNTED_VARIABLES = (SOURCE_LEVEL, AUDIT, LEAF)  # variables of a tile from whic
 
 
 def lacks_wrong_cell_bound(request: SurveyRequest, where: str | Path | Place) -> bool:
-    """Return whether a survey must meet a bound on its share of wrong cells, and its store does not record this yet.
+    """Return whether a survey must meet a bound on its share of wrong cells, and its store records no met bound yet.
 
     All tiles of the survey must be computed.
 

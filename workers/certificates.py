@@ -53,7 +53,7 @@ ProofResults = list[tuple[AttractorPlace, dict[str, Any] | str]]
 
 
 class AttractorClaim(NamedTuple):
-    """A periodic attractor to prove.
+    """A periodic attractor whose existence and attraction are to be proved.
 
     place: the attractor's slot, and the row and the column of its cell. tau, v: a state on the attractor. label:
     (m, n₊, n₋).
@@ -69,12 +69,12 @@ class AttractorClaim(NamedTuple):
 
 
 def claims_of(survey: xr.Dataset) -> list[AttractorClaim]:
-    """Return the periodic attractors of a survey, cell by cell.
+    """Return the claims that the periodic attractors of a survey exist and attract, cell by cell.
 
     Returns
     -------
     list[AttractorClaim]
-        One entry for each slot with a periodic attractor.
+        One claim for each slot with a periodic attractor.
 
     Raises
     ------
@@ -101,7 +101,7 @@ def claims_of(survey: xr.Dataset) -> list[AttractorClaim]:
 
 
 def certify_claims(claims: Iterable[AttractorClaim]) -> ProofResults:
-    """Try to prove attractors. Return, for each, its slot and cell with its certificate or the cause of failure."""
+    """Try to prove claims. Return the slot and cell of each claim, with the certificate or the reason for failure."""
     found: ProofResults = []
     for claim in claims:
         try:

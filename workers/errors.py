@@ -32,7 +32,7 @@ class ClusterLostError(SurveyError):
 
 
 class StorageError(SurveyError):
-    """A store cannot be used now: its disk is full, read-only or missing, its bucket does not answer, or it is gone.
+    """A store cannot be used now: its disk is full, read-only or missing, its bucket does not answer, or it lost files.
 
     The files of the store that still exist are undamaged, so the run can be resumed when the cause has passed.
     """
@@ -57,7 +57,7 @@ def missing_map_message(variable: str, maps: Iterable[str]) -> str:
 
 @contextmanager
 def report_damage(what: str) -> Iterator[None]:
-    """Turn errors of file systems, object stores and codecs in this context into DamageError. what: the data read."""
+    """Turn errors of reading in this context into DamageError. what: the words for the data in the message."""
     try:
         yield
     except (RattleError, MemoryError):

@@ -70,8 +70,8 @@ def evaluate_cells_one_by_one(
 ) -> Iterator[CellOutcome]:
     """Evaluate each cell of a tile alone, so that a failing cell does not affect the others.
 
-    first: the number of the first cell to evaluate. If the model raises an error in a cell, only this cell fails. An
-    error of the computer, such as MemoryError, is raised. If its type is in `failing`, only the cell fails instead.
+    first: the number of the first cell to evaluate. An error of the model fails only the cell in which it occurs. An
+    error of the computer, such as MemoryError, is raised, unless its type is in `failing`; then only the cell fails.
 
     Returns
     -------

@@ -69,7 +69,7 @@ def build_pyramid_levels(
 
 
 def build_level_block(request: SurveyRequest, path: str, block: LevelBlock) -> dict[str, str]:
-    """Write one block of all levels, and return {key: digest} of the written chunks. The call may be repeated."""
+    """Write the chunks of a block in all levels, and return {key: digest} of these chunks. The call may be repeated."""
     place = place_of(path)
     found: dict[str, str] = {}
     status = _read_array(place, block, "status")

@@ -1,4 +1,4 @@
-"""Decide which attractor a state of any gear goes to; compute basins of attraction and how they intermingle."""
+"""Decide which attractor a state of any gear goes to; compute basins and measure how they intermingle."""
 
 from rattle.attractors.basins import classify_plane_states
 from rattle.attractors.classify import BUDGET, PERIODS, WATCH

@@ -145,7 +145,7 @@ def is_contracting_at(tau, v, i, centres, point):
 
 @kernel
 def find_radii_one_by_one(centres, cells):
-    """Write the sizes of capture regions to `centres.radius`; for gears whose flights are computed one by one."""
+    """Reduce `centres.radius` to the largest radii at which the conditions hold, computing flights one by one."""
     for i in range(centres.radius.size):
         point = point_of_cell(centres.cell[i], cells)
         direction = 0
@@ -158,7 +158,7 @@ def find_radii_one_by_one(centres, cells):
 
 @inline
 def next_capture_radius(radius):
-    """Return half the radius, or 0 below the smallest radius to try."""
+    """Return the next radius to try: half the radius, or 0 if the half is not above SMALLEST."""
     return 0.5 * radius if 0.5 * radius > SMALLEST else 0.0
 
 
@@ -214,8 +214,8 @@ def centres_of_new_regions(grown: NDArray[np.int64], orbits: KnownOrbits, cells:
     Returns
     -------
     CaptureCentres
-        The centres. Their radius is the largest radius to try; it is 0 where Π^k, with the k impacts on Σ⁺ of the
-        orbit, does not contract.
+        The centres. The radius of a centre is the largest radius to try; it is 0 where Π^k, with the k impacts on
+        Σ⁺ of the orbit, does not contract.
     """
     number = np.arange(orbits.n_plus.shape[1])
     new = (number >= grown[:, None]) & (number < orbits.n[:, None])

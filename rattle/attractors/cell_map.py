@@ -31,7 +31,7 @@ def find_cell_numbers(tau, v, n, box, delta, epsilon, capture, cell):
     """Write the number of the cell that holds each state to `cell`.
 
     The number is row-major (v, τ) among the n × n cells of the box, n² if the state is certain to become quiet, −1
-    outside the box. capture: the largest v³/g (speed v, contact force g) at which this is certain.
+    outside the box. capture: the largest v³/g (speed v, contact force g) at which becoming quiet is certain.
     """
     for i in range(tau.size):
         sine, cosine = sine_cosine_at(tau[i])

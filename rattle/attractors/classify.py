@@ -167,7 +167,7 @@ class Classifier(ABC):
     ) -> Self:
         """Follow each sample of n cells until it reaches an attractor or its budget ends.
 
-        parameters: those of the cells (n,). tau, v: the initial conditions (n, count).
+        parameters: the parameters of the cells (n,). tau, v: the initial conditions (n, count).
 
         Returns
         -------
@@ -190,7 +190,7 @@ class Classifier(ABC):
 
     @abstractmethod
     def find_capture_radii(self, centres: CaptureCentres) -> None:
-        """Find the sizes of the capture regions around these centres, and write them to `centres.radius`."""
+        """Reduce `centres.radius` to the largest tried radius at which the conditions hold around each centre."""
 
     @abstractmethod
     def advance(self, which: NDArray[np.int64], samples: Trajectories, early: bool) -> None:
@@ -378,7 +378,7 @@ class Classifier(ABC):
         Returns
         -------
         NDArray[np.bool_]
-            True for cells whose probes must not be measured yet.
+            True for cells whose probes wait until no further samples are expected to reach an attractor.
         """
         return np.ones(cells.size, np.bool_)
 
@@ -484,8 +484,8 @@ class Classifier(ABC):
         """Return flags of samples that may be chattering towards quiet motion.
 
         A sample is flagged if its cell has a quiet motion and the sample used up its impacts in less than CHATTERING
-        times the required observation time. time, periods: the time that these impacts took, and the required
-        observation time, both in forcing periods.
+        times the required observation time. time: the time that the impacts of the sample took. periods: the required
+        observation time. Both are in forcing periods.
 
         Returns
         -------
@@ -599,7 +599,7 @@ class Classifier(ABC):
         return declared
 
     def cells_with_several_attractors(self, sets: SampleSets, prints: NDArray[np.uint64]) -> NDArray[np.bool_]:
-        """Return the cells whose samples' visited-cell bitmaps show several attractors.
+        """Return flags of the cells whose samples' visited-cell bitmaps show several attractors.
 
         sets: the samples (k,) of each cell. prints (k, GRID): the bitmap of each sample.
 

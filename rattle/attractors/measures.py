@@ -22,8 +22,9 @@ LONGEST_BOX = 4096
 class BasinEntropy(NamedTuple):
     """Mean entropy per box in nats: over all boxes, and over the boxes at basin boundaries.
 
-    `boxes` and `boundary_boxes` are the numbers of these boxes. The entropy over boundaries is NaN if there are none.
-    Both entropies are NaN if some cell has no known basin, because the trajectory from its centre is undecided.
+    `boxes` and `boundary_boxes` are the numbers of these boxes. The entropy over boundaries is NaN if there are no
+    boundary boxes. Both entropies are NaN if some cell has no known basin, because the trajectory from its centre is
+    undecided.
     Source: Daza et al., Scientific Reports 6 (2016) 31416.
     """
 
@@ -62,7 +63,7 @@ def differing_cells(a: Basins, b: Basins) -> NDArray[np.bool_]:
     """Return flags (n, n) of the cells of (τ, v) that two results on the same grid give to different attractors.
 
     Attractors of both results are paired if they have the same kind and label P(m, n₊, n₋). Where several attractors
-    have the same kind and label, the pairs are those with which the fewest cells differ.
+    have the same kind and label, they are paired so that the fewest cells differ.
 
     Returns
     -------
@@ -156,7 +157,8 @@ def fit_power_law(
 ) -> tuple[float, float]:
     """Return α of uncertain/pairs ∝ size^α and its 95 % half-width, by weighted least squares of logarithms.
 
-    The weights are binomial. If the points scatter more than counting explains, the half-width grows accordingly.
+    The weights follow from the binomial variance of each count. If the points scatter more than counting explains, the
+    half-width grows accordingly.
 
     Returns
     -------

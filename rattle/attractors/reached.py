@@ -154,12 +154,12 @@ class SampledGear:
         method : {"direct", "cells", "refined"}
             "direct" follows each cell's centre as `attractors` follows its sample. "cells" is simple cell mapping (Hsu
             1987) of Π^impacts, where a state that is certain to become quiet goes to a sink, and a state above v_max is
-            followed until it returns or settles. "refined" adds to "cells" exact trajectories of every eighth cell
-            along τ and v and of cells at basin boundaries, until no label changes. "direct" misses only parts of
-            basins that hold no cell's centre; "refined" may also miss parts thinner than eight cells
+            followed until it returns or reaches an attractor. "refined" adds to "cells" exact trajectories of every
+            eighth cell along τ and v and of cells at basin boundaries, until no label changes. "direct" misses only
+            parts of basins that hold no cell's centre; "refined" may also miss parts thinner than eight cells
             (docs/decisions/0009-basins.md).
         impacts : int
-            Impacts on Σ⁺ in one step of the cell map; weak damping needs more and takes proportionally more.
+            Impacts on Σ⁺ in one step of the cell map. At damping below 0.3 a step has 0.3/δ times as many impacts.
         tau, v : tuple of float, optional
             Ranges (low, high) of the box; by default [0, 1) × (0, v_max).
 
@@ -182,8 +182,8 @@ class SampledGear:
         Parameters
         ----------
         tau, v : array_like
-            Phases and speeds of the states, which broadcast. `rattle.sampled_states` makes states of a box or a
-            density.
+            Phases and speeds of the states, which broadcast. `rattle.sampled_states` draws states from a box or
+            a density.
 
         Returns
         -------

@@ -53,8 +53,8 @@ def is_approaching_orbit(tau, v, star_tau, star_v, k, most, point):
     Returns
     -------
     bool
-        True once the distance from the orbit has fallen below APPROACH_RATIO times the first distance, or below
-        ARRIVAL_DISTANCE. False also if this does not happen within the allowed impacts.
+        True as soon as the distance from the orbit is below APPROACH_RATIO times the first distance, or below
+        ARRIVAL_DISTANCE. False if the allowed impacts do not suffice, or if the distance exceeds 4 times the first one.
     """
     unit = speed_unit_at(point)
     start = math.hypot(wrap_phase_difference(tau - star_tau), (v - star_v) / unit)
@@ -218,7 +218,7 @@ def find_orbits_of_recurrent_samples(which, cells, samples, orbits, balls, grown
     Returns
     -------
     int
-        Number of these samples.
+        Number of samples that were written to `waiting`.
     """
     n = 0
     for k in which:

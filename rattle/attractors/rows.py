@@ -1,4 +1,4 @@
-"""The rows of a table of attractors: the sums over the samples of a cell that reach the same attractor (compiled)."""
+"""The rows of a table of attractors: sums over the samples of a cell that reach the same attractor (compiled)."""
 
 from typing import Any, NamedTuple
 
@@ -26,9 +26,9 @@ class AttractorRows(NamedTuple):
     number
         Number of samples that reached the attractor.
     impacts
-        Sum of the impacts of these samples.
+        Sum of the impacts of the samples that reached the attractor.
     watched
-        Shortest time for which any of these samples was followed, in forcing periods; inf if there are none.
+        Shortest time, in forcing periods, for which a sample that reached the attractor was followed; inf without one.
     """
 
     cell: Any
@@ -42,7 +42,7 @@ class AttractorRows(NamedTuple):
 
 @inline
 def attractor_index_in_cell(kind, which, orbits):
-    """Return an attractor's index in its cell: quiet, then `orbits` orbits, then chaos. which: number in its kind."""
+    """Return an attractor's index in its cell: 0 if quiet, 1 + which if periodic, 1 + orbits + which if chaotic."""
     if kind == Outcome.QUIET:
         return 0
     return 1 + which if kind == Outcome.PERIODIC else 1 + orbits + which
@@ -105,9 +105,10 @@ def attractor_rows(
 ) -> AttractorRows:
     """Return the rows of all attractors that samples reach.
 
-    The samples (n,) are ordered by cell, and every cell has the same number of them.
+    The samples (n,) are ordered by cell, and every cell has the same number of samples.
 
-    kind, which (n,): the kind of each sample's attractor; the attractor's number among those of its kind and cell.
+    kind (n,): the kind of each sample's attractor.
+    which (n,): the attractor's number among the attractors of its kind in its cell.
     impacts, time (n,): the impacts and forcing periods for which each sample was followed.
     known (n_cells,): cell i has rows also for its orbits 0 to known[i] − 1, even if no sample reached them.
     row (n,): receives the row of each sample.

@@ -83,7 +83,7 @@ class SampleSets(NamedTuple):
 
     @property
     def first_sample_index(self) -> NDArray[np.int64]:
-        """Index (n,) of the first sample of each cell."""
+        """Index (n,) in `which` of the first sample of each cell."""
         return np.asarray(np.cumsum(self.size) - self.size)
 
     def split_by_cell(self) -> list[NDArray[np.int64]]:
@@ -107,11 +107,11 @@ class SampleSets(NamedTuple):
         return np.asarray(np.bincount(cell[~holds], minlength=self.size.size) == 0)
 
     def largest_by_cell(self, values: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Return the largest value (n,) in each cell; `values` has one for every sample. No cell may be empty."""
+        """Return the largest of `values` (indexed by sample number) in each cell, (n,). No cell may be empty."""
         return np.asarray(np.maximum.reduceat(values[self.which], self.first_sample_index))
 
     def smallest_by_cell(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the smallest value (n,) in each cell. values: a number for each sample. No cell may be empty."""
+        """Return the smallest of `values` (indexed by sample number) in each cell, (n,). No cell may be empty."""
         return (
             np.asarray(np.minimum.reduceat(values[self.which], self.first_sample_index))
             if self.size.size
@@ -123,9 +123,10 @@ class SampleSets(NamedTuple):
 class KnownOrbits(StructOfArrays):
     """Stable orbits known in each cell: arrays (n_cells, room), of which the first n entries of a row are used.
 
-    An orbit has its label (m, n₊, n₋), its fastest point (τ, v) and ln|multiplier|/m of both multipliers. `contacts` is
-    the number of contact phases in a period. A label counts a run of impacts that ends in contact as one impact;
-    `merged` is the number of impacts on Σ⁺ that the label leaves out for this reason. Both are 0 for elastic impacts.
+    An orbit has its label (m, n₊, n₋), its fastest point (τ, v), and ln|multiplier|/m of both multipliers: `first` and
+    `second`. `contacts` is the number of contact phases in a period. A label counts a run of impacts that ends in
+    contact as one impact; `merged` is the number of impacts on Σ⁺ that the label leaves out for this reason. `contacts`
+    and `merged` are 0 for elastic impacts.
     """
 
     n: Any

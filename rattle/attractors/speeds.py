@@ -35,7 +35,7 @@ class SampleSpec:
     Parameters
     ----------
     count : int
-        Initial conditions of a cell.
+        Number of initial conditions of a cell.
     v_max : float or "natural", optional
         The largest speed: see `highest_sampled_speeds`.
     seed : int

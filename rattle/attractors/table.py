@@ -61,7 +61,7 @@ class Attractor:
 
     @property
     def name(self) -> str:
-        """Short name: the label of a periodic motion, such as "P(1,1,0)", or the kind of another attractor."""
+        """Short name: the label of a periodic motion, "P(1,1,0)" or "P(1,1,0;1)" with one contact, or else the kind."""
         if self.kind != KINDS[Outcome.PERIODIC]:
             return self.kind
         phases = f";{self.contacts}" if self.contacts else ""
@@ -104,7 +104,7 @@ class AttractorTuple(tuple[Attractor, ...]):
         }
 
     def __repr__(self) -> str:
-        """Return a one-line description."""
+        """Return a plain-text table with one attractor in each row."""
         return plain_text_table(self._columns())
 
     def _repr_html_(self) -> str:
@@ -128,7 +128,7 @@ class AttractorTable(StructOfArrays):
     first, second, error : ndarray
         Both Lyapunov exponents per forcing period, and the 95 % half-width of the first.
     impacts : ndarray of int
-        Sum of the impacts on Σ⁺ of these samples.
+        Sum of the impacts on Σ⁺ of the samples that reached the attractor.
     watched : ndarray
         Least number of forcing periods for which the samples of a chaotic attractor, or undecided samples, were
         followed; NaN for other kinds.
@@ -175,7 +175,7 @@ class AttractorTable(StructOfArrays):
         return self.columns() | {"kind": np.array(KINDS)[self.kind]}
 
     def __repr__(self) -> str:
-        """Return a one-line description."""
+        """Return the numbers of attractors and of cells, such as "<3 attractors of 2 cells>"."""
         return repr_text(self)
 
     def _repr_html_(self) -> str:
@@ -262,7 +262,7 @@ def tabulate_attractors(classifier: Classifier, missed: bool = False) -> tuple[A
 
 
 def attractors_of_samples(classifier: type[Classifier], parameters: Parameters, sample: SampleSpec) -> AttractorTable:
-    """Return the attractors that samples of these points find, and known stable orbits that the samples miss.
+    """Return the attractors that samples of these parameter points find, and known stable orbits that the samples miss.
 
     Returns
     -------
@@ -286,7 +286,7 @@ def attractors_of_samples(classifier: type[Classifier], parameters: Parameters, 
 
 
 def attractors_of_cell(table: AttractorTable, samples: NDArray[np.int64]) -> tuple[Attractor, ...]:
-    """Return the attractors of one cell's rows.
+    """Return the attractors in the rows of `table`, which must all belong to one cell.
 
     samples (rows,): the number of states that go to each attractor. The fractions are computed from these numbers, not
     from the table's column `samples`. For basins a state is the centre of a cell of the basin grid.

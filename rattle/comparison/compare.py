@@ -26,7 +26,7 @@ from rattle.models import AnyGear, model_of_gear
 
 #: Default of the argument `tolerance` of `compare`.
 TOLERANCE = 0.05
-#: Number of forcing periods for which a chaotic attractor is followed.
+#: Number of forcing periods for which an attractor that is not periodic is followed.
 CHAOS_PERIODS = 1000.0
 MOST_BINS = 10_000
 #: Distance, in forcing periods, that is added for each impact that only one of two motions has.
@@ -77,10 +77,10 @@ class Comparison:
     offset_interval : tuple of float
         The 95 % interval of `offset`; its width is 0 if the offset was given.
     other_offsets : tuple
-        Other times of phase 0 that fit about as well, each with its interval.
+        A pair (offset, its 95 % interval) for each other time of phase 0 that fits about as well.
     is_sure : ndarray of bool, (n,)
-        Whether an impact has the same wall at both ends of the interval and at all other offsets; False for a false
-        impact.
+        True for an impact that has the same wall at both ends of `offset_interval` and at all `other_offsets`; False
+        for a false impact.
     misfit : float
         Mean relative change of speed at an impact, from 0 to 1, with speeds computed from the times. It is 0 for
         motions of this gear and near 1/2 for random times; near 1/2, walls, label and offset mean nothing.
@@ -118,17 +118,17 @@ def compare(
     Parameters
     ----------
     measured : MeasuredImpacts
-        The measured impacts.
+        The measured impacts, from `measured` or `read_csv`.
     gear : AnyGear
-        The gear.
+        The gear with whose attractors the impacts are compared.
     offset : float | None
         The time of phase 0 in forcing periods; at phase 0 the transmission error closes the gap at Σ⁺ most. None: the
         time that fits best.
     bins : int
         Number of intervals of the phase in histograms.
     tolerance : float
-        Impacts count as periodic if the durations of the repetitions deviate from m forcing periods by at most this
-        factor times the mean time between impacts (root mean square).
+        Impacts count as periodic if the root mean square deviation of the durations of the repetitions from m forcing
+        periods is at most `tolerance` times the mean time between impacts.
     count, seed : int
         Number and seed of the initial conditions that find the attractors, as in `Gear.attractors`.
 
@@ -204,7 +204,7 @@ class _AttractorImpacts(NamedTuple):
 
 
 def _follow_attractor(attractor: Attractor, gear: AnyGear, bins: int) -> _AttractorImpacts:
-    """Compute the intensity of an attractor, and its impacts over its period, or over CHAOS_PERIODS if chaotic."""
+    """Compute the intensity of an attractor, and its impacts in one period; in CHAOS_PERIODS if it is not periodic."""
     periods = None if attractor.kind == "periodic" else CHAOS_PERIODS
     impacts, rate = gear.impacts(attractor, periods), 1.0 / (attractor.m if periods is None else periods)
     phases = _phases_by_wall(impacts.time, impacts.wall)
@@ -245,7 +245,7 @@ def _compare_fit_with_attractors(
 
 
 def _phases_by_wall(time: ArrayLike, wall: NDArray[np.int64]) -> list[Array]:
-    """Return the sorted phases of the impacts on Σ⁺, and of those on Σ⁻."""
+    """Return two arrays: the sorted phases of the impacts on Σ⁺, and the sorted phases of the impacts on Σ⁻."""
     phase = np.asarray(time, np.float64) % 1.0
     return [np.sort(phase[wall == side]) for side in (1, -1)]
 

@@ -31,15 +31,16 @@ FINER, FINER_PHASES = 16.0, 384
 #: SCAN_OFFSETS offsets are tried with the walls of each of the MOST_SCANNED best fits, because the same walls may fit
 #: at several offsets: impacts of A and C, for example, meet the walls in the same order.
 SCAN_OFFSETS, MOST_SCANNED = 1024, 3
-#: Only fits with a misfit below this are scanned. Impacts that fit no better are probably not impacts of this gear.
+#: Impacts with a larger misfit than this are probably not impacts of this gear. The walls of such a poor fit are not
+#: tried with SCAN_OFFSETS offsets.
 POOR = 0.25
-#: Offsets that differ by at most this count as the same, in forcing periods.
+#: Largest difference, in forcing periods, between two offsets that count as the same.
 SAME_OFFSET = 1e-4
 #: Number of intervals in each refinement of an offset, and number of refinements.
 REFINEMENT_INTERVALS, REFINEMENTS = 16, 4
 #: Accuracy of an offset in forcing periods.
 RESOLUTION = (2.0 / REFINEMENT_INTERVALS) ** REFINEMENTS / PHASES
-#: The search for offsets uses only this many impacts, the first ones.
+#: Number of impacts, counted from the first, that the search for offsets uses.
 FIRST_IMPACTS = 256
 #: (factor, summand): fits are kept if their misfit is at most factor · least misfit + summand. ROUGH_MARGIN is used
 #: before the speed tolerance is reduced, FIT_MARGIN afterwards.
@@ -119,7 +120,7 @@ def find_fits(fitting: FitProblem) -> list[WallFit]:
     Returns
     -------
     list[WallFit]
-        The fits by rising misfit of the first FIRST_IMPACTS impacts; each fit is to all impacts.
+        The fits to all impacts, ordered by rising misfit of their first FIRST_IMPACTS impacts.
     """
     few = fitting.limited_to_first_impacts
     rough = []

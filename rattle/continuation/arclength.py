@@ -81,12 +81,12 @@ class ContinuationProblem:
 def line_scale(origin: Array, direction: Array) -> Callable[[Array], Array]:
     """Return the function `scale` of a `ContinuationProblem` whose parameters are on a line, origin + p · direction.
 
-    The last unknown of such a problem is p. The first two numbers of origin and direction belong to δ and ε.
+    The last unknown is p. The first two numbers of origin and direction belong to δ and ε.
 
     Returns
     -------
     callable
-        A function that maps unknowns (N,) to their sizes (N,).
+        A function that maps unknowns (N + 1,) to their sizes (N + 1,).
     """
     length = float(np.hypot(*direction[:2]))
     last = min(1.0, plane_scale(origin[0]) / length) if length else 1.0
@@ -242,14 +242,15 @@ def tangent_at(problem: ContinuationProblem, x: Array, direction: Array) -> Arra
 
 
 def oriented_tangent(problem: ContinuationProblem, x: Array, direction: Array) -> tuple[Array, float]:
-    """Return the tangent of `tangent_at`, and the sign of the determinant of the Jacobian with the tangent as last row.
+    """Return the unit tangent at x as `tangent_at` does, and the orientation of the curve there.
 
-    The sign is constant along a curve, and opposite on a neighbouring curve that nearly crosses it.
+    The orientation is the sign of the determinant of the Jacobian with the tangent as last row. It is constant along a
+    curve, and opposite on a neighbouring curve that nearly crosses it.
 
     Returns
     -------
     tuple[Array, float]
-        Unit tangent (N + 1,), and +1.0 or −1.0.
+        Unit tangent (N + 1,), and the orientation, +1.0 or −1.0.
     """
     problem.prepare(x)
     _, jacobian = derivatives(problem.equations, x)
@@ -330,7 +331,7 @@ def make_longest_step_function(span: tuple[float, float], resolution: int, longe
     Returns
     -------
     callable
-        The function.
+        The longest step as a function of a unit tangent (N + 1,).
     """
     step = (span[1] - span[0]) / resolution
     return lambda tangent: min(longest, step / max(abs(float(tangent[-1])), LEAST_RATE))
@@ -359,7 +360,7 @@ class CurveFollower:
         """Follow the curve from a solution in the direction of `tangent`, until it goes outside or closes.
 
         "Inside" and "outside" are those of `CurveFollower`; the start is inside. If the curve goes outside, the last
-        point is the edge of the inside, to rounding.
+        point is the last solution inside, to rounding.
 
         most: the largest number of points. first: the longest allowed first step. Give `first` if another curve crosses
         this one at the start, as at a flip: then the orientation of the curve is not checked in the first step.

@@ -105,7 +105,7 @@ class Diagram(TabularResult, Generic[AnyBranch, AnyEvent]):
     """A bifurcation diagram along a segment of parameters, at half-backlash beta; all numbers are dimensionless.
 
     segment: the segment with its ends.
-    position, delta, epsilon (n,): the steps; position is the fraction of the way from start to end.
+    position, delta, epsilon (n,): the position of each step, from 0 (start) to 1 (end), and its δ and ε.
     added: the other parameters (n,) of the model, by name.
     branches: A to D and all other P(m, n₊, n₋) that were found, each once.
     events: all admissible events on the branches, each once, in order of position.
@@ -114,7 +114,7 @@ class Diagram(TabularResult, Generic[AnyBranch, AnyEvent]):
     step; its column `cell` is the number of the step.
     small: the stable parts of branches that no sample found, because their basins are small or they lie between two
     steps.
-    left_out: the labels of motions that were met but exceed the limits on impacts or branches.
+    left_out: the labels of motions that were found but are not followed, because they exceed the limits.
     """
 
     segment: ParameterSegment
@@ -303,8 +303,8 @@ def _find_unsampled_pieces(
 ) -> tuple[list[BranchPiece], bool]:
     """Return the stable parts of branches whose motions no sample reached at any step.
 
-    Besides, at each step of each stable part, the motion of this part becomes a known attractor of `sweeps` if it is
-    not yet known at this step.
+    The function also adds motions to `sweeps.known`: at each step of each stable part, the motion of this part, unless
+    it is already known at this step.
 
     Returns
     -------

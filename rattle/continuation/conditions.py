@@ -34,8 +34,8 @@ def condition(itinerary: Equations, kind: EventKind, impact: int | None = None) 
     """Return the equations (…, n + 2) → (…, n + 1) of a bifurcation in two parameters.
 
     The unknowns are the n unknowns of the motion, δ and ε. The condition besides the motion's n equations is
-    det J(1) = 0 for SN and det J(−1) = 0 for PD, where J(λ) is the Jacobian for perturbations that grow by the factor λ
-    over a period. For GR the condition is that the speed at impact number `impact` is 0.
+    det J(1) = 0 for a saddle-node and det J(−1) = 0 for a flip, where J(λ) is the Jacobian for perturbations that grow
+    by the factor λ over a period. For a graze the condition is that the speed at impact number `impact` is 0.
 
     Returns
     -------
@@ -45,7 +45,7 @@ def condition(itinerary: Equations, kind: EventKind, impact: int | None = None) 
     Raises
     ------
     RattleError
-        If `kind` is GR and `impact` is None.
+        If `kind` is a graze and `impact` is None.
     """
     if kind is EventKind.GRAZING:
         if impact is None:
@@ -55,9 +55,9 @@ def condition(itinerary: Equations, kind: EventKind, impact: int | None = None) 
     borders: list[Array] = []
 
     def prepare(x: Array) -> None:
-        """Set `borders` to the singular vectors of the least singular value of J at x, which `equations` needs.
+        """Set `borders`, which `equations` uses, to the singular vectors of the least singular value of J at x.
 
-        Where det J is 0, they are the left and the right null vector of J.
+        Where det J is 0, these are the left and the right null vector of J.
         """
         left, _, right = np.linalg.svd(itinerary.jacobian(x, multiplier))
         # with this sign the last number of `equations` changes its sign only where det J does

@@ -38,9 +38,10 @@ SAME_SOLUTION = 1e-7
 #: Least number of points of a curve across the width of the window.
 POINTS_ACROSS = 60
 Test = Callable[[Array], str | None]
-#: Number of dampings at which a curve is searched. Every piece that is wider in δ than their spacing is found.
+#: Number of evenly spaced dampings at which a curve is searched. Every piece that is wider in δ than their spacing is
+#: found.
 STARTS = 33
-#: Largest allowed δ and ε of a window; for larger ones double precision has too few digits.
+#: Largest allowed δ and ε of a window; for larger numbers double precision has too few digits.
 FARTHEST = 1e6
 #: Name of the quiet limit, the only curve on which no periodic orbit bifurcates.
 QUIET_LIMIT = "quiet_limit"
@@ -132,7 +133,7 @@ class Curve(TabularResult):
         Returns
         -------
         tuple[float, ...]
-            The other parameter in rising order, solved to rounding; empty if the curve has no such point.
+            The values of the other parameter, exact to rounding, in rising order; empty if there is none.
 
         Raises
         ------
@@ -255,7 +256,7 @@ class PlaneWindow:
         return next((f"window: {name} = {limit:g}" for name, limit in limits if limit is not None), None)
 
     def longest_step(self, tangent: Array) -> float:
-        """Return the longest allowed step along a unit tangent."""
+        """Return the longest allowed step, in arclength over all unknowns, along a unit tangent (N,)."""
         sizes = (self.delta[1] - self.delta[0], self.epsilon[1] - self.epsilon[0])
         rates = [self.resolution * abs(rate) / size for rate, size in zip(tangent[-2:], sizes, strict=True)]
         return 1.0 / max(*rates, float(np.max(np.abs(tangent[:-2]))) / LONGEST_TIME_STEP)
@@ -352,9 +353,9 @@ def _are_solutions_on_piece(
 
 
 def _follow_curve_piece(follower: CurveFollower, x: Array, reason_outside_window: Test) -> CurvePiece:
-    """Return the piece of a curve that contains the solution x; its first point is the end with the smaller δ.
+    """Return the piece of a curve that contains the solution x, with the folds of the piece among its points.
 
-    The points of the piece include all folds.
+    An open piece begins at its end with the smaller δ.
     reason_outside_window: a function that returns, in words, why a point is outside the window or not on the curve;
     None for other points.
 

@@ -19,7 +19,7 @@ from rattle.parameters import Parameters
 #: Least number of points of a branch that runs along a whole `ParameterSegment`.
 POINTS_ACROSS = 60
 
-# (itinerary of a motion, array of its n unknowns followed by its d parameters)
+# a motion: (itinerary, array of the n unknowns followed by the d parameters)
 Motion = tuple[Any, Array]
 
 

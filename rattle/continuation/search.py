@@ -26,7 +26,7 @@ SAME_PLACE = 1e-8
 
 
 def motion_from_impact(motion: Motion, first: int) -> Motion:
-    """Return a motion with its impacts counted from impact number `first`, whose time is shifted into [0, 1)."""
+    """Return a motion that begins at impact number `first`; all times are shifted so that it begins in [0, 1)."""
     itinerary, x = motion
     x = unknowns_counted_from_impact(itinerary, x, first)
     x[: len(itinerary.walls)] -= np.floor(x[0])
@@ -45,7 +45,7 @@ def is_same_motion(one: Motion, other: Motion) -> bool:
 
 
 def _unknowns_from_each_impact(motion: Motion, like: Equations, phase: float) -> Iterator[Array]:
-    """Yield the unknowns of a motion, counted from each impact from which it meets the walls in the order of `like`.
+    """Yield the unknowns of a motion for each choice of first impact that gives the same order of walls as `like`.
 
     Yields
     ------
@@ -63,6 +63,7 @@ def _unknowns_from_each_impact(motion: Motion, like: Equations, phase: float) ->
 class BranchSearch:
     """A search for branches: the branches found so far, their events, and a queue of events to examine.
 
+    branches: the branches found so far. events: the admissible events on these branches.
     paths: for each branch an array with a row for each of its points: the motion's unknowns, then the position on the
     segment. From row to row the times change continuously: they do not jump by 1 where a phase passes 0.
     left_out: the labels of motions that exceed the limits on impacts or branches.
@@ -89,7 +90,7 @@ class BranchSearch:
                 self._add_doubled_branch(event)
 
     def known_branch_index(self, motion: Motion) -> int | None:
-        """Return the number of the known branch that a motion is on; None if it is on none."""
+        """Return the index in `branches` of the branch that contains a motion; None if no known branch does."""
         return next((i for i in range(len(self.branches)) if self._is_on_branch(i, motion)), None)
 
     def find_stable_motion(self, i: int, position: float) -> PeriodicMotion | None:
@@ -139,7 +140,7 @@ class BranchSearch:
         return allowed
 
     def _add_branch_through(self, motion: Motion) -> None:
-        """Add the branch that contains a motion, unless the branch is known."""
+        """Add the branch that contains a motion, unless it is known, exceeds the limits or never meets Σ⁺."""
         if 1 not in motion[0].walls:  # the motion never meets Σ⁺, so it is not an orbit of the impact map Π
             return
         itinerary, x = motion_from_impact(motion, motion[0].walls.index(1))
@@ -147,7 +148,7 @@ class BranchSearch:
             self._add_branch(self.model.follow_branch((itinerary, x), self._span_around(x[itinerary.n :])))
 
     def _add_doubled_branch(self, event: Any) -> None:
-        """Add the doubled branch that starts at a flip, unless the branch is known."""
+        """Add the doubled branch that starts at a flip, unless it is known or exceeds the limits."""
         if not self._is_within_limits(event.itinerary.with_doubled_period()):
             return
         found = self.model.follow_doubled_branch(event, self._span_around(event.unknowns[event.itinerary.n :]))

@@ -38,7 +38,7 @@ Array = NDArray[np.float64]
 
 @dataclass
 class KnownAttractor:
-    """An attractor that is known at one step, from a sample or from a run.
+    """An attractor that is known at one step: from samples, from a run, or from a branch.
 
     kind: the number of its kind in KINDS. label: (m, n_plus, n_minus). tau, v: a state on the attractor.
     sampled: whether the initial conditions sampled at this step found it.
@@ -56,7 +56,8 @@ class KnownAttractor:
 class ReachedAttractor(NamedTuple):
     """The attractor that a run reached at one step.
 
-    direction: FORWARD or BACKWARD. kind: the number of the attractor's kind in KINDS. tau, v: a state on the attractor.
+    step: the number of the step. direction: FORWARD or BACKWARD. kind: the number of the attractor's kind in KINDS.
+    label: (m, n_plus, n_minus). tau, v: a state on the attractor.
     """
 
     step: int
@@ -112,7 +113,7 @@ class _SweepRun:
 class Sweeps:
     """Forward and backward sweeps along the steps of a line of parameters, for one model.
 
-    At first the attractors of `table` are known; cell i of the table is step i.
+    At first the periodic and chaotic attractors of `table` are known; cell i of the table is step i.
     """
 
     def __init__(self, model: MotionsOnSegment, steps: Parameters, table: AttractorTable) -> None:
@@ -162,7 +163,7 @@ class Sweeps:
             self._runs.append(_SweepRun(direction, step, known.tau, known.v, back or {}, stops_at_known))
 
     def _finish_runs(self) -> None:
-        """Advance all runs, and the runs that start where they end, until none is left.
+        """Advance all runs to their ends, also the new runs that start when a run ends.
 
         Runs with the same next step take this step one after another, in the order in which they started.
         """
@@ -237,7 +238,7 @@ class Sweeps:
         """Return impacts on Σ⁺ of all attractors that runs reached.
 
         position (steps,): the positions of the steps. chaotic: the number of impacts by which a chaotic attractor is
-        represented. A periodic attractor has all impacts of a period.
+        represented. A periodic attractor is represented by all impacts of a period.
 
         Returns
         -------

@@ -12,7 +12,7 @@ from rattle.attractors.samples import GRID
 from rattle.numerics.compile import kernel
 
 #: Number of impacts that mark the first footprint of an attractor. Footprints of this length overlap for 99 % of the
-#: pairs of attractors that belong together, and for no other pair.
+#: pairs of attractors that are one motion, and for no other pair.
 STRETCH = 128
 #: Number of impacts that mark the second footprint of an attractor. If the first footprints of two attractors do not
 #: overlap, their second footprints are compared.

@@ -124,7 +124,7 @@ def _join_with_sums(
     orbits, n = continue_orbits(table, shape[1], CellRectangle(0, shape[0], 0, shape[1]), cells)
     periodic = np.flatnonzero(table.kind == Outcome.PERIODIC)
     attractors = concat_tables(table, table_of_continued_orbits(orbits, periodic.size, n))
-    # row[i] is the row of orbit i in attractors
+    # row[i] is the row of orbit number i in the table `attractors`
     row = np.append(periodic, np.arange(table.cell.size, attractors.cell.size))
     component = assign_component_numbers(attractors, row, orbits, shape, cells)
     order = argsort_attractors(attractors)
@@ -245,7 +245,7 @@ def continue_orbits_until_complete(
 def pairs_of_linked_orbits(orbits: LinkedOrbits, n: int, cells: Any) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Return the pairs among the first n orbits that are one orbit in neighbouring cells.
 
-    Two orbits are one orbit if each continues to the other. If only one of the two continues to the other, it must also
+    Two orbits count as one if each continues to the other. If only one of the two continues to the other, it must also
     arrive there in STEPS small steps, because a large step may have jumped to the wrong orbit.
 
     Returns

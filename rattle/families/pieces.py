@@ -37,7 +37,7 @@ class GridPiece:
         self.samples = np.zeros(0, np.int64)
 
     def add_attractors(self, table: AttractorTable) -> None:
-        """Add the periodic attractors of some cells, and continue those that are not known yet into the other cells.
+        """Add the periodic attractors of some cells, and continue the new ones into the other cells.
 
         table: the attractors of the cells. The number of samples of each periodic attractor is stored in `samples`,
         also if continuation had found the attractor before.

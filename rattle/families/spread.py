@@ -21,13 +21,13 @@ from rattle.orbits.return_map import (
 )
 
 #: Largest distance from an orbit's point (τ, v) to the point of its continuation in the next cell, where speeds are in
-#: units of `speed_unit_at`.
+#: units of `speed_unit_at`. For a step that is only a part of the way to this cell, half of this number is allowed.
 FARTHEST = 0.2
 #: Smallest step of continuation, as a share of the way from a cell to the next.
 LEAST_STEP = 2.0**-6
 #: `solve_orbit_from_rounded_state` rounds τ, and v in units of `speed_unit_at`, to multiples of this number.
 ROUNDING = 2.0**-26
-#: Takes the place of an orbit's number where there is no orbit.
+#: Value of an orbit's number that means "no orbit".
 NOWHERE = -1
 #: Offsets of the neighbours in rows and columns, in the order of `LinkedOrbits.to`.
 ROWS, COLUMNS = (1, 0, -1, 0), (0, 1, 0, -1)
@@ -54,7 +54,7 @@ class LinkedOrbits(NamedTuple):
     before: the number of the orbit that was added before this orbit in the same cell.
     last (n_cells,): for each cell the number of the orbit that was added last.
     to (room, 4): the number of the orbit's continuation in each neighbouring cell.
-    The numbers in before, last and to are NOWHERE where there is no such orbit.
+    Entries of before, last and to are NOWHERE if there is no such orbit.
     """
 
     cell: Any
@@ -108,11 +108,11 @@ def check_stability_and_label(tau, v, k, orbits, point):
     -------
     tuple
         (whether the orbit is stable and has the label, ln|multiplier| of both its multipliers). The logarithms are NaN
-        if the orbit has another label.
+        if the orbit has another label or cannot be computed.
     """
     n_plus = np.int64(
         orbits.n_plus[k]
-    )  # the same type as in other callers, so that `apply_return_map_power` is compiled once
+    )  # np.int64 as in the other callers, so that numba compiles `apply_return_map_power` only once
     status, _t, _v, time, below, a00, _b, _c, a11, log_det = apply_return_map_power(tau, v, n_plus, point)
     if status != OK or below != orbits.n_minus[k] or int(np.rint(time)) != orbits.m[k]:
         return False, math.nan, math.nan
@@ -176,7 +176,7 @@ def continue_orbit(k, cell, n, orbits, cells):
 
     Returns
     -------
-    result
+    int
         The orbit's number in that cell: n if it was not known there and was added, NOWHERE if it cannot be continued.
     """
     point, n_plus = point_of_cell(cell, cells), np.int64(orbits.n_plus[k])
@@ -242,7 +242,7 @@ def continue_orbits_into_neighbours(next_orbit, n, columns, inside, cells, orbit
 
     Returns
     -------
-    result
+    tuple[int, int]
         (next_orbit, n): the number of the first orbit that is not yet continued, and the number of all known orbits. If
         they differ, the arrays of `orbits` have no room for further orbits.
     """

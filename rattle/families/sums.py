@@ -21,9 +21,9 @@ Integers = NDArray[np.int64]
 
 
 class ComponentSums(NamedTuple):
-    """The sums over some cells of a grid: one entry for each component (a set of connected attractors).
+    """Sums and extremes over some cells of a grid: one entry for each component (a set of connected attractors).
 
-    component: the number of the component; the entries are in rising order of it.
+    component: the number of the component; the entries are sorted by this number.
     kind, m, n_plus, n_minus: the kind and the label of the component's attractors.
     cells: the number of cells of the component. rows: the number of its attractors (rows of the table of attractors);
     larger than `cells` if two of its attractors are in one cell.
@@ -99,7 +99,7 @@ def sum_over_components(table: AttractorTable, component: Integers, columns: int
 
 
 def add_sums(parts: Iterable[ComponentSums]) -> ComponentSums:
-    """Return the sums over all cells from the sums over several sets of cells that have no cell in common."""
+    """Return the sums over the union of several sets of cells, from the sums over each set; no cell is in two sets."""
     all_ = ComponentSums._make(np.concatenate(columns) for columns in zip(*parts, strict=True))
     if not all_.component.size:
         return all_

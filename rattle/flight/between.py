@@ -54,7 +54,7 @@ def departure_velocity_per_drift(x, s, pull):
     Returns
     -------
     complex
-        The number; it has no unit.
+        The dimensionless ratio w₀/q.
     """
     if not abs(x.real) < SERIES_BELOW:
         return 1.0 - s * pull

@@ -4,8 +4,7 @@ In contact Φ' = 0 on a wall, and the contact force presses on the wall. This mo
 contact:
 
 - `is_bounce_captured`: the bounces on Σ⁺ are certain to die out, though they never end. This is quiet motion, the only
-contact
-  that a motion with elastic impacts enters. It has no release, because the contact force never changes sign.
+  contact that a motion with elastic impacts enters. It has no release, because the contact force never changes sign.
 - `stays_in_contact`: the speed into the gap is 0, and the force presses. Elastic impacts lead there only if the motion
   starts on the wall with speed 0, or if a speed underflows.
 
@@ -23,13 +22,13 @@ from rattle.numerics.compile import inline, kernel
 IN_CONTACT = 2  # status of a motion in contact: there is no next flight until a release
 ENDLESS = 3  # status of a motion that makes over MOST_BOUNCES impacts on Σ⁻ for one on Σ⁺
 MOST_BOUNCES = 100_000
-# A lower speed of departure from a wall counts as contact, because its square and the height of the bounce may
-# underflow.
+# A departure from a wall at a lower speed than this counts as contact, because the square of the speed and the height
+# of the bounce may underflow.
 SLOWEST = 1e-150
 #: A chatter is certain to complete only if a bound of its duration is at most this share of the time until the contact
 #: force may vanish (`rattle.inelastic.map.contact`).
 SHARE = 0.4
-# up to this v²/(gap × force) a bounce is certain to stay clear of the other wall
+# if v²/(gap × force) is at most this number, a bounce with the speed v is certain not to reach the other wall
 LARGEST_CLEAR_BOUNCE = 2.0 * (1.0 - SHARE) ** 2
 
 
@@ -70,11 +69,11 @@ def chatter_completes(speed, pressing, gap, capture):
 
 @kernel
 def stays_in_contact(wall, w, tau, delta, epsilon, drift):
-    """Return whether the motion stays on the wall.
+    """Return whether a motion that is on a wall stays there, with velocity w at phase tau.
 
-    The motion stays if the contact force presses on the wall and the speed into the gap is 0. A graze also arrives with
-    speed 0, but leaves at once, because the contact force points into the gap. A positive speed of at most SLOWEST
-    counts as contact under any force.
+    The motion stays if its speed into the gap is 0 and the contact force does not point into the gap. A graze also
+    arrives with speed 0, but leaves at once, because the contact force points into the gap. A positive speed of at most
+    SLOWEST counts as contact under any force.
 
     Returns
     -------

@@ -144,7 +144,7 @@ def guess_first_impact(wall, tau, flight, beta):
 
 @kernel
 def find_crossing_in_bracket(lo, hi, guess, level, rising, flight):
-    """Return the crossing F = level in (lo, hi), where F is monotone, by Halley steps inside a shrinking bracket.
+    """Return the time in (lo, hi) at which F = level, by Halley steps in a shrinking bracket; F is monotone there.
 
     rising: whether F rises in (lo, hi). guess: a time near the crossing; if it is not in (lo, hi), the search begins in
     the middle. A step u leaves an error of u³ (p² + |F‴/6F'|) with p = F''/2F'. The error of the last step is below
@@ -182,10 +182,9 @@ def find_crossing_in_bracket(lo, hi, guess, level, rising, flight):
 
 @kernel
 def find_extremum_between(lo, hi, guess, convex, flight):
-    """Return the zero of F' in (lo, hi), where e^(δs) F' is monotone, with an error below 1e-9.
+    """Return the time of the zero of F' in (lo, hi), where e^(δs) F' is monotone, with an error below 1e-9.
 
     An error of this size changes F, which is flat there, by less than rounding.
-
     convex: whether the extremum of F is a minimum.
 
     Returns
@@ -226,7 +225,7 @@ def find_impact_on_piece(s0, s1, start, end, guess, lower, upper, flight):
     Returns
     -------
     tuple[int, float]
-        +1 for the upper level, −1 for the lower one, 0 if there is no crossing; and the time.
+        +1 for the upper level, −1 for the lower one, 0 if there is no crossing; and the time, s1 if there is none.
     """
     wall = 1 if end > start and end > upper else -1 if end < start and end < lower else 0
     if wall == 0:

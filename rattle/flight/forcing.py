@@ -39,7 +39,7 @@ class NegativeArc(NamedTuple):
     """The arc of phases where the contact force is negative, if it exists."""
 
     exists: bool
-    leave: Real  # phase at the end of the arc
+    leave: Real  # phase at the end of the arc, where the force becomes positive again
     length: Real
     sin_entry: Real  # sine of 2π times the phase at the beginning of the arc
     sin_exit: Real
@@ -97,7 +97,7 @@ def _build_flight_functions(dtype, versine, sine_defect):
 
     @inline
     def sine_change_and_new_cosine(step, sin0, cos0):
-        """Return the change of the forcing's sine, and its new cosine, after a time s; `step` is versines(s)."""
+        """Return the change of sin 2πt and the new cos 2πt after a time s; `step` is versines(s)."""
         omc, siny, _defect = step
         return cos0 * siny - sin0 * omc, cos0 - (cos0 * omc + sin0 * siny)
 
@@ -109,7 +109,7 @@ def _build_flight_functions(dtype, versine, sine_defect):
 
     @inline
     def slope_loss_from_sine_change(dsin, epsilon):
-        """Return e'(t₀) − e'(t₁) of the forcing e, from the change of the sine (`sine_change_and_new_cosine`)."""
+        """Return e'(t₀) − e'(t₁) of the forcing e, from the change dsin of sin 2πt between the two times."""
         return (two_pi * epsilon) * dsin
 
     @inline
@@ -205,7 +205,7 @@ def slope_loss(sin0, cos0, sin1, cos1, epsilon):
 
 @inline
 def height_derivatives_by_departure_time(f_w, decay, sin0, cos0, sin1, cos1, epsilon):
-    """Return the derivatives of a flight's height F and of F' by the time of departure, for a fixed duration.
+    """Return the derivatives of a flight's F and F' with respect to the departure time, for a fixed duration.
 
     ∂F/∂t₀ = e'(t₁) − e'(t₀) − f_w e''(t₀) and ∂F'/∂t₀ = e''(t₁) − decay e''(t₀), with f_w = ∂F/∂w₀ and decay = ∂F'/∂w₀.
 
@@ -235,7 +235,7 @@ def contact_force(sine, cosine, delta, epsilon, drift):
 
 @inline
 def contact_force_rate(sine, cosine, delta, epsilon):
-    """Return the derivative g' of the contact force by time."""
+    """Return the derivative g' of the contact force with respect to time."""
     return TWO_PI * TWO_PI * epsilon * (TWO_PI * sine - delta * cosine)
 
 
@@ -253,7 +253,7 @@ def relative_force_amplitude(delta, epsilon):
 
 @inline
 def has_force_amplitude_above(share, delta, epsilon):
-    """Return whether the amplitude of the contact force exceeds this share of its mean."""
+    """Return whether the amplitude of the contact force exceeds `share` times its mean."""
     return epsilon * math.hypot(TWO_PI, delta) > share * 2.0 * delta
 
 
@@ -302,7 +302,7 @@ def force_integral(duration, mean, a, b):
 
 @kernel
 def find_negative_force_arc(delta, epsilon):
-    """Return the arc of phases where the contact force is negative. For one cosine there is at most one.
+    """Return the arc of phases where the contact force is negative; a forcing of one cosine has at most one.
 
     g = δq − 2πε (2π cos θ + δ sin θ) < 0 means cos(θ − φ) > δq / (2πε √(4π² + δ²)) with φ = atan2(δ, 2π).
 
@@ -327,7 +327,7 @@ def find_negative_force_arc(delta, epsilon):
 
 @inline
 def mean_cosine32(angle, sin0, cos0):
-    """Return an estimate of the mean cosine of the forcing over the time angle/2π after a phase, angle ≤ 2π."""
+    """Return an estimate of the mean of cos 2πt over the time angle/2π after a phase, for angle ≤ 2π."""
     square = angle * angle
     return (
         evaluate_degree_4(coefficients.MEAN_COSINE_32, square) * cos0
@@ -337,7 +337,7 @@ def mean_cosine32(angle, sin0, cos0):
 
 @inline
 def add_mean_acceleration32(x, mean_cosine, epsilon):
-    """Return x + the mean of e'', where e is the forcing, over the time whose mean of cos 2πt is `mean_cosine`."""
+    """Return x + the mean of e'', e the forcing, over a time in which the mean of cos 2πt is `mean_cosine`."""
     return x - W2 * epsilon * mean_cosine
 
 
@@ -502,7 +502,7 @@ class Forcing:
         return np.asarray(2 * TWO_PI * delta - TWO_PI * self.epsilon * np.hypot(TWO_PI, delta))
 
     def spectral_lines(self, delta: float) -> list[tuple[float, complex]]:
-        """Return (frequency, size) of each term of the contact force Σ size e^(i frequency t); the mean is first."""
+        """Return (ω, a) of each term a e^(iωt) of the contact force, the mean (ω = 0) first; ω is in rad per period."""
         size = self.epsilon * complex(-0.5 * TWO_PI**2, 0.5 * TWO_PI * delta)
         return [(0.0, complex(mean_contact_force(delta))), (TWO_PI, size), (-TWO_PI, size.conjugate())]
 
@@ -533,7 +533,7 @@ def quiet_eccentricity(delta: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def least_damping(epsilon: float) -> float:
-    """Return the δ at which the contact force has the minimum 0; inf if ε ≥ 2. It inverts `quiet_eccentricity`."""
+    """Return the δ at which the minimum of the contact force is 0, inf if ε ≥ 2: inverse of `quiet_eccentricity`."""
     return TWO_PI * epsilon / math.sqrt(4.0 - epsilon * epsilon) if epsilon < 2.0 else math.inf
 
 

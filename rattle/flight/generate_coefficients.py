@@ -23,7 +23,7 @@ TERMS = 60
 
 
 class PolynomialSpec(NamedTuple):
-    """A function, and the interval, degree and precision of the polynomial that approximates it."""
+    """A function, and the interval, degree and precision of the polynomial that approximates this function."""
 
     name: str
     says: str

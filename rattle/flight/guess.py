@@ -5,9 +5,8 @@ straight-line code on float32 numbers, run for one flight or in a loop over a bl
 each inequality. Two margins bound float32 rounding:
 
 - A value of a flight's height F has an error below ERROR times `sum_of_height_term_sizes`, the sum of the sizes of its
-terms.
-  (ERROR is 100 units of float32 rounding; the evaluation takes fewer than 30 operations on inputs rounded once, and its
-  polynomials are good to 3e-7.)
+  terms. (ERROR is 100 units of float32 rounding. The evaluation takes fewer than 30 operations on inputs rounded once,
+  and its polynomials have relative errors below 3e-7.)
 - A value of the flight's speed F' has an error below ERROR times `sum_of_slope_terms`.
 """
 
@@ -52,14 +51,14 @@ class FlightMinimum(NamedTuple):
 
     bound: f32  # lower bound of F at the point
     tilt: f32  # upper bound of |F'| at the point
-    time: f32
+    time: f32  # time of the point since the departure
 
 
 class ScanState(NamedTuple):
     """The state of a scan, which evaluates one flight at successive times until its end is bracketed."""
 
-    f: f32  # F at the last time
-    g: f32  # F' at the last time
+    f: f32  # F at the last time of the scan
+    g: f32  # F' at the last time of the scan
     turned: bool  # the flight has passed a minimum of F
     turn: f32  # time of the last minimum
     ended: bool  # the scan has found the end of the flight

@@ -30,13 +30,13 @@ def velocity_before_reflection(w):
 
 @inline
 def velocity_change_after_elastic_impact(change):
-    """Return the change after an elastic impact of a velocity that changes by `change` before it; r is not in it."""
+    """Return how the velocity after an elastic impact changes if the velocity before the impact changes by `change`."""
     return -change
 
 
 @inline
 def arrival_term_of_mismatch(w):
-    """Return the term of `impact_mismatch` that holds the arrival velocity w. It is linear: w may be a derivative."""
+    """Return the term of `impact_mismatch` that contains the arrival velocity w; linear, so w may be a derivative."""
     return w
 
 
@@ -91,7 +91,7 @@ class ImpactLaw:
         return change * w
 
     def energy_loss(self, speed: Any) -> Any:
-        """Return the energy w²/2 that an impact dissipates, w the velocity relative to the wall; 0 if it is elastic."""
+        """Return the loss of w²/2 in an elastic impact: 0 for any arrival speed relative to the wall."""
         return 0.0 * speed
 
 

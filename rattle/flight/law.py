@@ -30,12 +30,12 @@ from rattle.flight.forcing import (
 from rattle.numerics.compile import inline, kernel
 from rattle.numerics.polynomial import evaluate_degree_6, evaluate_degree_12
 
-FASTEST = 1e100  # the natural speed never exceeds this number, even for parameters so large that it would overflow
-LONGEST_DECAY = 2.0  # largest δs for which the polynomials hold
+FASTEST = 1e100  # upper limit of the natural speed, which would overflow for very large parameters
+LONGEST_DECAY = 2.0  # largest δs for which the polynomials of `decay_remainder64` and `decay_remainder32` are accurate
 
 
 class Flight(NamedTuple):
-    """The numbers that determine one flight by the equation of this module, in double or in single precision."""
+    """The numbers in the flight law (see the module) that determine one flight, in double or in single precision."""
 
     w: Real  # velocity of departure
     a: Real  # A = q − 2πε sin θ − w
@@ -93,7 +93,7 @@ def decay_remainder32(x):
 
 
 def _build_flight_evaluation(dtype, decay, functions):
-    """Build the kernel `evaluate` of the flight law for one precision, as straight-line code for vectorised loops."""
+    """Build the kernel `evaluate` of the flight law for one precision, without branches, so that loops vectorise."""
     one, versines, sine_change_and_new_cosine = dtype(1.0), functions.versines, functions.sine_change_and_new_cosine
     drop_below_tangent_line, slope_loss_from_sine_change = (
         functions.drop_below_tangent_line,
@@ -103,7 +103,7 @@ def _build_flight_evaluation(dtype, decay, functions):
 
     @inline
     def evaluate(s, flight):
-        """Evaluate a flight at s; δs must be in [−0.05, 2] in double precision, in [0, 2] in single precision.
+        """Evaluate a flight at time s; δs must be in [−0.05, 2] in double precision, in [0, 2] in single precision.
 
         Returns
         -------
@@ -113,7 +113,7 @@ def _build_flight_evaluation(dtype, decay, functions):
         w, a, sin0, cos0, delta, epsilon = flight
         step = versines(s)
         x = delta * s
-        k = x * decay(x)  # k(δs)/(δs)
+        k = x * decay(x)  # k(δs)/(δs), with k(x) = e^(−x) − 1 + x
         lost = x * (one - k)  # 1 − e^(−δs)
         dsin, cos1 = sine_change_and_new_cosine(step, sin0, cos0)
         f0 = s * (w + a * k) - drop_below_tangent_line(step, sin0, cos0, epsilon)
@@ -130,7 +130,7 @@ evaluate32 = _build_flight_evaluation(np.float32, decay_remainder32, forcing.IN_
 
 @inline
 def flight_from_sine_cosine(w, sin0, cos0, delta, epsilon, drift):
-    """Return the flight that leaves a wall with velocity w at the phase of sin0, cos0. drift: q of the flight law."""
+    """Return a flight from a wall with velocity w, at the phase with sine sin0 and cosine cos0. drift: q of the law."""
     return Flight(w, add_slope(drift, sin0, cos0, epsilon) - w, sin0, cos0, delta, epsilon)
 
 
@@ -143,7 +143,7 @@ def flight_from_phase(tau, w, delta, epsilon, drift):
 
 @kernel
 def evaluate(s, flight):
-    """Return the height F of a flight, F', F'', 1 − e^(−δs), and the forcing's sine and cosine at s, for any δs."""
+    """Return height F, F' and F'' of a flight at any time s, 1 − e^(−δs) and the forcing's sine and cosine at s."""
     w, a, sin0, cos0, delta, epsilon = flight
     x = delta * s
     f0, f1, f2, lost, sin1, cos1 = evaluate_short(s, flight)
@@ -157,19 +157,19 @@ def evaluate(s, flight):
 
 @inline
 def second_derivative(lost, sin1, cos1, flight):
-    """Return F'' of a flight from 1 − e^(−δs) and the forcing's sine and cosine at s."""
+    """Return F'' of a flight at time s, from 1 − e^(−δs) and the forcing's sine and cosine at s."""
     return add_acceleration(flight.delta * flight.a * (1.0 - lost), sin1, cos1, flight.epsilon)
 
 
 @inline
 def third_derivative(lost, sin1, cos1, flight):
-    """Return F''' of a flight from 1 − e^(−δs) and the forcing's sine and cosine at s."""
+    """Return F''' of a flight at time s, from 1 − e^(−δs) and the forcing's sine and cosine at s."""
     delta = flight.delta
     return forcing.third_derivative(sin1, cos1, flight.epsilon) - delta * delta * flight.a * (1.0 - lost)
 
 
 @inline
 def fourth_derivative(lost, sin1, cos1, flight):
-    """Return F⁗ of a flight from 1 − e^(−δs) and the forcing's sine and cosine at s."""
+    """Return F⁗ of a flight at time s, from 1 − e^(−δs) and the forcing's sine and cosine at s."""
     delta = flight.delta
     return forcing.fourth_derivative(sin1, cos1, flight.epsilon) + delta * delta * delta * flight.a * (1.0 - lost)

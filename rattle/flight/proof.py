@@ -33,7 +33,7 @@ FASTEST = f32(20.0)
 
 @inline
 def is_within_one_step(s, step, speed, flight):
-    """Return whether an impact at time s, located in single precision, can be computed in double precision by one step.
+    """Return whether one step takes an impact time s from single to double precision.
 
     One step suffices if the step that led to s was short, δs is within the range of the polynomials, and F' at s
     (`speed`) is large enough: in a graze or a long flight, rounding of F would cost digits of s.
@@ -41,7 +41,7 @@ def is_within_one_step(s, step, speed, flight):
     Returns
     -------
     bool
-        False means that the impact has to be located in another way.
+        False means that the impact has to be located anew, by a scan or a safe search.
     """
     near = (abs(step) < LARGEST_STEP * s) & (flight.delta * s < LONGEST_DECAY32)
     return near & (sum_of_height_term_sizes(s, flight) < STEEPEST * s * abs(speed))
@@ -55,7 +55,7 @@ def convert_arc_to_single_precision(arc):
 
 @inline
 def times_to_arc(tau, arc):
-    """Return the times to the beginning and end of the next arc of negative contact force, and whether tau is inside.
+    """Return the times until the next arc of negative contact force begins and ends, and whether tau lies inside it.
 
     Returns
     -------

@@ -24,7 +24,7 @@ def flight_derivatives(lost, sin0, cos0, sin1, cos1, inverse_delta, epsilon):
 
 @inline
 def flight_tangent(w1, lost, sin1, cos1, flight):
-    """Return ∂(t₁, w₁ after reflection)/∂(t₀, w₀) of one flight, row by row.
+    """Return the matrix ∂(t₁, w₁ after reflection)/∂(t₀, w₀) of one flight, as four numbers row by row.
 
     With the duration s = t₁ − t₀ and F fixed at the wall, ds = −(∂F/∂t₀ dt₀ + ∂F/∂w₀ dw₀)/w₁, with derivatives at fixed
     s, and dt₁ = dt₀ + ds. The impact law reflects the change of w₁. lost: 1 − e^(−δs).

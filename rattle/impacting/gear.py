@@ -44,7 +44,7 @@ class FirstImpact(NamedTuple):
 
 
 def _raise_for_status(status: int) -> None:
-    """Raise RattleError if a kernel's status code says that no next impact was found."""
+    """Raise RattleError if a kernel's status code says that the motion rests on a wall or has no next impact."""
     if status in (contact_phase.IN_CONTACT, contact_phase.ENDLESS):
         raise RattleError(
             f"the motion comes to rest on a wall, or makes more than {contact_phase.MOST_BOUNCES:,} impacts on Σ⁻, "
@@ -169,7 +169,7 @@ class Gear(SampledGear, RattlingGear):
         ParameterError
             If wall is not ±1, a number is not finite, or the velocity is zero or points out of the gap.
         RattleError
-            If there is no next impact.
+            If the flight has no impact that can be computed.
         """
         require(require_finite("wall", wall) in (1, -1), f"wall must be +1 or -1, got {wall!r}")
         tau = _require_folded_phase(phase)
@@ -323,7 +323,7 @@ class Gear(SampledGear, RattlingGear):
         Returns
         -------
         BoundaryDistance
-            (v, tau, undecided), dimensionless, τ in forcing periods. v is inf if every state found becomes quiet again,
+            (v, tau, undecided), dimensionless, τ in forcing periods. v is inf if every followed state becomes quiet,
             and 0 from the quiet limit on. v is NaN if all states that do not become quiet are undecided. v is also NaN
             if becoming quiet takes more than 2048 impacts (below δ = 0.3 more, in proportion to 1/δ), which happens
             within a few per cent of the quiet limit (docs/weak-damping.md). tau is the phase of the impact. undecided

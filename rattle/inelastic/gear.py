@@ -120,7 +120,7 @@ class InelasticGear(SampledGear, RattlingGear):
         return None if self.harmonics else flip_of_c(self.delta, self.restitution, self._point.drift)
 
     def first_impact(self, wall: int, phase: float, velocity: float) -> FirstInelasticImpact:
-        """Return the first impact of a flight from a wall (+1: Φ = β, −1: Φ = −β) with this velocity into the gap.
+        """Return the first impact of a flight that leaves a wall (+1: Φ = β, −1: Φ = −β) at this phase and velocity.
 
         Returns
         -------
@@ -130,7 +130,7 @@ class InelasticGear(SampledGear, RattlingGear):
         Raises
         ------
         ParameterError
-            If the wall is not ±1, or the velocity is zero or points out of the gap.
+            If wall is not ±1, a number is not finite, or the velocity is zero or points out of the gap.
         RattleError
             If there is no impact within 1000 forcing periods, or a number leaves double precision.
         """
@@ -253,7 +253,7 @@ def _require_folded_phase(phase: float) -> float:
 
 
 def _raise_for_status(status: int) -> None:
-    """Raise the RattleError of a status code of the impact map, unless the code is OK."""
+    """Raise RattleError with the meaning of a status code of the impact map, unless the code is OK."""
     if status == IN_CONTACT:
         raise RattleError("the motion has no next impact, because it becomes quiet: its contact with Σ⁺ never ends")
     if status != OK:

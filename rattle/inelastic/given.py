@@ -19,8 +19,8 @@ def checked_harmonics(harmonics: Iterable[Any]) -> tuple[Harmonic, ...]:
     Parameters
     ----------
     harmonics : iterable of (int, float, float)
-        Order ≥ 2, amplitude relative to the first harmonic, and phase in turns. (1, 0, 0) removes the first harmonic,
-        whose amplitude ε then only scales the others.
+        Order ≥ 2, amplitude relative to the first harmonic, and phase in turns. (1, 0, 0) removes the first harmonic;
+        ε then only scales the amplitudes of the other harmonics.
 
     Returns
     -------
@@ -30,7 +30,7 @@ def checked_harmonics(harmonics: Iterable[Any]) -> tuple[Harmonic, ...]:
     Raises
     ------
     ParameterError
-        If the argument is not such a list; the message says what is allowed.
+        If the argument is not a list of valid harmonics; the message says what is allowed.
     """
     shape = "harmonics must be a list of (order, amplitude, phase), such as [(20, 0.0033, 0.0)]"
     try:
@@ -77,7 +77,7 @@ def check_inelastic_parameters(
     load: ArrayLike,
     harmonics: tuple[Harmonic, ...],
 ) -> Parameters:
-    """Check parameters of inelastic gears and broadcast them to one shape. Raises ParameterError if this fails."""
+    """Return checked parameters of inelastic gears, broadcast to one shape. Raises ParameterError if one is invalid."""
     return Parameters.from_values("inelastic", delta, epsilon, beta, restitution=restitution, load=load).with_harmonics(
         harmonics
     )

@@ -103,7 +103,7 @@ class Intensity:
         Returns
         -------
         float
-            dB; −inf if there are no impacts.
+            The level in dB; −inf if there are no impacts.
 
         Raises
         ------
@@ -123,7 +123,7 @@ UNDECIDED = Intensity(math.nan, math.nan, math.nan, math.nan, math.nan, math.nan
 
 
 def intensity(motion: Motion, point: Any, periods: float | None) -> Intensity:
-    """Return how hard a motion rattles (`RattlingGear.intensity`). point: the gear's parameter point for kernels."""
+    """Return the intensity of a motion (`RattlingGear.intensity`). point: the gear's parameter point for kernels."""
     kind = kind_of(motion)
     if kind == "quiet":
         mean = spectral_lines_of_force(point)[0][1].real

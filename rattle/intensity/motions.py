@@ -76,8 +76,8 @@ def one_period_limits(m: Any, n_plus: Any, contacts: Any) -> tuple[Any, Any]:
     A motion without contact phases has completed its period after n_plus returns. A motion with contact phases
     may make more returns, because its label counts a run of impacts that ends in contact as one impact. Its limit is
     therefore the time m − ROUNDING. The last impact of the period reaches this limit, even if rounding makes the impact
-    a little early. The impact before does not, because the last flight, which ends in the fastest impact on Σ⁺, takes
-    longer than ROUNDING.
+    a little early. The impact before the last one does not, because the last flight, which ends in the fastest impact
+    on Σ⁺, takes longer than ROUNDING.
 
     Parameters
     ----------
@@ -141,13 +141,13 @@ def require_closed_orbit(motion: Motion, status: int, tau: float, v: float, fast
 def require_full_observation(status: int, time: float, periods: float) -> None:
     """Check that a motion was followed for `periods` forcing periods.
 
-    status: the status with which `sum_impacts` or `write_impacts_of_motion` ended. time: the forcing periods until
-    then.
+    status: the status with which `sum_impacts` or `write_impacts_of_motion` ended. time: the number of forcing periods
+    that it followed the motion.
 
     Raises
     ------
     RattleError
-        If the motion came to rest before, could not be followed so long, or made too many impacts.
+        If the motion came to rest earlier, could not be followed so long, or made too many impacts.
     """
     if status != OK:
         raise RattleError(

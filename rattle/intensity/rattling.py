@@ -59,9 +59,9 @@ class RattlingGear(ABC):
     def impacts(self, motion: Motion, periods: float | None = None) -> Impacts:
         """Return the impacts of a motion on both walls over `periods` forcing periods from the departure (τ, v) on.
 
-        By default a periodic motion is followed for its period; other motions that have impacts need `periods`. A
-        chatter that ends in contact is listed down to rounding, and its last impact has the duration of the contact
-        phase. The method raises the same exceptions as `intensity`.
+        By default a periodic motion is followed for its period; other motions that have impacts need `periods`. In a
+        chatter that ends in contact, the infinitely many weakest impacts are listed as one impact, which has the
+        duration of the contact phase. The method raises the same exceptions as `intensity`.
 
         Returns
         -------

@@ -34,7 +34,7 @@ from rattle.orbits.return_map import point_of_cell
 def list_impacts_in_cell(
     cell: int, tau: float, v: float, returns: int, periods: float, cells: Any, impacts: Impacts
 ) -> tuple[int, float, float, int]:
-    """Follow a motion in the cell with the number `cell`, and write its impacts to `impacts`."""
+    """Follow a motion in cell number `cell`, as `write_impacts_of_motion` does, and return the same tuple."""
     return write_impacts_of_motion(tau, v, returns, periods, point_of_cell(cell, cells), impacts)
 
 
@@ -47,7 +47,7 @@ def _list_impacts_of_cell(
 def collect_impacts_in_cell(
     cell: int, cells: Any, tau: float, v: float, returns: int, periods: float
 ) -> tuple[int, float, float, Impacts]:
-    """Follow a motion in the cell with the number `cell`; return the result of `collect_impacts`."""
+    """Follow a motion in the cell with the number `cell`; return its status, final state and impacts."""
     return collect_impacts(tau, v, returns, periods, partial(_list_impacts_of_cell, cell, cells))
 
 

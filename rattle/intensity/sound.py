@@ -15,7 +15,7 @@ from rattle.numerics.compile import kernel
 
 Array = NDArray[np.float64]
 MOST_SAMPLES = 50_000_000
-LOUDEST = 32767 * 9 // 10  # 16-bit sample of full volume: 90 % of the largest number
+LOUDEST = 32767 * 9 // 10  # value of a 16-bit sample at full volume: 90 % of the largest value
 
 
 def sound(
@@ -42,9 +42,10 @@ def sound(
 
 @kernel
 def synthesize_ringing(time: Array, size: Array, count: int, rate: float, ring: float, decay: float) -> Array:
-    """Return `count` samples of Σ size e^(−s/decay) sin(2π ring s), the sum over all impacts so far.
+    """Return `count` samples of Σ size e^(−s/decay) sin(2π ring s), a sum over the impacts before each sample.
 
-    s is the time since an impact, in seconds. The times of the impacts must be in rising order. size: the impulses.
+    s is the time since an impact. time, decay: in seconds. rate, ring: in Hz. The times of the impacts must rise.
+    size: the impulses of the impacts.
 
     Returns
     -------

@@ -105,7 +105,7 @@ def wall_response(order: ArrayLike, delta: float, stiffness: float) -> NDArray[n
 
 
 def fourier_transform_of_force(impacts: Impacts, order: Array, point: Any, stiffness: float) -> NDArray[np.complex128]:
-    """Return ∫ e^(−2πi order t) force dt at orders (n,), for the force of these impacts, positive away from Σ⁺."""
+    """Return ∫ e^(−2πi order t) force dt at orders (n,), for the force of the impacts, positive away from Σ⁺."""
     found = np.empty(order.size, np.complex128)
     rows = max(1, LARGEST_MATRIX // max(1, impacts.time.size))
     for first in range(0, order.size, rows):

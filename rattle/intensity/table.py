@@ -33,7 +33,8 @@ class Intensities(NamedTuple):
     """The fields of `Intensity` for every attractor of a table, arrays (n,), with 95 % half-widths.
 
     Half-widths are 0 for exact values; for chaotic motions they come from 32 batches. Rows are NaN for undecided
-    samples and for chaotic motions that became quiet during the observation.
+    samples, for periodic motions that do not close after their period, and for chaotic motions that became quiet, or
+    could not be followed, during the observation.
     """
 
     impacts_plus: Array
@@ -118,7 +119,7 @@ def follow_motions_one_by_one(
     Returns
     -------
     Array
-        Sums (n, BATCHES, COLUMNS); NaN for a motion that becomes quiet.
+        Sums (n, BATCHES, COLUMNS); NaN for a motion that becomes quiet or cannot be followed.
     """
     sums = np.zeros((cell.size, BATCHES, COLUMNS))
     write_batch_sums(cell, tau, v, STRETCH * length_factors, cells, sums)
@@ -126,7 +127,7 @@ def follow_motions_one_by_one(
 
 
 def intensities_of(table: AttractorTable, cells: Any, stretch: Stretch) -> Intensities:
-    """Return how hard every attractor of a table rattles.
+    """Return the intensity of every attractor of a table, with error bars.
 
     The result is exact for periodic motions. A chaotic motion is followed for so long that this takes a few per cent of
     the computing time that its classification took.

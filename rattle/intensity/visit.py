@@ -34,8 +34,8 @@ class Impacts(NamedTuple):
     Notes
     -----
     In the impacting model departure equals speed, duration is 0 and impulse is twice the speed. With restitution r,
-    departure is r times the speed. A chatter that ends in contact is listed down to rounding. Its last impact has
-    departure 0, the duration of the contact phase, and an impulse that includes the force in contact.
+    departure is r times the speed. In a chatter that ends in contact, the infinitely many weakest impacts are listed as
+    one impact, with departure 0, the duration of the contact phase, and an impulse that includes the force in contact.
     """
 
     time: Any
@@ -47,7 +47,9 @@ class Impacts(NamedTuple):
 
 
 def bounce(wall, tau, w, point):
-    """Return the flight from a departure with velocity w, and the impact that ends it, up to the next departure.
+    """Follow a flight from a wall to its impact, and return the flight time, the impact and the next departure.
+
+    wall, tau, w: the wall that the flight leaves, and the phase and the velocity of this departure.
 
     Returns
     -------
@@ -63,7 +65,7 @@ def bounce(wall, tau, w, point):
 
 
 def mean_force_at(point):
-    """Return the mean over time of the contact force. The impulses of a bounded motion balance this force."""
+    """Return the mean contact force at a parameter point, which the impulses of every bounded motion balance."""
     raise NotImplementedError("mean_force_at exists inside kernels only: from Python use Gear.intensity")
 
 

@@ -10,7 +10,8 @@ import numpy as np
 
 from rattle.flight.forcing import TWO_PI
 
-#: For two equal gears the model's Φ is (θ₁ − θ₂ + (e/r) cos Ωt) times this number, which depends on the drive.
+#: For two equal gears with base radius r and eccentricity e, the model's Φ is θ₁ − θ₂ + (e/r) cos Ωt times this number,
+#: which depends on the drive.
 DRIVES = {"torque": 1.0, "speed": 2.0}
 
 
@@ -104,7 +105,7 @@ def reduce_pair(
     Parameters
     ----------
     inertia, drag, radius, driven_inertia, driven_drag, driven_radius : float or ndarray
-        The numbers of the first and the second gear.
+        Inertia (kg m²), drag (N m s/rad) and base radius (m) of the first and of the second gear.
     speed : float or ndarray
         Mean speed of the first gear, rad/s.
     drive : str

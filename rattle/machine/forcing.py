@@ -69,7 +69,7 @@ class PairForcing(NamedTuple):
 
 
 def check_components(name: str, given: Iterable[Any]) -> tuple[tuple[int, float, float], ...]:
-    """Check components; return them as a tuple of (order, amplitude in m, phase in turns). Raises ParameterError."""
+    """Check components of a transmission error; return a tuple of (order, amplitude in m, phase in turns)."""
     shape = f"{name} must be a list of (order, amplitude in metres, phase in turns), such as [(20, 1e-7, 0.0)]"
     try:
         rows = [tuple(each) for each in given]

@@ -310,16 +310,16 @@ class Machine:
         return self._point.units
 
     def attractors(self, count: int = 256, seed: int = 0) -> tuple[Attractor, ...]:
-        """Return the attractors that states up to the natural speed reach; see `Gear.attractors`."""
+        """Return the attractors that random states with speeds up to the natural speed reach; see `Gear.attractors`."""
         return self.gear.attractors(count, NATURAL, seed)
 
     def verdict(self, count: int = 256, seed: int = 0) -> MachineVerdict:
-        """Return whether the machine rattles: never, only after a knock, from a share of random starts, or always.
+        """Return whether the machine rattles: never, only after a knock, from some initial conditions, or always.
 
         Parameters
         ----------
         count, seed : int
-            Number and seed of the random starts, as in `attractors`.
+            Number and seed of the random initial conditions, as in `attractors`.
 
         Returns
         -------

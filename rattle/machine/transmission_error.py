@@ -12,7 +12,7 @@ from rattle.errors import require, require_integer, require_real_array
 from rattle.numerics.tables import read_columns
 from rattle.parameters import HIGHEST_ORDER, MOST_HARMONICS
 
-#: {name of a column of a table: its unit}. The units of angles are in revolutions, those of errors in metres.
+#: {name of a column of a table: size of its unit}; the size is in revolutions for angles and in metres for errors.
 ANGLES = {"angle_deg": 1.0 / 360.0, "angle_rad": 1.0 / (2.0 * np.pi), "angle_rev": 1.0}
 ERRORS = {"error_um": 1e-6, "error_mm": 1e-3, "error_m": 1.0}
 #: Names of columns that do not state a unit. A file with such a column, but none of the same quantity with a unit, is

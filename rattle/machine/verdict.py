@@ -1,4 +1,4 @@
-"""The verdict on a machine: quiet, quiet unless knocked, rattling from some starts, or always rattling."""
+"""The verdict on a machine: quiet, quiet unless knocked, rattling from some initial conditions, or always rattling."""
 
 from __future__ import annotations
 
@@ -32,16 +32,16 @@ class MachineVerdict(NamedTuple):
     kind
         "quiet", "quiet_unless_knocked", "rattles_sometimes" or "always_rattles".
     share
-        The share of random starts that end in rattling.
+        The share of random initial conditions that lead to rattling.
     low, high
-        The 95 % interval of this share, in which undecided starts may count either way.
+        The 95 % interval of this share, in which undecided initial conditions may count either way.
     knock
         The speed of the weakest knock, at the worst phase, after which teeth at rest rattle for ever, in m/s along the
         line of action; inf if no knock up to `hardest` has this effect, 0 if teeth cannot rest.
     hardest
         The speed of the hardest knock that was tried, m/s.
     undecided
-        The share of random starts whose end stayed undecided.
+        The share of random initial conditions that stayed undecided: their attractor is not known.
     """
 
     kind: str
@@ -67,7 +67,7 @@ class MachineVerdict(NamedTuple):
 
 
 class MachineLike(Protocol):
-    """The methods of a machine that a verdict needs."""
+    """The properties and methods of a machine that `machine_verdict` needs."""
 
     @property
     def gear(self) -> AnyGear:
@@ -82,7 +82,7 @@ class MachineLike(Protocol):
 
 
 def machine_verdict(machine: MachineLike, count: int, seed: int) -> MachineVerdict:
-    """Return the verdict on a machine; `Machine.verdict` explains the arguments."""
+    """Return the verdict on a machine from `count` random initial conditions (`Machine.verdict`)."""
     count = require_integer("count", count, 1, MOST_COUNT)
     gear, unit = machine.gear, float(machine.units.velocity)
     hardest = HARDEST * highest_sampled_speed(NATURAL, gear.delta, gear.epsilon, gear.beta)
@@ -130,5 +130,5 @@ def _is_rattling(attractor: Attractor) -> bool:
 
 
 def _is_undecided(attractor: Attractor) -> bool:
-    """Return whether an attractor of a table stands for all undecided samples."""
+    """Return whether an entry of a list of attractors is no attractor, but stands for all undecided samples."""
     return attractor.kind == "undecided"

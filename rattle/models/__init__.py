@@ -94,12 +94,12 @@ def model_of(beta: float = 0.6, **added: float | None) -> Model:
 
 
 def with_harmonics(model: Model, harmonics: Sequence[Harmonic]) -> Model:
-    """Return a model with these harmonics of its forcing, besides the first harmonic.
+    """Return a copy of a model, with the given harmonics of the forcing besides the first harmonic.
 
     Returns
     -------
     Model
-        The same model if there are no harmonics.
+        The copy, or the model itself if `harmonics` is empty.
 
     Raises
     ------

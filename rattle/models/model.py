@@ -64,8 +64,8 @@ class Capability(StrEnum):
 class AnalyticLimits(NamedTuple):
     """The eccentricities at which the motions of a gear change, at one damping.
 
-    sn1: at this eccentricity A and C are born in a saddle-node. flip: C loses stability in a flip (period doubling).
-    quiet_limit: quiet motion ends. missing: for each limit that is None, the reason.
+    sn1: A and C are born in a saddle-node. flip: C loses stability in a flip (period doubling). quiet_limit: above it
+    there is no quiet motion. missing: for each limit that is None, the reason.
     """
 
     sn1: float | None
@@ -112,7 +112,7 @@ class AnyGear(Protocol):
         """Return the number of the region, an index of `REGIONS`."""
 
     def orbits(self) -> tuple[Orbit, ...]:
-        """Return the existing motions A to D; some gears also, or only, return P(1,1,0) without a letter, named "P"."""
+        """Return the admissible motions A to D; some gears add other P(1,1,0), named "P", or return only these."""
 
     def orbit(self, tau: float, v: float, n_plus: int = 1) -> PeriodicMotion:
         """Return the periodic motion near the departure (τ, v) that repeats after n_plus impacts on Σ⁺."""
@@ -178,8 +178,9 @@ class AnyGear(Protocol):
 class GearFunctions(Protocol):
     """The functions that the package of a gear model provides, for arrays of parameters.
 
-    Each function takes δ and ε, the name of a curve, or the ends of a segment of the (δ, ε) plane, and by keyword β and
-    the gear's other parameters. `rattle.impacting` and `rattle.stiff` are such packages.
+    Each function except `stretch` and `describe` takes δ and ε, the name of a curve, or the ends of a segment of the
+    (δ, ε) plane, and by keyword β and the gear's other parameters. `rattle.impacting` and `rattle.stiff` are such
+    packages.
     """
 
     def period_one(self, *given: Any, **more: Any) -> PeriodOne:
@@ -198,7 +199,7 @@ class GearFunctions(Protocol):
         """Return the bifurcation diagram along a segment."""
 
     def describe(self, name: str) -> str:
-        """Describe a curve in words."""
+        """Return a description, in words, of the curve with a given name."""
 
     def trace(self, *given: Any, **more: Any) -> Curve:
         """Return the bifurcation curve with a given name."""
@@ -383,7 +384,7 @@ class Model(ABC):
 
     @classmethod
     def classify_states(cls, parameters: Parameters, tau: Array, v: Array, budget: int = BUDGET) -> Classifier:
-        """Follow states (n, k) in cells with parameters (n,) until each reaches an attractor or its budget ends."""
+        """Return a classifier that has followed states (n, k) in n cells to attractors or to the end of the budget."""
         return cls.classifier.classify(parameters, tau, v, budget)
 
     @classmethod
@@ -396,13 +397,13 @@ class Model(ABC):
 
     @classmethod
     def join_rows_of_cells(cls, parameters: Parameters, table: Attractors) -> Rows:
-        """Join the attractors of n cells, and return what `join_into_families` returns for a grid of one row of cells.
+        """Join the attractors of n cells into families, with the cells as the one row of a grid.
 
         parameters (n,): the parameters of the cells, in the order of the row. table: the attractors of the cells.
 
         Returns
         -------
         Rows
-            The result of `join_into_families`.
+            The result of `join_into_families`: the attractors, flags of continued orbits, and numbers of families.
         """
         return join_into_families(table, (1, parameters.size), cls.classifier.cells_of(parameters))

@@ -63,7 +63,8 @@ def source_hash() -> str:
     Returns
     -------
     str
-        On one machine with the same `toolchain`, equal hashes mean that computed numbers are equal to the last bit.
+        The hash. On one machine with the same `toolchain`, equal hashes mean that computed numbers are equal to the
+        last bit.
     """
     return _hash_sources(COMPUTE_NOTHING)
 
@@ -193,7 +194,7 @@ class Kernel(InlineFunction):
 
     @property
     def python_dispatcher(self) -> Any:
-        """Return numba's dispatcher for calls from Python; it compiles the function for each set of argument types."""
+        """Numba's dispatcher for calls from Python. It compiles the function for each set of argument types."""
         config: Any = numba.config
         with _LOCK:
             if self._python_dispatcher is None:
@@ -211,7 +212,7 @@ class Kernel(InlineFunction):
         """Run the compiled function. Before its first run, a separate process compiles it for these argument types."""
         if self._python_dispatcher is None and self.__module__.startswith("rattle."):
             wanted = self.__module__, self.name, *map(numba.typeof, arguments)
-            # the name is a hash of the types as text, because pickles of equal types may differ
+            # the name of the job is a hash of the types as text, because pickles of equal types may differ
             name = hashlib.sha256(repr(wanted).encode()).hexdigest()[:24]
             compile_in_subprocess(
                 f"{name} {base64.b64encode(pickle.dumps(wanted)).decode()}", f"{__name__}:kernel_compilation_steps"

@@ -31,7 +31,7 @@ def sobol_points(count: int) -> NDArray[np.float64]:
     index = np.arange(count, dtype=np.uint64)
     gray = index ^ (index >> np.uint64(1))
     numerators = np.zeros((count, 2), np.uint64)
-    second = 1  # quotient of the direction numbers of both coordinates, second by first
+    second = 1  # direction number of the second coordinate divided by that of the first, for the current bit
     for bit in range(max(count - 1, 1).bit_length()):
         place = SOBOL_BITS - 1 - bit
         directions = np.array([1 << place, second << place], np.uint64)
@@ -58,7 +58,7 @@ def draw_uniforms(seed: int, stream: int, rows: NDArray[np.int64], columns: int)
     Returns
     -------
     NDArray[np.float64]
-        (n, columns).
+        The numbers (n, columns).
     """
     state = np.zeros(rows.size, np.uint64)
     words: list[NDArray[np.uint64]] = [*_halves_of_seed(seed), np.array([stream], np.uint64), rows.astype(np.uint64)]
@@ -119,7 +119,7 @@ def initial_conditions(
 def wilson_interval(
     successes: ArrayLike, count: ArrayLike, z: float = Z_95
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the 95 % Wilson score interval of a fraction, for successes out of count (arrays that broadcast).
+    """Return the Wilson score interval of a fraction, for successes out of count (arrays that broadcast).
 
     `z` is the quantile of the normal distribution; its default gives 95 %.
 

@@ -65,7 +65,7 @@ def sampled_states(
 def _transform_to_density(
     points: Array, density: Density, tau: tuple[float, float], v: tuple[float, float]
 ) -> tuple[Array, Array]:
-    """Map points of the unit square by the inverse distribution function: first along τ, then along v given τ."""
+    """Map uniform points (n, 2) of the unit square to positions in [0, 1] along τ and v that follow the density."""
     centres = (np.arange(DENSITY_STEPS) + 0.5) / DENSITY_STEPS
     phases, speeds = (low + (high - low) * centres for low, high in (tau, v))
     try:

@@ -65,7 +65,7 @@ class IteratesWithExponents(NamedTuple):
         Returns
         -------
         IteratesWithExponents
-            The exponents are NaN where the time is 0.
+            The results; the exponents are NaN where the time is 0.
         """
         time = growth[0]
         with np.errstate(divide="ignore", invalid="ignore"):

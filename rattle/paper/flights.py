@@ -35,7 +35,7 @@ class ReferenceImpacts(NamedTuple):
 
 
 def compute_reference_step(delta: float, epsilon: float, tau: float, v: float) -> ReferenceImpacts:
-    """Compute one step of Π from (τ, v), impact by impact."""
+    """Return the impacts of one step of Π from (τ, v), computed one after another, and the smallest Φ''."""
     gear, wall, phase, velocity = Gear(delta, epsilon), 1, tau, -v
     walls: list[int] = []
     times: list[float] = []

@@ -98,7 +98,7 @@ def legend_name(motion: Motion, contacts: int | None = None) -> str:
     Returns
     -------
     str
-        "quiet", "chaotic" or "undecided" for motions that are not periodic.
+        "P(m,n₊,n₋)" or "P(m,n₊,n₋;c)" of a periodic motion, else "quiet", "chaotic" or "undecided".
 
     Raises
     ------
@@ -235,7 +235,7 @@ def _colour_by_rule(label: Label) -> str:
 
 
 def _hex_colour(hue: float, lightness: float, saturation: float) -> str:
-    """Return a colour as "#rrggbb"; the hue is in degrees."""
+    """Return a colour as "#rrggbb"; the hue is in degrees, lightness and saturation are from 0 to 1."""
     rgb = colorsys.hls_to_rgb(hue / 360, lightness, saturation)
     return "#" + "".join(f"{round(255 * part):02x}" for part in rgb)
 

@@ -222,7 +222,7 @@ class Labels:
         Returns
         -------
         float
-            The cost, if it is below `most`. Otherwise any number that is at least `most` and at most the cost.
+            The cost if it is below `most`, otherwise a lower bound of the cost that is at least `most`.
         """
         cost = float(np.hypot(*(centre - origin)))
         if cost >= most:

@@ -27,9 +27,9 @@ GRAZE_REACH = 0.003
 def stiff_figure(delta: float = DELTA, epsilon: float = EPSILON, beta: float = 0.6) -> Drawing:
     """Draw the distances between the stiff gear and the impacting model against the stiffness κ.
 
-    Three panels show the distances: those of the motions A to D; of their multipliers; of bifurcations and the quiet
-    limit. The fourth panel shows the speed after one return for speeds on both sides of Γ: the impacting model has a
-    square root there, the stiff gear a steep but smooth curve.
+    Three panels show the distances between the motions A to D, between their multipliers, and between the bifurcations
+    and quiet limits of both models. The fourth panel shows the speed after one return for speeds on both sides of Γ:
+    the impacting model has a square root there, the stiff gear a steep but smooth curve.
 
     Returns
     -------

@@ -78,7 +78,7 @@ def compute_gears(plan: PopulationPlan, start: int, stop: int) -> ComputedGears:
 
 
 def divide_gears_into_slices(delta: Array, count: int) -> list[slice]:
-    """Divide gears into slices to follow at once. A slice takes some seconds if all of its motions are chaotic.
+    """Divide gears into slices; the gears of a slice are followed at once, in some seconds if all motions are chaotic.
 
     delta (n,): δ of each gear. count: the number of samples of a gear.
 

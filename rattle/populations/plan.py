@@ -77,7 +77,7 @@ class PopulationPlan:
     repeats the first gears of the population, with other samples. Then each varying number has a part with these
     gears, in which this number is kept and all other numbers are drawn again. After these parts, each varying number
     has a part in which this number is drawn again and all others are kept. If only one number varies, the population
-    is the only part. Raises ParameterError.
+    is the only part. Raises ParameterError if a field is outside its domain.
     """
 
     tolerances: Tolerances
@@ -123,7 +123,7 @@ class PopulationPlan:
     def rows_per_sobol_part(self) -> int:
         """The number of rows in each part except the first; only Sobol indices need these parts.
 
-        The number is the smaller of `pairs` and `gears`; 0 if only one quantity varies.
+        The number is the smaller of `pairs` and `gears`; 0 if only one number of the gear varies.
         """
         return min(self.pairs, self.gears) if len(self.tolerances.names) > 1 else 0
 

@@ -91,7 +91,7 @@ class Tolerances:
     may have restitution. The phases of all harmonics and errors are 0.
 
     correlation: the correlation matrix of the normal scores of the varying numbers, in the order in which the numbers
-    are listed above. Raises ParameterError.
+    are listed above. Raises ParameterError if a name is unknown, no number varies, or a value is outside its domain.
     """
 
     given: Mapping[str, Any]

@@ -35,13 +35,13 @@ class Refusal(Exception):  # noqa: N818 - a refusal is an answer of the checker,
 
 
 def require(ok: bool, why: str) -> None:
-    """Raise Refused with this message unless ok."""
+    """Raise Refusal with this message unless ok."""
     if not ok:
         raise Refusal(why)
 
 
 def interval_of_text(text: str) -> Interval:
-    """Return a narrow interval that contains the exact number in a text, a decimal or a ratio. Raises Refused."""
+    """Return a narrow interval that contains the exact number in a text, a decimal or a ratio. Raises Refusal."""
     require(bool(NUMBER.fullmatch(text)), f"{text[:40]!r} must be a decimal or a ratio of integers")
     number = Fraction(text)
     return IV.mpf(number.numerator) / IV.mpf(number.denominator)
@@ -130,7 +130,7 @@ class CertifiedMotion:
         return values, rows
 
     def enclose_motion(self) -> list[Interval]:
-        """Return intervals that contain the only motion in the box (Lemma 2 of docs/proofs.md). Raises Refused."""
+        """Return intervals that contain the only motion in the box (Lemma 2 of docs/proofs.md). Raises Refusal."""
         x, n, spread = self.centre, len(self.centre), [radius * UNIT for radius in self.radii]
         values, rows = self.equations(x)
         about = (fp.matrix([[row.get(j, ZERO).mid for j in range(n)] for row in rows]) ** -1).tolist()
@@ -151,7 +151,7 @@ class CertifiedMotion:
         return [a + b for a, b in zip(x, spread, strict=True)]
 
     def require_admissible(self, x: Sequence[Interval]) -> None:
-        """Raise Refused unless each flight and contact is proved to reach its end, with speeds > 0 at both ends."""
+        """Raise Refusal unless each flight and contact is proved to reach its end, with speeds > 0 at both ends."""
         for i, p in enumerate(self.pieces(x), 1):
             # sign of the velocity at the start: a contact moves into its wall, a flight away from it
             side = p.wall if p.k != 0 else -p.wall
@@ -163,7 +163,7 @@ class CertifiedMotion:
             require(p.is_uninterrupted(), f"piece {i} is not proved to reach its end before another event")
 
     def require_least_period(self, x: Sequence[Interval]) -> None:
-        """Raise Refused unless m forcing periods are proved to be the least period (Lemma 7 of docs/proofs.md)."""
+        """Raise Refusal unless m forcing periods are proved to be the least period (Lemma 7 of docs/proofs.md)."""
         n, times = len(self.itinerary), [*x[::2], *(t + self.m for t in x[::2])]
         for parts in range(2, n + 1):
             shift = n // parts
@@ -280,7 +280,7 @@ def characteristic_roots(trace: Interval, determinant: Interval) -> list[Interva
 
 
 def check(text: str) -> str:
-    """Prove the theorem of a certificate, a JSON document, and return it in words. Raises Refused."""
+    """Prove the theorem of a certificate, a JSON document, and return it in words. Raises Refusal."""
     try:
         document = json.loads(text)
         require(document["format"] == 1, "`format` must be 1")

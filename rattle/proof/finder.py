@@ -50,7 +50,7 @@ class MotionEnclosures(EvaluatedEquations, Protocol):
 
     @property
     def speeds(self) -> list[arb]:
-        """The speeds after the impacts; in the stiff gear, those at the beginning and the end of each contact."""
+        """The speeds after the impacts; in the stiff gear the speeds at the beginning and the end of each contact."""
 
     @property
     def trace(self) -> arb:

@@ -131,7 +131,7 @@ def convergence(
     count, v_max, seed
         The samples, as in `Gear.attractors`.
     within : float
-        The distance at which a sample has arrived, below 0.5.
+        A sample has arrived if its distance is less than this number, which is below 0.5.
     periods : float | None
         Observation time in forcing periods, by default 300/δ.
     states : States

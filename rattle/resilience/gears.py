@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 States = tuple[ArrayLike, ArrayLike] | None
 #: Largest number of steps of a path.
 MOST_STEPS = 100_000
-#: Two points are on the same attractor if τ and v differ by less than this, with speeds in units of `speed_unit_of`.
+#: States of two periodic attractors are the same if τ and v differ by less than this, v in units of `speed_unit_of`.
 SAME_POINT = 1e-6
 
 
@@ -116,5 +116,5 @@ def points_along_path(path: ArrayLike, beta: float, added: Mapping[str, float | 
 
 
 def _model_by_parameter_count(n_added: int) -> type[Model]:
-    """Return the first model with `n_added` parameters besides δ, ε and β, or the default model; −1 counts as 0."""
+    """Return the first model with max(n_added, 0) parameters besides δ, ε and β, or else the default model."""
     return next((model for model in MODELS.values() if len(model.added) == max(n_added, 0)), MODELS[DEFAULT_MODEL])

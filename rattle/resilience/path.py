@@ -38,7 +38,7 @@ NOTHING: Mapping[str, Make] = MappingProxyType({})
 PERIODS = 200.0
 #: Number of states of a chaotic attractor that are followed at the next step.
 CHAOTIC_STATES = 16
-#: Two points are on the same attractor if τ and v differ by less than this, with speeds in units of `speed_unit_of`.
+#: States of two periodic attractors are the same if τ and v differ by less than this, v in units of `speed_unit_of`.
 SAME_POINT = 1e-6
 #: Stands for the number of a family if a motion becomes chaotic at a step that has no chaotic family in the table.
 CHAOS_THERE = -2
@@ -90,7 +90,7 @@ class GlobalContinuation:
 
     @property
     def families(self) -> tuple[int, ...]:
-        """The numbers of the families, rising: 0 is quiet motion; the others are numbered from most to fewest steps."""
+        """The numbers of the families, ascending: 0 is quiet motion, 1 is the family that exists at the most steps."""
         return tuple(int(x) for x in np.unique(self.family) if x >= 0)
 
     def label(self, number: int) -> tuple[str, int, int, int]:
@@ -231,7 +231,7 @@ class _ChangeFinder:
         self.row_by_family = [{int(family[i]): int(i) for i in reversed(self._rows_at_step(step))} for step in range(n)]
 
     def _rows_at_step(self, step: int) -> NDArray[np.int64]:
-        """Return the rows of `attractors` that belong to a step and to a family, so without undecided samples."""
+        """Return the rows of the attractors of a step that have a family. Rows of undecided samples have none."""
         return np.flatnonzero((self.rows.cell == step) & (self.family >= 0))
 
     def find_changes(self) -> list[FamilyChange]:
@@ -267,7 +267,7 @@ class _ChangeFinder:
         Returns
         -------
         FamilyChange
-            The change.
+            The beginning or end, with its cause and its position along the path.
         """
         row, where, away = self._row_with_family(family, step, begins), step + begins, step + 1 - begins
         kind, gears = self.rows.kind[row], (gear_at(self.points, where), gear_at(self.points, away))
@@ -309,7 +309,7 @@ class _ChangeFinder:
         return FamilyChange(family, step, begins, end.cause, float(low), float(high), other)
 
     def _find_reached_family(self, row: int, step: int, gear: AnyGear, gear_there: AnyGear) -> int:
-        """Return the family that motions on an attractor go to when the parameters jump to those of a step.
+        """Return the family that motions on an attractor go to when the parameters jump to the parameters of a step.
 
         A periodic attractor is represented by one of its states, a chaotic attractor by CHAOTIC_STATES states. The
         family to which most of these states go is returned.

@@ -133,7 +133,7 @@ def _states_at_phase(gear: AnyGear, attractor: Attractor, phase: float) -> tuple
         states.append(_StateBeforeShock(phase, float(moving.phi[-1]), float(moving.velocity[-1])))
 
     def departure(state: _StateBeforeShock, change: float) -> tuple[float, float] | None:
-        """Return the first departure (τ, v) from Σ⁺ after a shock, or None if the motion departs no more."""
+        """Return the first departure (τ, v) from Σ⁺ after a shock, v > 0 even after rest; None if it is not found."""
         try:
             tau, v = gear.departure(state.tau, state.position, state.velocity + change)
         except RattleError:

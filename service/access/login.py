@@ -52,7 +52,7 @@ def _render_login_page(request: Request, problem: str = "", status: int = 200) -
 
 
 async def login(request: Request) -> Response:
-    """Return the login form, or handle the submitted form."""
+    """Return the login form, or begin a session if the submitted form has a valid key."""
     if request.method == "GET":
         had = request.state.caller is None and not {COOKIE, OLD_COOKIE}.isdisjoint(request.cookies)
         response = _render_login_page(request, "Your session has ended: sign in again." if had else "")

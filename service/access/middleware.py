@@ -25,7 +25,7 @@ from gear_rattle.service.web import problems
 from gear_rattle.service.web.prefix import path_without_prefix
 from rattle import RattleError
 
-#: Scripts and styles of /docs and /redoc.
+#: The path below which the scripts and styles of /docs and /redoc are served.
 REFERENCE_ASSETS = "/docs/static"
 REFERENCE_PATHS = frozenset(
     {

@@ -1,4 +1,4 @@
-"""Check where a request comes from and which host it names; refuse foreign names and pages of other sites."""
+"""Check where a request comes from and which host it names; refuse foreign host names and other sites' pages."""
 
 from __future__ import annotations
 
@@ -45,8 +45,8 @@ def require_own_host(headers: Headers, host: str, allowed: Collection[str]) -> N
     """Refuse requests that name another host than this service.
 
     In a DNS rebinding attack, a foreign site lets its name point to this machine. For a browser, pages of that site and
-    this service then have the same origin, so the pages could use a service without keys. The attack needs a name: a
-    service that listens on all addresses accepts any IP address in the Host header.
+    this service then have the same origin, so the pages could use a service without keys. The attack needs a name, so a
+    service that listens on all addresses may accept any IP address in the Host header.
 
     Raises
     ------

@@ -46,7 +46,7 @@ def _number_argument(name: str) -> Any:
     return Annotated[float | None, typer.Argument(metavar=name.upper(), help=NUMBERS[name][0], show_default=False)]
 
 
-#: All options are None by default, so that missing ones can be detected.
+#: All options are None by default, so that a command can tell which options were not given.
 OPTIONS: dict[str, Any] = {
     **make_number_options(float, panel=MACHINE.replace("delta, epsilon and beta", "DELTA and EPSILON")),
     "transmission_error": Annotated[

@@ -34,7 +34,7 @@ def diagram(
     ] = None,
     numbers: Mapping[str, float] = NO_NUMBERS,
 ) -> None:
-    """Print every bifurcation along a line of the plane, with its motion, its named curve and its position.
+    """Print every bifurcation along a line of the (δ, ε) plane: the motion, the named curve and the position.
 
     One of --delta and --epsilon is a range LOW:HIGH, the other a number; with two ranges the line goes from both low
     ends to both high ends. --figure draws speed and phase of the impacts, like Figures 5 and 9 of the paper.

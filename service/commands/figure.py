@@ -61,7 +61,7 @@ def figure(
     """Draw figures of the paper from computed data, or draw the picture of a survey.
 
     rattle figure 4 7 --out DIR writes DIR/figure4.pdf and DIR/figure7.pdf.
-    They have the paper's parameters, or those of --delta, --epsilon and --beta:
+    The figures have the paper's parameters, or those of --delta, --epsilon and --beta:
 
     Figure 4, basins: one --delta, and an --epsilon for each panel.
 

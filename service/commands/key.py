@@ -98,7 +98,7 @@ def revoke(
 
 @contextmanager
 def _open_job_database(data: Path | None, database_url: str | None, create: bool = False) -> Iterator[Database]:
-    """Yield the job database of a service. create: create its data directory if it does not exist."""
+    """Yield the job database of a service. create: True to make a missing data directory."""
     from gear_rattle.service.commands.options import settings_of
     from gear_rattle.service.database import Database
     from gear_rattle.service.errors import DataDirectoryError

@@ -91,7 +91,7 @@ def _limit_text(of: str, share: float, found: Limit, at: str = "") -> str:
     unit, scale = UNITS.get(of, MICROMETRES if of.startswith("error_") else ("", 1.0))
     if math.isnan(found.value):
         return f"no limit of {of} was found in the searched range: give another range with --between"
-    # SAFE_IF_SMALL does not list amplitudes of orders, such as error_12. Small amplitudes are the safe ones.
+    # SAFE_IF_SMALL does not list amplitudes of orders, such as error_12. Such an amplitude is safe if it is small.
     way = "up to" if SAFE_IF_SMALL.get(of, True) else "down to"
     value, low, high = (f"{scale * x:.4g}" for x in found)
     return f"{of} {way} {value}{unit} [{low}, {high}]{at} for P(quiet) of {share:g} at least"

@@ -58,7 +58,7 @@ def sound(
 def _choose_attractor(point: GivenPoint, found: tuple[Attractor, ...], number: int | None) -> Attractor:
     """Return the attractor `number`, counted from 1; for None the attractor with the most energy.
 
-    None chooses the entry of undecided samples only if there is no other entry.
+    The entry of undecided samples is chosen for None only if `found` has no other entry.
     """
     if number is not None:
         if not 1 <= number <= len(found):

@@ -20,7 +20,7 @@ def verify(
     ],
     processes: Annotated[int, typer.Option(min=1, help="Processes that read tiles; the output is the same.")] = 1,
 ) -> None:
-    """Read every file of a store and compare it with its checksum. The exit status is 1 if a file is damaged or lost.
+    """Compare every file of a store with its checksum. The exit status is 1 if a file is damaged or lost.
 
     The files of a survey are its cells, curves, families and levels, and the certificates beside it. In a completed
     survey a missing chunk counts as lost. The command that computed the survey, or POST /v1/surveys/ID/verify, computes

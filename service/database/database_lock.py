@@ -98,7 +98,7 @@ class _AdvisoryLock:
         @event.listens_for(self.writer, "close")
         def unlock(connection: Any, _: Any) -> None:
             # Without this statement, the server would hold the lock until it ends the closed session, a moment later.
-            # The next service could not start before that.
+            # Until then the next service could not start.
             if not connection.broken:
                 connection.execute(f"SELECT pg_advisory_unlock({ADVISORY_LOCK})")
 

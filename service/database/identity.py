@@ -53,7 +53,7 @@ def find_job_by_idempotency_key(session: Session, new: NewJob) -> JobRow | None:
     Raises
     ------
     ConflictError
-        If the body of that submission differs from that of `new`.
+        The earlier submission with this key had another request body.
     """
     if new.stored_idempotency_key is None:
         return None

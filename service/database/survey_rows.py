@@ -64,7 +64,7 @@ class Surveys(Transactions):
     """
 
     def accept(self, new: NewJob, max_jobs: int, has_results: Callable[[str], bool] | None = None) -> JobRow:
-        """Add a survey or population, or return the one with the same idempotency key, or an identical one.
+        """Add a survey or population, or return the existing job with the same idempotency key or the same content.
 
         Parameters
         ----------
@@ -172,7 +172,7 @@ class Surveys(Transactions):
             return [ActiveSurvey(*row) for row in found]
 
     def write_messages_of_waiting_jobs(self, survey_id: str) -> None:
-        """Write into the message of each other waiting survey that `survey_id` is computed; clear its own message."""
+        """Write to all other waiting jobs that `survey_id` is computed now; clear that survey's own message."""
         with self._begin_write_transaction() as (session, _):
             if (job := _find_active_job(session, survey_id)) is None:
                 return
@@ -197,7 +197,7 @@ class Surveys(Transactions):
                 job.content_hash = content_hash
 
     def job_totals(self) -> dict[State, tuple[int, int, int]]:
-        """Return {state: (number of jobs, number of their tiles, number of their finished tiles)}."""
+        """Return {state: (number of jobs in this state, number of tiles of these jobs, number of finished tiles)}."""
         numbers = func.count(), func.sum(JobRow.n_tiles), func.sum(JobRow.tiles_done)
         with self._read() as session:
             found = session.execute(select(JobRow.state, *numbers).group_by(JobRow.state))

@@ -89,7 +89,7 @@ class Transactions:
             self._writing.release()
 
     def directory_identity(self) -> str | None:
-        """Return the identity of the data directory with this database's stores; None if no service recorded it."""
+        """Return the identity of the data directory that has the stores; None if no service recorded it."""
         with self._read() as session:
             return session.scalar(select(ServiceRow.directory))
 

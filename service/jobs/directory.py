@@ -69,7 +69,7 @@ class StoreEntry:
 
 
 class DataDirectory:
-    """The data directory of one service: its lock and, unless other places are set, its job database and stores.
+    """The data directory of one service: its lock and, unless the settings name others, its job database and stores.
 
     Parameters
     ----------
@@ -84,12 +84,12 @@ class DataDirectory:
 
     @property
     def database_url(self) -> URL:
-        """The URL of the job database."""
+        """URL of the SQLite job database in this directory, whether it exists or not."""
         return URL.create("sqlite", database=str(self._database))
 
     @property
     def has_database(self) -> bool:
-        """True if there is a job database."""
+        """True if this directory contains a job database."""
         return self._database.exists()
 
     def store(self, survey_id: str) -> Path | StoreInBucket:
@@ -135,7 +135,7 @@ class DataDirectory:
             yield
 
     def check_identity(self, recorded: str | None = None) -> None:
-        """Check the identity of the locked directory, and give a new directory one. It is the text of IDENTITY_FILE.
+        """Check the identity (the text of IDENTITY_FILE) of the locked directory; give an identity to a new directory.
 
         Parameters
         ----------

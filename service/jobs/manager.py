@@ -51,7 +51,7 @@ if TYPE_CHECKING:
 #: each failure the pause is twice as long as before.
 FIRST_PAUSE, LONGEST_PAUSE = 1.0, 30.0
 OK, READY, STARTING = "ok", "ready", "starting"
-WORKERS_SECONDS = 2.0  # longest wait for the answer of the cluster to the question how many threads it has
+WORKERS_SECONDS = 2.0  # longest wait for the cluster to report its number of threads
 LAST_TILES_SECONDS = 3.0  # longest wait of a deletion for a dismissed job's last tiles, which end within about 2 s
 MAX_FAILURES = 100  # at most this many messages of failed cells are stored for a tile
 
@@ -286,7 +286,7 @@ class JobManager:
 
     @contextmanager
     def _prefer_missing_directory_error(self) -> Iterator[None]:
-        """If the data directory is missing, raise DirectoryMissingError in place of any error of the block."""
+        """If the data directory is missing, raise DirectoryMissingError in place of any error of this context."""
         try:
             yield
         except Exception as error:

@@ -13,7 +13,7 @@ log = logging.getLogger(__name__)
 
 
 def clean_up_unfinished_work(database: Database, directory: DataDirectory) -> None:
-    """Complete deletions, and remove partial files of killed writers.
+    """Complete deletions, and remove unfinished stores and partial files that killed processes left.
 
     Stores that belong to no survey or population of the job database are only reported in the log.
     The job manager checks running surveys against their stores when it resumes them.

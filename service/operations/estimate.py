@@ -139,7 +139,7 @@ def _sample_ratio(request: SurveyRequest, job: JobRow) -> float:
 
 
 def _have_similar_models(request: SurveyRequest, other: SurveyRequest) -> bool:
-    """Return whether both surveys have the same model, with added parameters that differ at most by SIMILAR_FACTOR."""
+    """Return whether both surveys have the same model, and added parameters within a factor SIMILAR_FACTOR."""
     ours, theirs = request.added_parameter_values, other.added_parameter_values
     if ours.keys() != theirs.keys() or request.model != other.model:
         return False
@@ -171,7 +171,7 @@ def measure_cell_seconds(request: AnyRequest) -> float:
 
 
 def _request_for_few_gears(request: PopulationRequest) -> PopulationRequest:
-    """Return a request for a few gears of a population. The share of judged gears stays, but at least one is judged."""
+    """Return a request for a few gears. As many in proportion, but at least one, are tested for the yield (judged)."""
     gears = min(request.gears, MEASURED_SIDE * MEASURED_SIDE)
     judged = max(1, round(gears * request.plan.n_judged / request.n_cells))
     few = {"gears": gears, "pairs": 0, "judged": judged, "tile": None}

@@ -1,4 +1,4 @@
-"""Compute curves of a model and motions at a point as plain values for JSON.
+"""Compute curves of a model, and orbits and intensities at a point, for answers of the service.
 
 This module imports the library only, so that processes that compute start fast.
 """

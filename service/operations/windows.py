@@ -29,7 +29,7 @@ Key = tuple[str, str, int, Window, tuple[int, int]]
 
 
 def clip_to_plane(delta: Pair, epsilon: Pair) -> Window:
-    """Return the part of a window that lies in the (δ, ε) plane, where δ is positive and ε is not negative."""
+    """Return the part of a window where ε ≥ 0 and δ is at least LEAST_DELTA times the largest δ of the window."""
     return Window((max(delta[0], LEAST_DELTA * delta[1]), delta[1]), (max(epsilon[0], 0.0), epsilon[1]))
 
 

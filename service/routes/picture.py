@@ -243,7 +243,7 @@ async def _compute_overlays(
 
 
 async def _await_while_connected(request: Request, work: Coroutine[Any, Any, OverlayData]) -> OverlayData:
-    """Wait for the overlays of a picture. Cancel them and raise UnavailableError if the client disconnects."""
+    """Return the overlays of a picture. If the client disconnects, cancel `work` and raise UnavailableError."""
     task = asyncio.ensure_future(work)
     try:
         while not (await asyncio.wait([task], timeout=DISCONNECT_CHECK_SECONDS))[0]:

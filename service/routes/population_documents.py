@@ -53,7 +53,7 @@ class PopulationList(BaseModel):
 
 
 class EstimateDocument(BaseModel):
-    """An estimate of the seconds that a population takes from its start to its end, with this number of workers."""
+    """An estimate of the seconds from the start to the end of a population, for the given number of workers."""
 
     seconds: float
     workers: int

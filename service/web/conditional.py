@@ -36,7 +36,7 @@ KEPT_BY_304 = frozenset({"etag", "cache-control", "last-modified", "expires", "v
 
 
 class AnyTagMiddleware:
-    """Middleware that answers `If-None-Match: *` with 304 if the resource exists, so that its answer has an ETag."""
+    """Middleware that answers `If-None-Match: *` with 304 if the resource exists: if its answer has an ETag."""
 
     def __init__(self, app: ASGIApp) -> None:
         self.app = app

@@ -145,7 +145,7 @@ def _end_with_signals(app: FastAPI) -> None:
     """Make SIGINT and SIGTERM end surveys and requests at once, not only when uvicorn has closed its connections.
 
     This function must be called inside the lifespan, when uvicorn has installed its signal handlers. The new handlers
-    also call uvicorn's.
+    also call uvicorn's handlers.
     """
     loop = asyncio.get_running_loop()
 

@@ -16,7 +16,7 @@ class FamilyEdges(NamedTuple):
     """Edges of families. An edge is a pair of neighbouring cells of which exactly one has the family.
 
     names: the names of the bifurcation curves. number (families,): how many edges each family has.
-    on (families, curves): at how many of these edges each curve passes between the two cells. It is 0 for a curve that
+    on (families, curves): at how many of these edges each curve passes between the two cells; 0 for a curve that
     neither makes nor ends motions of the family's label.
     """
 

@@ -84,8 +84,8 @@ class BoundaryExplanation:
 
     pairs: the n pairs of neighbouring cells that differ. known: the curves, sorted by the number of pairs that each
     explains, largest first. region_explained (n,): whether the cells of a pair differ in their region, and a curve
-    between them explains it. attractors_explained (n,): the same for attractors. sampling (n,): whether the cells of a
-    pair have the same families, so that they differ only because samples of one cell missed an attractor.
+    between them explains it. attractors_explained (n,): the same for their attractors. sampling (n,): whether the cells
+    of a pair have the same families, so that they differ only because samples of one cell missed an attractor.
     met: the number of pairs without a known curve between their cells, but with a bifurcation: a motion that was
     followed from one cell to the other met this bifurcation. rest: the unexplained pairs, in groups. crossed (n,):
     whether a known curve or such a bifurcation lies between the cells of a pair.
@@ -197,7 +197,7 @@ class _CurveSearch:
             yield replace(item, explains=int(np.sum(own | region)))
 
     def pairs_with_explained_regions(self) -> np.ndarray:
-        """Return for each pair (n,) whether its regions differ and a curve between its cells bounds regions."""
+        """Return for each pair (n,) whether its cells' regions differ and a curve between the cells bounds regions."""
         bounds = [item.crosses for item in self.known if item.bounds_regions]
         return self.pairs.region & np.any(bounds, axis=0)
 
@@ -294,8 +294,8 @@ class _CurveSearch:
     ) -> PeriodicOrbit | Event | None:
         """Follow a motion from its cell to the other cell of the pair, at (δ, ε) = target, or to a bifurcation.
 
-        should_trace: whether to trace the bifurcation's curve through the survey as well. Even then it is not traced if
-        the motion has more than LONGEST_TRACED impacts per period, or if `most_curves` curves were traced already.
+        should_trace: whether to trace the bifurcation's curve through the survey as well. It is never traced if the
+        motion has more than LONGEST_TRACED impacts per period, or if `most_curves` curves were traced already.
 
         Returns
         -------

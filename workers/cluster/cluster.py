@@ -99,8 +99,8 @@ def create_version_check(versions: Mapping[str, str | None], module: str, topic:
     In all other workers the plugin loads the kernels.
 
     The check holds for workers that join later, too. The plugin's class is defined inside this function, because dask
-    then sends all of its code, which even a worker without this package can run. So the class uses nothing of this
-    module.
+    then sends all of its code, which even a worker without this package can run. So the class imports this
+    module only after the check.
 
     Parameters
     ----------

@@ -246,7 +246,7 @@ def run_tiles(
     Raises
     ------
     StorageError
-        A tile cannot be written now (the disk is full or read-only); the message names it.
+        A tile cannot be written now (the disk is full or read-only); the message names the tile.
     SurveyError
         A tile cannot be computed, or another run has locked the store.
     ClusterLostError

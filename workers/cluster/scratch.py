@@ -13,7 +13,7 @@ HELD = "held"  # name of a file that the directory's owner keeps locked; the sys
 
 @contextmanager
 def scratch_directory(root: str | None) -> Iterator[str]:
-    """Make a directory that no other account can enter, and remove it at the end. Remove those of killed runs first.
+    """Remove directories of killed runs; make a directory that no other account can enter, and remove it at the end.
 
     Parameters
     ----------
@@ -33,7 +33,7 @@ def scratch_directory(root: str | None) -> Iterator[str]:
             # If the file system has no locks, the file HELD does not appear, and no other run removes the directory.
             with suppress(OSError):
                 fcntl.flock(file, fcntl.LOCK_EX)
-                os.rename(new, os.path.join(path, HELD))  # renamed after locking, so others never see it unlocked
+                os.rename(new, os.path.join(path, HELD))  # renamed after locking, so that no process sees it unlocked
             yield path
         finally:
             os.close(file)

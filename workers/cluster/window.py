@@ -152,7 +152,7 @@ class WindowGrid:
                 yield WindowPart(*(_slice_of_range(each) for each in (rows[i : i + band], columns[j : j + piece])))
 
     def put(self, part: WindowPart, computed: WindowPartValues) -> None:
-        """Take over the computed values of a part of the window."""
+        """Store the computed values of a part of the window, and add up the failed cells."""
         self.values[part] = computed.values
         self.known[part] = True
         self.failed += computed.failed

@@ -188,6 +188,6 @@ def _index_of_part(part: CellRectangle, whole: CellRectangle) -> tuple[slice, sl
 
 
 def ranks_within_cells(cell: np.ndarray) -> np.ndarray:
-    """Return for each attractor, sorted by cell, how many attractors of the same cell precede it."""
+    """Return for each attractor how many attractors of the same cell precede it. cell: sorted cell numbers."""
     found: np.ndarray = np.arange(cell.size) - np.searchsorted(cell, cell)
     return found

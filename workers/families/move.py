@@ -20,9 +20,9 @@ from rattle.families import CellRectangle
 def move_attractors_to_slots(
     request: SurveyRequest, path: str, tile: Tile, blocks: Sequence[FamilyBlock], known: Mapping[str, str]
 ) -> Mapping[str, str]:
-    """Move the attractors of a tile to their slots, and write the tile if this changes it.
+    """Move the attractors of a tile to the slots of their families, and write the tile if this changes its values.
 
-    If the stored tile is damaged, for example because a worker died while it moved attractors, it is computed again.
+    A stored tile that is damaged, for example because a worker died while it moved attractors, is computed again.
 
     Parameters
     ----------

@@ -53,8 +53,8 @@ POSITIONS = 1 << 16  # larger than the number of attractors of any cell, so that
 class BorderAttractors(StructOfArrays):
     """Attractors (k,) at the border of a block, inside the block or just outside.
 
-    cell: the cell of each attractor. place: its position among the attractors of the cell. component: the number of the
-    connected part of a family to which it belongs.
+    cell: the cell of each attractor. place: how many attractors of the same cell precede the attractor. component: the
+    number of the connected part of a family to which the attractor belongs.
     """
 
     cell: np.ndarray
@@ -72,7 +72,7 @@ class BlockComponents(NamedTuple):
     """The components (connected parts of families) of a block.
 
     number: how many components the block has; component 0 is quiet running. first: the attractors in the block's first
-    row and first column. beyond: those attractors in the cells just after the block's last row and column that belong
+    row and first column. beyond: the attractors in the cells just after the block's last row and column that belong
     to a component of the block. entered: the component of each orbit that was continued into the block.
     """
 
@@ -85,8 +85,8 @@ class BlockComponents(NamedTuple):
 class BlockSummary(NamedTuple):
     """Summary of the components (connected parts of families) in a block.
 
-    sums: properties that are added to those of other blocks. edges: the edges of the components (see
-    `ComponentEdges`). pairs (k, 2): in each row the numbers of two components that are in slots of the same cell.
+    sums: properties of the components in this block, to be added up over all blocks. edges: the edges of the components
+    (see `ComponentEdges`). pairs (k, 2): in each row the numbers of two components that are in slots of the same cell.
     """
 
     sums: ComponentSums
@@ -236,7 +236,7 @@ def write_families(
 
 
 def _kernel_cells(request: SurveyRequest, cells: CellRectangle) -> object:
-    """Return the cells of a rectangle of the grid as kernels take them."""
+    """Return the parameters of the cells of a rectangle of the grid as the record that compiled code takes."""
     delta, epsilon = request.delta.values(), request.epsilon.values()
     return request.gear_model.cells(delta[cells.left : cells.right], epsilon[cells.top : cells.bottom])
 

@@ -81,9 +81,9 @@ def add_family_maps(survey: xr.Dataset, table: xr.Dataset) -> xr.Dataset:
     Returns
     -------
     xr.Dataset
-        The survey with two more variables. LARGEST (among, epsilon, delta): the family with most samples of each cell,
-        among all families and among all but quiet running. SHARE (family, epsilon, delta): for each family, the share
-        of each cell's samples that go to the family.
+        The survey with two more variables. LARGEST (among, epsilon, delta): for each cell the code of the family with
+        most samples (see `_LargestFamilyMaps`), among all families and among all but quiet running. SHARE (family,
+        epsilon, delta): for each family, the share of each cell's samples that go to the family.
     """
     with report_damage("the families"):
         names, colours = family_names(survey, table), family_colours(table)

@@ -83,7 +83,7 @@ def finest_level_part(levels: Sequence[PyramidLevel], first: Pair, end: Pair, ro
 
 
 def reduce_cells(plane: xr.DataArray, values: np.ndarray, status: np.ndarray, level: PyramidLevel) -> DisplayedCells:
-    """Reduce a map to the cells of a pyramid level. values: the map's `values_to_draw`. status: the stored variable."""
+    """Reduce a map to a pyramid level. values: the map's values, from `values_to_draw`. status: each cell's status."""
     steps = [_halving_factors(level.cells, number) for number in range(max(level.cells).bit_length() - 1)]
     states = _reduce_codes(status, status > 0, steps, FAILED + 1, level.cells[0])
     known = (status > 0) & (status != FAILED)
@@ -241,9 +241,10 @@ def _choose_displayed_codes(
     """Choose the displayed code of each cell of a level.
 
     A cell of the level covers several cells of the survey. If the covered cells have several codes, the rarest of these
-    codes is displayed, except a code that more than half of the covered cells have. The rarest code occurs in the
-    fewest cells of the level around this cell (up to NEAR cells away); equally rare codes are compared in the whole
-    picture. rows, columns: how many of the survey's cells each row and each column of the level covers.
+    codes is displayed, except a code that more than half of the covered cells have. The rarest code is the one that
+    occurs in the fewest level cells around this cell (up to NEAR cells away); among equally rare codes, it is the one
+    that occurs in the fewest cells of the whole picture. rows, columns: how many of the survey's cells each row and
+    each column of the level covers.
 
     Returns
     -------
@@ -309,9 +310,9 @@ def _code_shares(
 def _choose_displayed_numbers(plane: xr.DataArray, statistics: np.ndarray, states: reduce.LevelCodes) -> DisplayedCells:
     """Choose the displayed number of each cell of a level, which covers several cells of the survey.
 
-    The cell displays the mean of the covered cells. It displays an extreme instead if the extreme is rare (RARE) or the
-    map has integers. If some of the covered cells lack a finite number, but fewer than half, or if all lack one, it
-    displays no number, or ±∞ if a covered number is infinite. So a few such cells remain visible.
+    The cell displays the mean of the covered cells, or, in a map of integers, the extreme nearer to the mean. A rare
+    extreme (RARE) is displayed instead. If all covered cells lack a finite number, or some of them but fewer than half,
+    the cell displays no number, or ±∞ if a covered number is infinite. So a few cells without a number remain visible.
 
     Returns
     -------

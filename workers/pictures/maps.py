@@ -147,7 +147,8 @@ def draw_map_figure(
 ) -> Figure:
     """Draw a variable of an open survey, finished or not.
 
-    If there are more cells than pixels, several cells become one, which shows the rarest of their values.
+    If there are more cells than pixels, several cells become one, which shows the rarest of their codes, or the mean of
+    their numbers unless an extreme is rare (see `reduce_map`).
 
     Parameters
     ----------
@@ -360,7 +361,7 @@ def draw_legend(axes: Axes) -> None:
 
 
 def _dim_cells_without_family(axes: Axes, dataset: xr.Dataset, family: int) -> None:
-    """Dim the cells that lack the family `family`; in a reduced map, a cell that covers no cell with this family."""
+    """Dim the cells that lack the family `family`; in a reduced map, the cells that cover no cell with this family."""
     share = map_of_variable(dataset, SHARE, family)
     with report_damage(f"the map of {SHARE}"):
         values = values_to_draw(share)
@@ -443,11 +444,11 @@ def colour_scale_of(
     if str(plane.name).endswith("_fraction"):
         return colormaps["viridis"], Normalize(0, 1), None, []
     if np.issubdtype(plane.dtype, np.integer) and values.size:
-        # The largest 2 % of the values share one colour: on a scale up to the rare long periods, all others look alike.
+        # The largest 2 % of the values share one colour. On a scale up to rare long periods, most would look alike.
         high = max(float(np.quantile(values, 0.98)), low + 1)
     if "lyapunov" in str(plane.name) or plane.attrs.get(SYMMETRIC):
-        # The 2 % of the values with the largest magnitudes share the end colours: on a scale up to the exponents near
-        # the quiet limit, all others look alike.
+        # The 2 % of the values with the largest magnitudes share the end colours. On a scale up to the exponents near
+        # the quiet limit, most values would look alike.
         reach = float(np.quantile(np.abs(values), 0.98)) if values.size else 1.0
         reach = reach or float(np.abs(values).max(initial=0.0)) or 1.0
         return colormaps["RdBu_r"], Normalize(-reach, reach), None, []

@@ -42,7 +42,7 @@ def arrange_names(
     frame: tuple[float, float],
     taken: Sequence[Box] = (),
 ) -> list[PlacedName | None]:
-    """Place a name beside each mark, at the first free place among some directions and increasing distances.
+    """Place a name beside each mark, at the first free place; the nearest places in all DIRECTIONS are tried first.
 
     A name that is farther than the smallest distance gets a leader, a line from its mark. A free place is inside the
     frame. A name there overlaps no mark, no taken box, no other name and no other leader, and the name's own leader

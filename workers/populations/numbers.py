@@ -24,7 +24,7 @@ class NormalNumber(StrictRecord):
 
     @property
     def library_distribution(self) -> Distribution:
-        """The distribution as an object of the library. Raises ParameterError."""
+        """The distribution as a `rattle.Normal`. Raises ParameterError."""
         ends = {name: value for name in ("low", "high") if (value := getattr(self, name)) is not None}
         return Normal(self.mean, self.deviation, **ends)
 
@@ -38,7 +38,7 @@ class UniformDistribution(StrictRecord):
 
     @property
     def library_distribution(self) -> Distribution:
-        """The distribution as an object of the library."""
+        """The distribution as a `rattle.Uniform`."""
         return Uniform(self.low, self.high)
 
 
@@ -52,7 +52,7 @@ class TriangularDistribution(StrictRecord):
 
     @property
     def library_distribution(self) -> Distribution:
-        """The distribution as an object of the library."""
+        """The distribution as a `rattle.Triangular`."""
         return Triangular(self.low, self.mode, self.high)
 
 
@@ -65,7 +65,7 @@ class LogNormalDistribution(StrictRecord):
 
     @property
     def library_distribution(self) -> Distribution:
-        """The distribution as an object of the library."""
+        """The distribution as a `rattle.LogNormal`."""
         return LogNormal(self.median, self.deviation)
 
 
@@ -77,7 +77,7 @@ class MeasuredDistribution(StrictRecord):
 
     @property
     def library_distribution(self) -> Distribution:
-        """The distribution as an object of the library."""
+        """The distribution as a `rattle.Measured`."""
         return Measured(self.values)
 
 
@@ -115,25 +115,25 @@ else:
 class GearNumbers(_Numbers):
     """The numbers of a gear: delta, epsilon, beta, and parameters that a model adds.
 
-    Instead of these, the numbers may be those of a machine in SI units, as `rattle.Machine` takes them, including rpm.
+    A request may give the numbers of a machine in SI units instead, as `rattle.Machine` takes them, including rpm.
     """
 
     drive: Literal["torque", "speed"] | None = None
 
     @property
     def library_distribution(self) -> dict[str, Any]:
-        """The given numbers by name; a distribution is an object of the library. Raises ParameterError."""
+        """{name: value} of the given numbers, each as `to_library_form` returns it. Raises ParameterError."""
         given = {name: getattr(self, name) for name in type(self).model_fields}
         return {name: to_library_form(value) for name, value in given.items() if value is not None}
 
 
 def to_library_form(value: Any) -> Any:
-    """Return a number unchanged, or a distribution as an object of the library. Raises ParameterError."""
+    """Return a number unchanged, or a distribution as an object such as `rattle.Normal`. Raises ParameterError."""
     return getattr(value, "library_distribution", value)
 
 
 def convert_to_request_field(value: Any) -> Any:
-    """Return the value of a request's field: a number unchanged, a distribution of the library as a dictionary."""
+    """Return the value of a request's field: a number unchanged, an object such as `rattle.Normal` as a dictionary."""
     match value:
         case Normal():
             ends = {name: end for name in ("low", "high") if abs(end := getattr(value, name)) != float("inf")}

@@ -50,7 +50,7 @@ class PopulationRequest(StrictRecord):
     numbers, in the order of the fields of `gear`. gears: the number of gears. count: initial conditions of each gear.
     share: a gear passes if at least this share of its runs ends quiet. margin: a gear passes if its boundary distance
     is above this speed; give share or margin. judged: how many gears are tested for passing. pairs: on how many gears
-    Sobol indices are based; each of them needs additional gears. tile: gears in a task and chunk.
+    Sobol indices are based; each of these gears needs additional gears. tile: number of gears in a task and chunk.
     """
 
     name: Name = ""
@@ -91,7 +91,7 @@ class PopulationRequest(StrictRecord):
 
     @cached_property
     def plan(self) -> PopulationPlan:
-        """The plan of the population, as an object of the library. Raises ParameterError, which is a ValueError."""
+        """The plan of the population for `rattle.populations`. Raises ParameterError, which is a ValueError."""
         shock = None
         if self.shock is not None:
             phase = {} if self.shock.phase is None else {"phase": to_library_form(self.shock.phase)}

@@ -241,7 +241,7 @@ class StoreInBucket:
                 obstore.put(self.objects, LOCK, identity, mode={"e_tag": found.meta["e_tag"]})
                 return
         except (FileNotFoundError, PreconditionError):
-            holder = {}  # another run released the lock, or took it over, after it was found taken
+            holder = {}  # another run released the lock, or took it over, since the failed attempt above
         except (ValueError, TypeError, KeyError):
             holder = {"process": "unknown"}
         who = (

@@ -11,7 +11,7 @@ import psutil
 
 
 def process_identity() -> dict[str, Any]:
-    """Return the identity of this process, by which `has_lock_holder_died` of another process sees that it ended."""
+    """Return the identity of this process, from which another process can find out whether this process has ended."""
     return {
         "host": socket.gethostname(),
         "boot": _read_boot_id(),

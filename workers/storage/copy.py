@@ -149,7 +149,7 @@ def _read_manifest(files: FileSource) -> tuple[Manifest, bytes]:
 
 
 def _read_earlier_manifest(place: Place) -> Manifest | None:
-    """Return the manifest that an earlier copy left at the target; None if there is none that can be read."""
+    """Return the manifest that an earlier copy left at the target; None if the target has no readable manifest."""
     with suppress(FileNotFoundError, NotADirectoryError):
         return Manifest.from_bytes(place.read(MANIFEST))
     return None

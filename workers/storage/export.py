@@ -16,7 +16,7 @@ from gear_rattle.workers.survey.values.schema import CELL, FIXED, RowForm
 from rattle import MissingExtraError
 
 ROWS = 32  # rows of a band, if the dataset does not say how many rows the store's chunks have
-CELLS = 16_384  # at most this many cells are converted to text at a time
+CELLS = 16_384  # at most this many rows of a table are converted to text at a time
 
 
 #: {form of a table: (the dimension whose entries have a row each, the variable that says whether an entry exists)}.

@@ -60,7 +60,7 @@ class StoreDirectory:
         return nullcontext()
 
     def build(self, template: Mapping[str, bytes]) -> None:
-        """Create the store under a temporary name, and rename it. A store that another run creates there is kept."""
+        """Create the store under a temporary name, and rename it. A store that another run has created here is kept."""
         self.path.parent.mkdir(parents=True, exist_ok=True)
         sibling = self.path.with_name(f".{self.path.name}.{uuid4().hex}")
         try:

@@ -59,7 +59,7 @@ class CurveVariable:
         Returns
         -------
         np.ndarray
-            For a `MissingCurve` an array of length 0 along its points.
+            An array with the dimensions `dims`; for a `MissingCurve` it has length 0 along the dimension of points.
         """
         if isinstance(item, MissingCurve):
             return np.empty([2 if dim == "multiplier" else 0 for dim in self.dims], self.dtype)

@@ -127,8 +127,8 @@ class InitialConditions(StrictRecord):
 class TileShape(StrictRecord):
     """The numbers of cells along each axis of a tile.
 
-    The default is 32; it is larger in a survey of more than 100,000 cells, and smaller in a small survey or with many
-    initial conditions.
+    The default is 32. It is larger in a refined survey or in one of more than 100,000 cells, and smaller in a small
+    survey, at small damping, with many initial conditions, or with basins.
     """
 
     delta: Annotated[int, Field(strict=True, ge=1)] | None = None

@@ -105,7 +105,7 @@ def convert_flag_to_float(condition):
 @inline
 def single_precision_flight(b, i):
     """Return the flight of lane i, in single precision."""
-    k = np.uint64(i)  # an unsigned index, because a possibly negative one prevents vectorisation
+    k = np.uint64(i)  # unsigned, because an index that may be negative prevents vectorisation
     return Flight(b.w_[k], b.a_[k], b.sin0_[k], b.cos0_[k], b.delta_[k], b.epsilon_[k])
 
 
@@ -139,8 +139,8 @@ def put_trajectory_on_lane(b, i, tau, v, delta, epsilon, beta, limit):
     b.arc_exit[i], b.arc_length[i], b.sin_entry[i], b.sin_exit[i] = arc.leave, arc.length, arc.sin_entry, arc.sin_exit
     b.no_arc[i] = ZERO if arc.exists else ONE
     b.rough[i] = convert_flag_to_float(has_force_amplitude_above(ROUGHNESS, delta, epsilon))
-    # at_v is −1, because no state is close to a reference state with a negative speed. next_look is 1, so that the
-    # first check replaces this reference state.
+    # `at_v` is −1: no state is close to a reference state with a negative speed, so this one is never found again.
+    # `next_look` is 1, so that the first check replaces this reference state.
     b.at_v[i], b.next_look[i], b.batch[i] = -1.0, 1.0, -1.0
 
 
@@ -203,7 +203,7 @@ def is_near_overflow(b, i):
 
 @kernel
 def clear_block(b):
-    """Clear a block: no lane has a trajectory, and every lane has reached its limit."""
+    """Empty all lanes of a block, and set their limits to 0 impacts."""
     for i in range(LANES):
         put_trajectory_on_lane(b, i, 0.0, 1.0, 1.0, 0.0, 1.0, 0.0)
         b.who[i] = -1
@@ -219,7 +219,7 @@ def stop_lane_at_limit(b, i):
 
 @inline
 def recompute_phases(b, groups):
-    """Recompute the sine and cosine of all phases, which drift by rounding when updated from flight to flight."""
+    """Recompute the sines and cosines of all phases, because updates from flight to flight add rounding errors."""
     for i in range(GROUP * groups):
         b.sin0[i], b.cos0[i] = sine_cosine_at(b.tau[i])
 
@@ -249,8 +249,8 @@ def classify_contact_force_of_lanes(b, groups):
     Returns
     -------
     int
-        ARCS if the contact force changes sign on some lane, else ROUGH if its relative swing exceeds ROUGHNESS on some
-        lane, else SMOOTH.
+        ARCS if the contact force changes sign on some lane, else ROUGH if its amplitude divided by its mean exceeds
+        ROUGHNESS on some lane, else SMOOTH.
     """
     found = SMOOTH
     for i in range(GROUP * groups):

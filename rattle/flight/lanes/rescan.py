@@ -1,4 +1,4 @@
-"""Locate again the impacts of lanes whose first guess was not proved (compiled).
+"""Locate anew those impacts that are not yet proved to be the first of their flights (compiled).
 
 These lanes are gathered without gaps. A scan at fixed steps locates each impact anew, and the proof that the impact is
 the first of its flight is attempted again. docs/kernel.md has the proofs.
@@ -33,7 +33,7 @@ SCANNED, SAFE = range(2)
 
 @kernel
 def rescan_unproved_lanes(b, groups, force, paths):
-    """Gather the lanes without proof, locate their impacts by a scan at fixed steps, and try the proof again."""
+    """Locate the impacts of lanes without proof again, by a scan at fixed steps, and try the proof again."""
     n = compact_unproved_lanes(b, groups)
     paths[SCANNED] += n
     if n == 0:
@@ -52,7 +52,7 @@ def rescan_unproved_lanes(b, groups, force, paths):
 
 @inline
 def compact_unproved_lanes(b, groups):
-    """Copy the data of the lanes without proof to the first places of `b.compacted`, and return the number of lanes."""
+    """Copy the data of the lanes without proof to the first columns of `b.compacted`, and return their number."""
     n = 0
     for i in range(GROUP * groups):
         b.todo[np.uint64(n)] = i  # written without a branch, which the processor could not predict
@@ -66,14 +66,14 @@ def compact_unproved_lanes(b, groups):
 
 @inline
 def compacted_flight(b, i):
-    """Return the flight at place i of the compacted lanes, in single precision."""
+    """Return the flight in column i of the compacted lanes, in single precision."""
     k = np.uint64(i)  # an unsigned index, because a possibly negative one prevents vectorisation
     return Flight(b.z_w[k], b.z_a[k], b.z_sin0[k], b.z_cos0[k], b.z_delta[k], b.z_epsilon[k])
 
 
 @inline
 def compacted_arc(b, i):
-    """Return the arc of negative contact force at place i of the compacted lanes, in single precision."""
+    """Return the arc of negative contact force in column i of the compacted lanes, in single precision."""
     k = np.uint64(i)
     return NegativeArc(not b.z_no_arc[k] > ZERO, b.z_arc_exit[k], b.z_arc_length[k], b.z_sin_entry[k], b.z_sin_exit[k])
 
@@ -119,7 +119,7 @@ def locate_impacts(b, n):
         series = taylor_coefficients(turn, flight)
         lowest, minimum = estimate_minimum(turn, series, flight)
         b.z_f[k] = minimum.bound if flight.delta * turn < LONGEST_DECAY32 else UNBOUNDED
-        # whether the flight falls below Σ⁻ at its minimum, which may be between two points of the scan
+        # `misses`: the flight is below Σ⁻ at its minimum, which the scan may overlook between two of its points
         misses = (turn > ZERO) & (wall > ZERO) & (lowest < -gap)
         falls = convert_flag_to_float(misses | (scanned_fall > ZERO))
         level = height_at_next_wall(wall, falls > ZERO, gap)

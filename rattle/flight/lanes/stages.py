@@ -57,7 +57,7 @@ def copy_to_single_precision(b, groups):
 
 @inline
 def guess_flight_times(b, groups):
-    """Compute A of each lane's flight law, and guess when a flight from Σ⁺ turns, or when a flight from Σ⁻ ends."""
+    """Compute A of each lane's flight law; guess the time when a flight from Σ⁺ turns or a flight from Σ⁻ ends."""
     for i in range(GROUP * groups):
         b.a_[i] = add_slope32(Q, b.sin0_[i], b.cos0_[i], b.epsilon_[i]) - b.w_[i]
         b.s_[i] = guess_time_of_turn_or_arrival(
@@ -71,7 +71,8 @@ def improve_time_guesses(b, groups):
     for i in range(GROUP * groups):
         s = improve_guess_by_newton_step(b.s_[i], b.wall_[i], b.gap_[i], single_precision_flight(b, i))
         s = min(s, f32(0.95) * LONGEST_DECAY32 * b.inverse_delta_[i])
-        # only rough lanes are improved, so that a lane's result does not depend on its neighbours
+        # The guess is improved only on lanes with strongly varying contact force (`rough`), so that a lane's result
+        # does not depend on the other lanes.
         b.s_[i] = s if b.rough[i] > ZERO else b.s_[i]
 
 
@@ -165,7 +166,7 @@ def copy_to_double_precision(b, groups):
 
 @inline
 def select_number(go, new, old):
-    """Return `new` if `go` is true, else `old`, for a store that vectorises well.
+    """Return `new` if `go` is true, else `old`, in a form that LLVM vectorises well.
 
     LLVM would turn `new if go else old` into a masked store, which is slow without AVX-512. LLVM does not do so if
     `old` is written as the maximum of `old` and MOST_NEGATIVE, the most negative number.

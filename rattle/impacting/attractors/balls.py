@@ -123,7 +123,7 @@ def advance_lanes_by_flight(memory, work, groups, force, paths):
 
 @inline
 def stop_lost_lanes(b, group, most):
-    """Stop the lanes of a group with more than `most` impacts on Σ⁻, and return whether other lanes still fly."""
+    """Stop the lanes of a group with more than `most` impacts on Σ⁻, and return whether some lane still flies."""
     left = False
     for lane in range(group * GROUP, (group + 1) * GROUP):
         if b.n_minus[lane] > most:
@@ -134,13 +134,13 @@ def stop_lost_lanes(b, group, most):
 
 @inline
 def meets_capture_conditions(b, work, lane, i, centres):
-    """Return whether a lane's motion, which starts on the edge of capture region i, permits the region's tried size.
+    """Return whether a lane's motion, which starts on a tried ellipse around centre i, meets the capture conditions.
 
     Returns
     -------
     bool
-        True if the motion made as many impacts as the periodic orbit of capture region i, and the motion's tangent map
-        contracts.
+        True if the motion made as many impacts on each wall as the periodic orbit of capture region i, and the motion's
+        tangent map contracts.
     """
     arrived = b.n_plus[lane] == centres.n_plus[i] and b.n_minus[lane] == centres.n_minus[i]
     # the tangent matrix in (τ, v): two of its elements change sign, because v = −w at both ends
@@ -173,9 +173,12 @@ def halvings_without_failure(b, work, group, i, level, few, centres):
 
 @kernel
 def write_outer_radii(memory, work, centres, cells, paths):
-    """Write to `centres.radius` the largest tried radius at which the conditions hold; 0 if they hold at none.
+    """Write to `centres.radius` the largest tried radius that meets the capture conditions; 0 if no radius does.
 
-    This is the radius of the outer ellipse, twice the radius of the capture region (`CaptureCentres.radius`).
+    A radius meets them if `meets_capture_conditions` is True for the motions from all directions of its ellipse.
+    Centres whose radius is 0 before the call are skipped.
+
+    The written radius is that of the outer ellipse, twice that of the capture region (`CaptureCentres.radius`).
     `work` is scratch memory (`WORK`). `paths` (2,) counts flights whose first impact needs a scan, and flights whose
     first impact needs the slower safe search.
     """

@@ -74,10 +74,10 @@ class BoundaryDistance(NamedTuple):
     Attributes
     ----------
     v
-        The speed. It is inf if no state up to v_max reaches another attractor, and 0 if there is no quiet motion. It is
-        NaN if all states that do not become quiet are undecided. It is also NaN, with undecided = 0, if becoming quiet
-        takes more impacts than the limit, as happens within a few per cent of the quiet limit (in a wider range at weak
-        damping): then a high number of impacts does not distinguish quiet motion from chaos.
+        The least speed. It is inf if no state up to v_max reaches another attractor, and 0 if there is no quiet motion.
+        It is NaN if all states that do not become quiet are undecided. It is also NaN, with undecided = 0, if becoming
+        quiet takes more impacts than the limit, as happens within a few per cent of the quiet limit (in a wider range
+        at weak damping): then a high number of impacts does not distinguish quiet motion from chaos.
     tau
         The phase of the impact; NaN if v is 0, inf or NaN.
     undecided
@@ -147,7 +147,7 @@ class _QuietCells:
         self.keep_preimages(away, tau, v)
 
     def draw_states_in_strip(self, below: Array, i: int) -> tuple[Array, Array]:
-        """Return τ and v (n, SAMPLED) of the states in set number i; the states are uniform in τ and in ln v.
+        """Return τ and v (n, SAMPLED) of set number i of states (Sobol points), uniform in τ and in ln v.
 
         The speeds of each cell lie between the cell's entries of `self.floor` and of `below` (n,).
 

@@ -100,19 +100,19 @@ class ImpactingClassifier(Classifier):
 
     @classmethod
     def cells_for_orbit_kernels(cls, parameters: Parameters) -> ImpactingCells:
-        """Return the record of cells for periodic orbits alone: it lacks the test for quiet motion, slow to prepare."""
+        """Return the record of cells without the limits for quiet motion, which are slow to compute."""
         return elastic_cells(parameters.delta, parameters.epsilon, parameters.beta, np.zeros(parameters.size))
 
     @staticmethod
     def states_after_returns(
         parameters: Parameters, tau: NDArray[np.float64], v: NDArray[np.float64], returns: int
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
-        """Return τ and v after a number of returns to Σ⁺, and flags of states at rest.
+        """Return τ and v after a number of returns to Σ⁺, and flags of states that become quiet.
 
         Returns
         -------
         tuple[ndarray, ndarray, ndarray]
-            τ, v and the flags. All flags are False: elastic bounces become ever lower, but never end.
+            τ, v and the flags. All flags are False, because elastic bounces become ever lower but never end.
         """
         moved = iterate(parameters.delta, parameters.epsilon, tau, v, returns, parameters.beta)
         return moved.tau, moved.v, np.zeros(tau.size, np.bool_)
@@ -135,7 +135,7 @@ class ImpactingClassifier(Classifier):
         self.grow_capture_regions()
 
     def find_capture_radii(self, centres: CaptureCentres) -> None:
-        """Compute in lanes the radii of the capture regions around `centres`, and write them to `centres.radius`."""
+        """Write to `centres.radius` the radii of the outer ellipses, which are twice those of the capture regions."""
         find_capture_radii_in_lanes(self._block, centres, self.cells)
 
     def advance(self, which: NDArray[np.int64], samples: Trajectories, early: bool) -> None:

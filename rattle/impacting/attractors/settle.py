@@ -121,7 +121,7 @@ def has_recurred(b, i, k, samples):
     Returns
     -------
     bool
-        Whether the state recurs.
+        True if both hold.
     """
     tau, v, n = b.tau[i], -b.w[i], b.n_plus[i]
     near = abs(v - b.at_v[i]) < RECURRENCE * b.unit[i] and abs(wrap_phase_difference(tau - b.at_tau[i])) < RECURRENCE
@@ -163,12 +163,12 @@ def check_outcome_of_lane(b, i, k, cells, samples, balls):
 def check_lanes(b, groups, fresh, which, cells, samples, balls):
     """Check every lane in use, and put new samples on lanes whose samples ended.
 
-    which (k,): the numbers of the samples to follow. fresh: how many of them were put on lanes before this call.
+    which (k,): the numbers of the samples to follow. fresh: how many samples were put on lanes before this call.
 
     Returns
     -------
     int
-        How many of them were put on lanes by the end of this call.
+        How many samples were put on lanes by the end of this call.
     """
     for i in range(GROUP * groups):
         k = b.who[i]
@@ -204,8 +204,8 @@ def settle(memory, which, flights, cells, samples, balls, paths):
 def record_tangent_growth(b, i, batches):
     """Add to a row of `batches` the time, ln stretch and ln|det| that lane i gained since the last call.
 
-    The row is that of the present part of the observation, which has BATCHES successive parts. As long as the lane's
-    tangent vector is not yet aligned, its gains are dropped.
+    Each row belongs to one of BATCHES successive parts of the observation; `b.batch[i]` is the present part. As long as
+    the lane's tangent vector is not yet aligned, the gains are dropped.
     """
     stretch, contraction = normalise_tangent(b, i)
     if b.batch[i] >= 0:

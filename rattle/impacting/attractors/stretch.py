@@ -43,7 +43,7 @@ def add_impacts_to_sums(b, groups, speeds, squares, impulses, fastest):
 
 @kernel
 def follow_and_sum_impacts(memory, lanes, cell, tau, v, checks, cells, sums, paths):
-    """Follow motions (n,) that start at (tau, v), and sum over their impacts; motion i ends after checks[i] checks.
+    """Follow motions (n,) that start at (tau, v), and sum over their impacts. Motion i ends after checks[i] checks.
 
     A check, after every CHUNK flights, also ends a motion that becomes quiet or stays in contact; its sums are NaN.
     `sums` (n, BATCHES, COLUMNS), zero at the start, has the columns of `rattle.intensity.visit.sum_impacts`. The checks

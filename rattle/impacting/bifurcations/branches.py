@@ -46,7 +46,7 @@ from rattle.orbits.orbits_a_to_d import Orbit
 from rattle.orbits.periodic_motions import equivalent_unknowns, solve_at_parameters
 
 LONGEST = 0.05  # longest continuation step, in the Euclidean norm of times and parameter
-FEW_POINTS = 6  # least number of points of a branch from one parameter point to another
+FEW_POINTS = 6  # least number of points of the branch that `continue_to` follows
 SHORTEST_FLIGHT = 1e-6  # shortest flight, in forcing periods; if a flight is shorter, two impacts have become one
 # A branch of doubled period ends at its flip, where the second half of the motion repeats the first. The branch counts
 # as ended if the impact times in the second half, minus half the period, differ from those in the first half by less
@@ -225,8 +225,8 @@ def continue_to(orbit: PeriodicOrbit | Orbit, delta: float, epsilon: float) -> P
     Returns
     -------
     PeriodicOrbit | Event | None
-        The motion at the other parameters, or the first event at which it ceases to exist or changes stability. None if
-        neither is found.
+        The motion at the other parameters, or the first event at which the motion ceases to exist or changes
+        stability. None if neither is found.
 
     Raises
     ------
@@ -313,8 +313,8 @@ def _build_branch(
     """Return the branch with its events, from k of its points: n impact times and a position on the line each.
 
     points, tangents (k, n + 1): the points in order, and unit tangents of the branch there. Points between close
-    events are added. start: the
-    number of the point from which the branch was followed. ends: the reasons why the branch ends at either end.
+    events are added. start: the number of the point from which the branch was followed. ends: the reasons why the
+    branch ends at either end.
 
     Returns
     -------

@@ -62,7 +62,15 @@ def _two_thirds_multiplier_condition(delta: float, beta: float) -> float:
 
 
 def _negative_mean_determinant(delta: float, beta: float) -> float:
-    """Return −M = −(det J(1) + det J(−1))/2 of the grazing motion. It is 0 at COD23, and NaN if there is no graze."""
+    """Return −M = −(det J(1) + det J(−1))/2 of the grazing motion. It is 0 at COD23, and NaN if there is no graze.
+
+    J(λ) is the Jacobian of the impact equations; its determinant is 0 if λ is a multiplier.
+
+    Returns
+    -------
+    float
+        −M.
+    """
     sigma = closed_form.find_next_grazing_sigma(closed_form.EDGE, delta, beta)
     if not sigma < 0.5:
         return math.nan
@@ -211,8 +219,9 @@ def _tangency_orders(curves: dict[str, int], delta: float, epsilon: float, beta:
 
 
 def _epsilon_along_curve(name: str, delta: float, epsilon: float, beta: float, offsets: Array) -> Array:
-    """Return ε of the curve `name` at `offsets` in δ from its point (δ, ε), also where the curve is virtual.
+    """Return ε of the curve `name` at dampings delta + offsets, also where the curve is virtual.
 
+    (delta, epsilon) is a point of the curve.
     offsets (n,): all of one sign, the smallest size first, because the curve is followed from each to the next.
 
     Returns

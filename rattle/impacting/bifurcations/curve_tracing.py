@@ -27,13 +27,13 @@ from rattle.numerics.complex_step import Array
 from rattle.orbits.periodic_motions import unknowns_counted_from_impact
 
 MOST_ACROSS = 1000  # largest allowed number of points of a curve across a window
-# starting points of a curve are also searched close to each codimension-two point, at dampings below and above its δ
-# that differ from it by this share
+# starting points of a curve are also searched at two dampings close to each codimension-two point: 1 ± this number
+# times the δ of the point
 NEIGHBOUR_DISTANCE = 1e-7
 REACH = 8.0  # every curve has points at dampings below this multiple of β; COD22 is near δ = 4β/π
 # a window must reach above this damping: below it the impact times of different motions differ by less than rounding
 LEAST_DELTA = 1e-5
-SAME_POINT = 1e-6  # largest relative difference in δ of equal points
+SAME_POINT = 1e-6  # largest relative difference of equal points, in δ and in ε
 ALL_EPSILON = (0.0, 1.0)
 
 
@@ -120,8 +120,9 @@ def bifurcation_curve(
     """Return the saddle-node, flip or grazing curve through an event of a branch, inside a window of the plane.
 
     The branch (`rattle.branch`) may be of any periodic motion. The curve of an admissible event ends where its motion
-    becomes virtual; the curve of a virtual event continues through virtual motions. Points are as in `trace`, with at
-    least `resolution` points across the window. At a graze tau and v describe the motion that touches the wall.
+    becomes virtual; the curve of a virtual event continues through virtual motions. Its points solve the equations to
+    rounding, and there are at least `resolution` points across the window. At a graze tau and v describe the motion
+    that touches the wall.
 
     Returns
     -------
@@ -170,7 +171,7 @@ def _reason_off_curve(definition: CurveDefinition, itinerary: Itinerary, x: Arra
 
 
 def motion_at_curve_point(itinerary: Itinerary, x: Array, grazed: int | None = None) -> MotionAtCurvePoint:
-    """Return phase, speed and multipliers of the motion at x; at a graze, multipliers without the grazing impact."""
+    """Return phase, speed and multipliers of a solution x; at a graze, multipliers without the grazing impact."""
     tau = float(x[0] - np.floor(x[0]))
     return MotionAtCurvePoint(tau, float(-itinerary.flights(x).w0[0]), multipliers_without_graze(itinerary, x, grazed))
 

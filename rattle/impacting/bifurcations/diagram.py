@@ -46,7 +46,7 @@ class ImpactingMotions(MotionsOnSegment):
                     yield found
 
     def motion_near(self, step: Mapping[str, float], tau: float, v: float, n_plus: int) -> Motion | None:
-        """Return the periodic motion near (τ, v) at one parameter point, `step`; None if Newton's method finds none."""
+        """Return the motion with n_plus impacts on Σ⁺ near (τ, v), at the parameters `step`; None if none is found."""
         try:
             itinerary, x = follow_impacts(step["delta"], step["epsilon"], step["beta"], tau, v, n_plus)
         except RattleError:

@@ -276,7 +276,7 @@ def find_flip_of_doubled_branch(itinerary: Itinerary, line: ParameterLine, y: Ar
     Returns
     -------
     Event | None
-        The flip.
+        The flip, or None.
     """
     return _solve_event(
         line, EventCandidate(y, EventKind.SADDLE_NODE, itinerary, line.unknowns_at(y)), after, SAME_HALVES

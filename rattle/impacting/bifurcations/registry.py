@@ -17,8 +17,8 @@ from rattle.impacting.bifurcations.events import Event
 from rattle.impacting.orbits.equations import Itinerary
 from rattle.numerics.complex_step import Array
 
-# an event counts as on a curve if, at the damping of the event, the ε of a starting point of the curve differs from the
-# event's ε by less than this share of it
+# an event lies on a curve if the curve has a starting point at the event's damping whose ε differs from the event's ε
+# by less than this share of the event's ε
 SAME_START = 0.01
 PAPER = "Mason and Piiroinen (2009)"
 
@@ -71,13 +71,13 @@ def _reason_not_on_g2(x: Array) -> str | None:
 
 
 def _first_flip(delta: float, beta: float) -> Sequence[Array]:
-    """Return a list with the first flip of D after SN2 if D loses stability there; otherwise an empty list."""
+    """Return the first flip of D after SN2, in a sequence that is empty if D does not lose stability there."""
     found = starts.two_impact_flips(delta, beta)
     return found[:1] if found and starts.loses_stability_at_flip(found[0], beta) else ()
 
 
 def _later_flips(delta: float, beta: float) -> Sequence[Array]:
-    """Return the flips of D on PD2: all flips at this damping but the one of `_first_flip`, by rising ε along D."""
+    """Return the flips of D on PD2, all flips but that of `_first_flip`, in the order of σ of `TwoImpactFamily`."""
     return starts.two_impact_flips(delta, beta)[len(_first_flip(delta, beta)) :]
 
 
@@ -145,7 +145,7 @@ NAMES = (*CURVES, QUIET_LIMIT)
 
 
 def describe(name: str) -> str:
-    """Return a description of a curve: its event, its orbits, and the source. Raises ParameterError."""
+    """Return a description of a curve: event, orbits and source. Raises ParameterError if the name is unknown."""
     require_one_of("name", name, NAMES)
     if name == QUIET_LIMIT:
         return f"{QUIET_MEANING} ({PAPER}, section 3.1, has no formula)"

@@ -12,8 +12,8 @@ from rattle.impacting.orbits.equations import Itinerary
 from rattle.impacting.orbits.limits import epsilon_sine_of_single_impact, flip_formula, sn1_formula
 from rattle.numerics.complex_step import Array
 
-# number of members of the family that a refinement computes, from the member before a zero to the member after it;
-# largest number of refinements
+# FINER: number of members of the family that a refinement computes, from the member before a zero to the member after
+# it. FINEST: largest number of refinements.
 FINER, FINEST = 33, 12
 # a zero needs no further refinement if its two neighbours, members of the family on either side of it, differ by less
 # than this, both in their impact times (in forcing periods) and in ε (relative to ε)
@@ -21,19 +21,19 @@ CLOSE = 0.02
 
 
 class TwoImpactFamily(NamedTuple):
-    """The P(1,1,1) motions at one damping: k members in the order of the time 1/2 + σ from Σ⁺ to Σ⁻, with σ > 0.
+    """The P(1,1,1) motions at one damping: k members, by rising time 1/2 + σ of the flight from Σ⁺ to Σ⁻, σ > 0.
 
     Attributes
     ----------
     sigma : (k,)
         Rising values of σ, in forcing periods.
     x : (k, 4)
-        Unknowns: both times, δ and ε.
+        Unknowns: both impact times, δ and ε.
     u : (k,)
         Speed at Σ⁻.
     saddle_node, flip : (k,)
         det J(1), which vanishes at a saddle-node and is positive on D, and det J(−1), which vanishes at a flip and is
-        negative where D is stable.
+        negative where D is stable. J(λ) is the Jacobian of the impact equations; det J(λ) is 0 if λ is a multiplier.
     """
 
     sigma: Array
@@ -44,7 +44,7 @@ class TwoImpactFamily(NamedTuple):
 
 
 def family_members(sigma: Array, delta: float, beta: float) -> TwoImpactFamily:
-    """Return the P(1,1,1) motions at one damping. sigma (k,): their rising values of σ, see `TwoImpactFamily`."""
+    """Return the P(1,1,1) motions at one damping that have the rising values sigma (k,) of σ (`TwoImpactFamily`)."""
     closed = np.array([closed_form.closure_numerators(each, delta, beta) for each in sigma]).reshape(-1, 5)
     x, y = closed[:, 0] / closed[:, 4], closed[:, 1] / closed[:, 4]
     tau = np.arctan2(y, x) / (2 * np.pi)

@@ -123,7 +123,7 @@ class SaddleManifolds:
         return np.asarray(chebyshev.chebval((2.0 * s - low - high) / (high - low), powers) + self.at, np.float64)
 
     def distances_after_impacts(self, s: Array, n: int) -> tuple[Array, NDArray[np.int64]]:
-        """Return the distances (m,) of Πⁿ(W(s)) from the local part of W^s(A), and hashes of the itineraries.
+        """Return the signed distances (m,) of Πⁿ(W(s)) from the local part of W^s(A), and hashes of the itineraries.
 
         W(s) are the points of W^u(A) at the positions s (m,), and Π is the impact map. A distance is inf if the state
         Πⁿ(W(s)) does not exist or lies beyond the local part.
@@ -137,14 +137,14 @@ class SaddleManifolds:
         return np.where(ok, self.signed_distances(states)[0], np.inf), word
 
     def least_distance_from_stable_manifold(self, window: tuple[float, float], n: int) -> tuple[float, float]:
-        """Return the least distance of Πⁿ(W(s)) from W^s(A) for s in a window, and the s of this point.
+        """Return the least signed distance of Πⁿ(W(s)) from W^s(A) for s in a window, and s of this point.
 
         W(s) is the point of W^u(A) at position s, and Π the impact map. The minimum is searched on ever finer grids.
 
         Returns
         -------
         tuple[float, float]
-            The distance, and s.
+            The signed distance (`signed_distances`), and s.
         """
         low, high = window
         for _ in range(ZOOMS):
@@ -182,12 +182,14 @@ def solve_manifold_contact(
 
     Parameters
     ----------
+    delta, beta, gap : float
+        Damping, half-backlash, and the guess of ε − SN1 at the contact.
     window : tuple[float, float]
-        Range of s that holds the piece.
+        Range of positions s on W^u(A) that holds the piece.
     n : int
         Impacts on Σ⁺ after which the piece returns to A.
     bracket : float
-        Expected error of the guess `epsilon_above_sn1`, relative to `epsilon_above_sn1`.
+        Expected error of the guess `gap`, relative to `gap`.
 
     Returns
     -------
@@ -218,8 +220,8 @@ def solve_manifold_contact_above_sn1(
 ) -> Crisis:
     """Return the contact of a piece of W^u(A) with W^s(A) at ε = SN1 + gap. δ is the unknown, and `delta` its guess.
 
-    bracket: the expected error of the guess. most: the longest step in δ while a root is searched. The other arguments
-    and the errors are those of `solve_manifold_contact`.
+    bracket: the expected error of the guess of δ. most: the longest step in δ while a root is searched. The other
+    arguments and the errors are those of `solve_manifold_contact`.
 
     Returns
     -------
@@ -239,8 +241,9 @@ def solve_manifold_contact_above_sn1(
 def _solve_for_manifold_contact(
     name: str, distance_at: Callable[[float], float], x: float, half_width: float, most: float
 ) -> float:
-    """Return the value near x at which the distance of a piece of W^u(A) from W^s(A) is 0.
+    """Return the value near x of an unknown parameter at which a piece of W^u(A) has distance 0 from W^s(A).
 
+    distance_at: a function of the unknown that returns the signed distance.
     name: the name of the unknown, for the message. The interval from x − half_width to x + half_width is moved in steps
     until the distance has different signs at its ends. most: the longest step, relative to the interval's lower end.
 

@@ -24,7 +24,7 @@ from rattle.impacting.crisis.search import boundary_crisis, delta_of_cod22, has_
 from rattle.orbits.saddles import Array
 
 START = 0.98  # the curve is followed in both directions from this multiple of the δ of COD22, by default
-CLOSEST = 1e-5  # least ε − SN1 to which the curve is followed close to COD22, relative to SN1
+CLOSEST = 1e-5  # least ε − SN1 to which the curve is followed close to COD22, relative to ε of the first crisis
 RATIO = 0.75  # ratio of successive ε − SN1 close to COD22
 # WINDOW: half-width of the window in which s is searched, relative to the guess of s; four times as large if only one
 # crisis is known. BRACKET: expected relative error of the guess of the other unknown. This unknown is ε − SN1 or, close
@@ -97,7 +97,7 @@ def _window_to_search(known: list[Crisis], s: float) -> tuple[float, float]:
 
 
 def _count_impacts_of_next_crisis(last: Crisis) -> int:
-    """Return the number of impacts on Σ⁺ in which the contact's orbit comes back to A, for the crisis after `last`."""
+    """Return the number of impacts on Σ⁺ in which the contact orbit of the crisis after `last` comes back to A."""
     return last.steps + (1 if manifold_contact_position(last) > INSIDE else 0)
 
 
@@ -132,7 +132,7 @@ def find_crisis_above_sn1(known: list[Crisis], gap: float, end: float) -> Crisis
     """Return the crisis at ε = SN1 + gap, close to COD22, by a search that starts from an extrapolated guess.
 
     known: the crises found so far, in the order of the curve; the last of them is the nearest to COD22. end: δ of
-    COD22. The guess of δ is extrapolated from `known`, because δ − end is nearly proportional to √gap.
+    COD22. δ − end, which is nearly proportional to √gap, is extrapolated from `known`.
 
     Returns
     -------

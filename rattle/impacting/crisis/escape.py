@@ -79,15 +79,15 @@ class Saddles(NamedTuple):
 
     @property
     def impacts_until_quiet_at_later_return(self) -> Array:
-        """Impacts (n,) within which a sample becomes quiet if it crosses W^s(A) only after its first return to A."""
+        """Number of impacts (n,) within which a sample becomes quiet if it crosses W^s(A) at a later return to A."""
         return self._impacts_until_quiet(RETURNS)
 
     @property
     def is_decidable_at_points(self) -> Flags:
         """Flags (n,) of the points at which W^u(A) can be followed until it is decided whether a part becomes quiet.
 
-        There A is a saddle, quiet motion exists, and becoming quiet takes fewer impacts than a limit (MOST_IMPACTS, at
-        weak damping more).
+        At these points A is a saddle, quiet motion exists, and becoming quiet takes fewer impacts than a limit:
+        MOST_IMPACTS, at weak damping more.
         """
         below, most = self.epsilon < quiet_limit(self.delta), MOST_IMPACTS * _impact_limit_factor(self.delta)
         return self.exists & (self.multiplier > 1.0) & below & (self.impacts_until_quiet_at_later_return < most)
@@ -146,7 +146,7 @@ def _unstable_direction(
 
 
 class FollowedManifold:
-    """Samples of W^u(A) at n parameter points, `count` for each, followed for `impacts` (n,) impacts on Σ⁺.
+    """Samples of W^u(A) at n parameter points, `count` for each, followed for at most `impacts` (n,) impacts.
 
     `Saddles.is_decidable_at_points` must hold at each point. The samples lie in one fundamental domain. s (n, count)
     holds the initial distances of the samples from A, which are their positions on W^u(A).
@@ -169,7 +169,7 @@ class FollowedManifold:
 
 
 def flag_epsilon_with_escaping_part(delta: float, epsilon: Array, beta: float) -> Flags:
-    """Return flags (n,) of ε at which a part of W^u(A) becomes quiet; False where not `is_decidable_at_points`."""
+    """Return flags (n,) of ε at which a part of W^u(A) becomes quiet; False where this cannot be decided."""
     a = saddles_at(np.full(epsilon.size, delta), epsilon, np.full(epsilon.size, beta))
     found = a.is_decidable_at_points
     if found.any():
@@ -199,12 +199,12 @@ def chaotic_share(delta: float, epsilon: float, beta: float, transient: int = TR
     delta, epsilon, beta : float
         Parameters of the gear.
     transient : int
-        Number of impacts of the transient, besides those in which samples become quiet at their first return.
+        Impacts of the transient, added to `Saddles.impacts_until_quiet_at_first_return`.
 
     Returns
     -------
     float
-        The share of all samples; 0 if none is left after the transient.
+        The share of all samples; 0 if each sample has become quiet or periodic by the end of the transient.
     """
     a = saddle_at(delta, epsilon, beta)
     found = FollowedManifold(a, CHAOS_SAMPLES, a.impacts_until_quiet_at_first_return + transient)

@@ -90,7 +90,7 @@ def _follow_manifold(delta: float, beta: float, gap: float, density: int) -> Fol
     Returns
     -------
     FollowedManifold
-        The samples, each followed until it becomes quiet or has made the impacts that it may need for this.
+        The samples, followed until they become quiet, for at most `impacts_until_quiet_at_first_return` impacts.
 
     Raises
     ------
@@ -296,7 +296,7 @@ def boundary_crisis(delta: float, beta: float = 0.6) -> Crisis:
         If a parameter is outside its domain.
     RattleError
         If no chaotic attractor is observed to end in a contact of W^u(A) with W^s(A); the message has the reasons.
-        Below δ = 0.1 always.
+        Below δ = 0.1 the function always raises it.
     """
     delta = require_number("delta", delta, positive=True)
     beta = require_number("beta", beta, positive=True)

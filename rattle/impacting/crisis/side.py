@@ -18,17 +18,19 @@ NO_SADDLE, INSIDE, ESCAPES, UNSURE = range(1, 5)
 def crisis_side(delta: ArrayLike, epsilon: ArrayLike, beta: ArrayLike = 0.6) -> NDArray[np.int8]:
     """Return the side of the boundary crisis as an index of CRISIS_SIDES, of the broadcast shape of the parameters.
 
+    W^u(A) is the unstable manifold of the saddle A; its samples are taken on its branch on the side of rising v.
+
     - no_saddle: A does not exist.
-    - inside: no sample of W^u(A), on the side of rising v, becomes quiet.
-    - escapes: some samples become quiet.
-    - undecided: no quiet motion exists (from the quiet limit on), or the decision takes more than 8192 impacts, as
-      happens just below the quiet limit and where A is born. Below δ = 0.3 the limit of 8192 is larger, in proportion
-      to 1/δ.
+    - inside: no sample of W^u(A) becomes quiet.
+    - escapes: at least one sample of W^u(A) becomes quiet.
+    - undecided: no quiet motion exists (from the quiet limit on), or the decision may take more than 8192 impacts,
+      as happens just below the quiet limit and where A is born. Below δ = 0.3 the limit of 8192 is larger, in
+      proportion to 1/δ.
     - not_computed: never returned; a survey stores it for a cell that is not computed.
 
-    An escaping part of W^u(A) shorter than 1/512 of a fundamental domain is missed. At β = 0.6 and δ from 0.6 to 0.768
-    the side is right at points that are at least 1e-5 away from the crisis in ε. The side of a cell does not depend on
-    other cells. Source: docs/crisis.md.
+    A part of W^u(A) that becomes quiet is missed if it is shorter than 1/512 of a fundamental domain. At β = 0.6 and δ
+    from 0.6 to 0.768 the side is right at points that are at least 1e-5 away from the crisis in ε. The side of a cell
+    does not depend on other cells. Source: docs/crisis.md.
 
     Returns
     -------

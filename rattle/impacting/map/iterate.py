@@ -123,8 +123,8 @@ def iterate_tangent(
     """Return the results of `iterate` with both Lyapunov exponents over the n impacts.
 
     A tangent vector that points along the phase at first is re-normalised repeatedly, in the coordinates (t, v²/2), in
-    which a flight of duration s has the determinant e^(−δs). The second exponent is the mean ln|det| of the tangent
-    matrices minus the first exponent. Both exponents are NaN where n is 0.
+    which a flight of duration s has the determinant e^(−δs). The second exponent is ln|det| of the tangent matrices
+    per forcing period, minus the first exponent. Both exponents are NaN where n is 0.
 
     Returns
     -------

@@ -30,14 +30,14 @@ from rattle.numerics.compile import kernel
 
 Array = NDArray[np.float64]
 
-# number of phases at which the contact force is sampled; number of maxima that are kept side by side, so that the loop
-# over phases can use vector instructions
+# PHASES: number of phases at which the contact force is sampled. ABREAST: number of maxima that are kept side by side,
+# so that the loop over phases can use vector instructions.
 PHASES, ABREAST = 2048, 16
 SINES, COSINES = sines_cosines_of_spaced_phases(PHASES)
 LARGEST_ETA = 0.5  # the bound 10 e^(−1.9/η), which was measured (see the top of this file), is used up to this η
 # the constants of 10 e^(−1.9/η), the measured bound of the change of ln I in a period (see the top of this file)
 KICK, DECAY_RATE = 10.0, 1.9
-# value of `most_impacts_until_quiet` at strong damping; damping below which this value grows; its largest value
+# `most_impacts_until_quiet` is LONGEST_REST from the damping STRONG on, and grows below STRONG, up to MOST_REST
 LONGEST_REST, STRONG, MOST_REST = 2048.0, 0.3, 2.0**18
 
 
@@ -60,7 +60,7 @@ def largest_eta(delta):
 
 @kernel
 def compiled_capture_invariant(delta, epsilon, beta, largest):
-    """Return what `capture_invariant_limit` returns, for callers in kernels. `largest` (ABREAST,) is scratch memory."""
+    """Return the result of `capture_invariant_limit` to callers in kernels. `largest` (ABREAST,) is scratch memory."""
     smallest = DRIFT * delta - contact_force_amplitude(delta, epsilon)
     if smallest <= 0.0:
         return 0.0
@@ -137,7 +137,7 @@ def impacts_until_quiet(delta: Array, epsilon: Array, beta: Array) -> Array:
 
 
 def most_impacts_until_quiet(delta: Array) -> Array:
-    """Return the limit of `impacts_until_quiet` at flat arrays of δ; above the limit, quiet motion may look chaotic.
+    """Return the number of impacts until quiet above which a quiet motion may look chaotic, at flat arrays of δ.
 
     The limit is 2048 impacts from δ = 0.3 on. Below, it grows with the relaxation time 1/δ, up to MOST_REST impacts,
     which take a few milliseconds to compute.
@@ -151,7 +151,7 @@ def most_impacts_until_quiet(delta: Array) -> Array:
 
 
 def becomes_quiet_late(delta: Array, epsilon: Array, beta: Array) -> NDArray[np.bool_]:
-    """Return whether `impacts_until_quiet` exceeds its limit, so that motions that become quiet may look chaotic.
+    """Return whether `impacts_until_quiet` exceeds `most_impacts_until_quiet`, so that quiet motions may look chaotic.
 
     Returns
     -------

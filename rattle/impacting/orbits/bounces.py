@@ -18,8 +18,8 @@ ALL_TRIED_UP_TO = 6  # every n up to this number is tried, because the flips of 
 # damping above which the saddle-nodes of P(1, n, 0) do not come in the order of n, and P(1, n, 0) can be stable
 # above the quiet limit, too
 STRONG = 1.6
-# for damping above STRONG: largest n for which P(1, n, 0) is sought; least ε, in units of the quiet limit, at which
-# P(1, n, 0) is sought
+# For damping above STRONG, P(1, n, 0) is sought up to n = MOST_AT_STRONG, and only if ε is at least LEAST_AT_STRONG, in
+# units of the quiet limit.
 MOST_AT_STRONG, LEAST_AT_STRONG = 24, 0.85
 # least contact force, in units of the mean force, for the rate of bounces; a smaller force counts as this force
 WEAKEST = 0.02
@@ -31,9 +31,9 @@ def fill_bounce_distribution(work, x):
     """Fill `work.shares` (SECTIONS + 1,), the distribution of bounces over half a forcing period.
 
     The half period begins at the phase of least contact force and has SECTIONS equal sections. Entry i is the share of
-    its bounces that come in the first i sections. x is ε in units of the quiet limit. The rate of bounces is taken as
-    proportional to g^(2/3), g the contact force: bounces of speed v have the rate g/2v, and all are taken to have the
-    same v³/g.
+    the half period's bounces that come in its first i sections. x is ε in units of the quiet limit. The rate of bounces
+    is taken as proportional to g^(2/3), g the contact force: bounces of speed v have the rate g/2v, and all bounces are
+    taken to have the same v³/g.
     """
     shares = work.shares
     shares[0] = 0.0
@@ -49,7 +49,7 @@ def guess_bounce_times(work, n, offset, least):
     """Set the times in `work` to a guess of n bounces in a period that all have the same v³/g.
 
     least: the phase of least contact force. offset: the place of the first bounce, counted in bounces from this phase:
-    0 puts the first bounce at this phase, and −1 puts the second one there.
+    0 puts the first bounce at this phase, and −1 puts the second bounce at this phase.
     """
     shares, i = work.shares, 0
     for j in range(n):

@@ -28,9 +28,9 @@ FARTHEST = 0.3  # longest correction from the guess to the first point of a circ
 SHORTEST = 1e-4  # shortest step along a circuit; a circuit that needs a shorter step is given up
 # a step over which the residual R_0 bends too much is shortened, down to this share of the longest step
 FINEST = 0.01
-LEAST_COSINE = 0.9  # least cosine of the angle by which the curve turns in one step
+LEAST_COSINE = 0.9  # least cosine of the angle between a step and the curve's direction at the end of the step
 MOST_STEPS = 400
-# most refinements towards an extremum of the residual R_0; most halvings of a bracket around a zero of R_0
+# MOST_ZOOMS: most refinements towards an extremum of R_0. MOST_HALVINGS: most refinements of a bracket around its zero.
 MOST_ZOOMS, MOST_HALVINGS = 12, 24
 # the search for an orbit changes to Newton's method on all equations once a step along the circuit is shorter than this
 # share of the first bracket around the orbit
@@ -246,8 +246,8 @@ def walk_circuit(work, n, span, longest, delta, epsilon, beta):
     Returns
     -------
     tuple
-        WOUND if the first time changed by `span`, CLOSED if the circuit closed, LOST if neither was reached; and the
-        number of sign changes of R_0.
+        (end, zeros). end: WOUND if the first time changed by `span`, CLOSED if the circuit closed, LOST if the walk was
+        given up before. zeros: the number of sign changes of R_0.
     """
     ok, f0, slope0 = begin_walk(work, n, delta, epsilon, beta)
     s, zeros = longest, 0

@@ -34,7 +34,7 @@ FOUR_PI = 4.0 * math.pi
 SAME_TIME = 1e-6  # largest difference of two times of flight, in forcing periods, that counts as the same impact
 # speed at Σ⁻, relative to the speed at Σ⁺, below which rounding does not distinguish the impact from a graze
 GRAZING_SPEED = 2.5e-7
-# largest errors allowed at a graze: of its speed, relative to the speed at Σ⁺, and of its time, in forcing periods
+# largest errors of a graze: SLOW of its speed, relative to the speed at Σ⁺; NEAR of its time, in forcing periods
 SLOW, NEAR = 2.5e-5, 1e-4
 EDGE = 1e-9  # |σ| of the two nodes next to σ = 0, where the equations are singular
 NODES_PER_SIDE = 160
@@ -50,10 +50,10 @@ def epsilon_sine_of_single_impact_kernel(delta):
 
 @kernel
 def closure_numerators(sigma, delta, beta):
-    """Return the P(1,1,1) whose impact on Σ⁻ follows that on Σ⁺ after the time 1/2 + σ, as numerators and denominator.
+    """Return the P(1,1,1) with the time 1/2 + σ from Σ⁺ to Σ⁻ as fractions: their numerators and common denominator.
 
-    The numerators are those of X = ε cos 2πτ, Y = ε sin 2πτ, and of the speeds v at Σ⁺ and u at Σ⁻. Their common
-    denominator vanishes at σ = 0.
+    The fractions are X = ε cos 2πτ, Y = ε sin 2πτ, the speed v at Σ⁺ and the speed u at Σ⁻. The common denominator
+    vanishes at σ = 0.
 
     Returns
     -------
@@ -97,7 +97,7 @@ def family_eccentricity(sigma, delta, beta):
 
 @kernel
 def family_residual(kind, level, sigma, delta, beta):
-    """Return the residual whose zeros σ are sought, of the P(1,1,1) with the time 1/2 + σ from Σ⁺ to Σ⁻.
+    """Return the function of σ whose zeros are sought, for the P(1,1,1) with the time 1/2 + σ from Σ⁺ to Σ⁻.
 
     Returns
     -------

@@ -96,7 +96,7 @@ def write_equations(work, n, delta, epsilon, beta):
     Returns
     -------
     bool
-        Whether each flight leaves its wall into the gap and reaches the next wall from the gap.
+        True if each flight leaves its wall into the gap and reaches the next wall from the gap.
     """
     walls, times, at = work.walls, work.times, work.at
     for i in range(n):
@@ -124,8 +124,8 @@ def write_equations(work, n, delta, epsilon, beta):
 def eliminate_times(work, n):
     """Solve all linearised impact equations except the first, for the changes of all times except the first; n ≥ 2.
 
-    `work.change` becomes the solution if the first time stays, and `work.response` its derivative with respect to the
-    first time. The equations are those that `write_equations` wrote to `work`.
+    `work.change` becomes the solution for a fixed first time, and `work.response` the derivative of the solution with
+    respect to the first time. The equations are those that `write_equations` wrote to `work`.
 
     Returns
     -------
@@ -194,7 +194,7 @@ def solve_for_impact_times(work, n, farthest, delta, epsilon, beta):
     Returns
     -------
     tuple
-        (found, p). p = (1 − λ₁)(1 − λ₂) for the multipliers λ₁ and λ₂ of the solution; NaN if no solution was found.
+        (found, p). p = (1 − λ₁)(1 − λ₂) for the multipliers λ₁ and λ₂ of the solution; meaningless if `found` is False.
     """
     size = math.inf
     for _ in range(NEWTON_STEPS):

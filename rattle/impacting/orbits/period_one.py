@@ -30,7 +30,7 @@ from rattle.orbits.orbits_a_to_d import (
 )
 
 CURVES = ("G1", "G2")
-# factor on ε of SN1 that gives a point just above SN1; the largest double, which limits this product
+# ε of SN1 times JUST_ABOVE gives a point just above SN1; LARGEST, the largest double, limits this product
 JUST_ABOVE, LARGEST = 1.0 + 1e-9, np.finfo(np.float64).max
 
 

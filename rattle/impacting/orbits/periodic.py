@@ -240,7 +240,7 @@ def reason_for_virtual_motion(itinerary: Itinerary, x: Array, grazed: int | None
     Returns
     -------
     str | None
-        Such as "the flight after impact 0 on Σ⁺ touches Σ⁻ on its way".
+        None, or a clause such as "the flight after impact 0 on Σ⁺ touches Σ⁻ on its way".
     """
     failure = find_impossible_flight(itinerary, x, grazed)
     if failure is None:

@@ -39,8 +39,8 @@ class StableOrbits(NamedTuple):
     Attributes
     ----------
     n : (cells,)
-        Number of orbits of each cell. The other arrays are (cells, room), where room is the largest number of orbits
-        that fit. They hold the orbits in the order of their number of impacts, and 0 or NaN beyond n.
+        Number of orbits of each cell, which may exceed room. The other arrays (cells, room) hold the first `room`
+        orbits in the order of their number of impacts, and 0 or NaN beyond n.
     n_plus, n_minus
         Impacts on Σ⁺ and Σ⁻ in a period.
     tau, v
@@ -61,10 +61,10 @@ class StableOrbits(NamedTuple):
 def find_alternating_orbits(least, work, delta, epsilon, beta):
     """Add the stable orbits of period one that meet Σ⁺ and Σ⁻ in turn, k ≤ MOST_CROSSINGS times each, to `work.found`.
 
-    For each k a walk along a circuit of motions finds them (`circuits`). The walk starts with impacts at intervals of
-    1/(2k) forcing periods. It ends when the first impact has moved by 1/k periods, to the time that the third impact
-    had at the start: from there on the motions repeat. least: the phase of least contact force, near which the walks
-    start.
+    For each k a walk along a circuit of motions (see `circuits`) finds these orbits. The walk starts with impacts at
+    intervals of 1/(2k) forcing periods. It ends when the first impact has moved by 1/k periods, to the time that the
+    third impact had at the start: from there on the motions repeat. least: the phase of least contact force, near which
+    the walks start.
     """
     idle = 0
     for k in range(1, MOST_CROSSINGS + 1):
@@ -77,8 +77,8 @@ def find_alternating_orbits(least, work, delta, epsilon, beta):
             how, zeros = walk_circuit(work, n, 1.0 / k, longest, delta, epsilon, beta)
             if how != LOST:
                 break
-        # whether a motion of period 1/k that crosses the gap exists under the mean contact force alone and without
-        # damping, so that it arrives at Σ⁻ with a speed above 0
+        # A motion of period 1/k crosses the gap if, under the mean contact force alone and without damping, it arrives
+        # at Σ⁻ with a speed above 0.
         crosses = 4.0 * k * k * beta > math.pi * delta
         idle = idle + 1 if crosses and zeros == 0 else 0
         if idle == 2:  # no orbit for two successive k: motions with more crossings dissipate more, so none is expected
@@ -157,7 +157,7 @@ def fill_stable_orbits(work, delta, epsilon, beta, offset, stable):
 
 
 def find_stable_orbits(delta: Array, epsilon: Array, beta: Array, room: int) -> StableOrbits:
-    """Return the stable orbits of period one at flat arrays of parameters (cells,), at most `room` in each cell."""
+    """Return at most `room` stable orbits of period one for each cell of flat arrays of parameters (cells,)."""
     shape = (delta.size, room)
     n, (n_plus, n_minus), (tau, v, trace) = (
         np.zeros(delta.size, np.int64),

@@ -60,7 +60,7 @@ def _(
 ) -> InelasticCells:
     """Return cells between pairs of cells, by linear interpolation of their parameters.
 
-    here, there: the numbers of the cells of each pair. share (k,): fractions of the way from the first to the second.
+    here, there: the numbers of both cells of each pair. share (k,): fractions of the way from cell `here` to `there`.
 
     Returns
     -------
@@ -80,7 +80,7 @@ class InelasticClassifier(Classifier):
     def __init__(
         self, cells: InelasticCells, tau: NDArray[np.float64], v: NDArray[np.float64], budget: int = BUDGET
     ) -> None:
-        """Prepare the classifier, with an empty table of the states that follow contact phases."""
+        """Prepare the classifier, with an empty table of the states that follow contact phases (`ContactStates`)."""
         # a contact phase ends at a zero of the contact force, and this zero alone determines the next state on Σ⁺
         room = len(cells.delta), cells.zeros.shape[1]
         self.states = ContactStates(
@@ -211,7 +211,7 @@ class InelasticClassifier(Classifier):
     def resolve(self, which: NDArray[np.int64], samples: Trajectories) -> None:
         """Find the orbits of samples whose states recur.
 
-        For a sample that has come out of a contact phase the orbit is found exactly, for others by Newton's method.
+        The orbit of a sample that has come out of a contact phase is found exactly, other orbits by Newton's method.
         """
         exact = samples.pause[which] == CONTACT
         waiting = which[exact]
@@ -225,7 +225,7 @@ class InelasticClassifier(Classifier):
         super().resolve(which[~exact], samples)
 
     def find_capture_radii(self, centres: CaptureCentres) -> None:
-        """Find the radii of the capture regions around these centres, and write them to `centres.radius`."""
+        """Write to `centres.radius` the radii of the outer ellipses, which are twice those of the capture regions."""
         find_radii_one_by_one(centres, self.cells)
 
     def advance(self, which: NDArray[np.int64], samples: Trajectories, early: bool) -> None:
@@ -244,8 +244,8 @@ class InelasticClassifier(Classifier):
     ) -> None:
         """Follow samples `which` with a tangent vector; write sums for exponents, and visited-cell bitmaps, to `seen`.
 
-        Each sample is followed for at least `least` impacts on Σ⁺ and `periods` forcing periods, unless its limit of
-        impacts comes first.
+        Sample which[j] is followed for at least least[j] impacts on Σ⁺ and periods[j] forcing periods, unless it has an
+        outcome or reaches its limit of impacts before.
         """
         tables = self.samples.to_kernel_tuple(), self.balls.to_kernel_tuple()
         in_lanes = self.in_lanes[self.samples.cell[which]]

@@ -121,10 +121,11 @@ def settle(which, cells, samples, balls, states):
 def follow_probes(which, least, periods, cells, samples, balls, states, sums, footprints):
     """Follow samples `which` with a tangent vector, to find their Lyapunov exponents.
 
-    Sample which[j] is followed for at least least[j] returns and periods[j] forcing periods, or to its limit of
-    returns. sums (k, BATCHES, 3) must be 0 at the start. sums[j] becomes the sums of time, ln stretch and ln|det| over
-    the returns of this sample after the first ALIGNMENT ones, in BATCHES successive batches. A contact phase makes
-    ln stretch −∞, which excludes chaos. footprints[j] collects the boxes of the (τ, v) plane that the sample visits.
+    Sample which[j] is followed for at least least[j] returns and periods[j] forcing periods, unless it has an outcome
+    or reaches its limit of returns before. sums (k, BATCHES, 3) must be 0 at the start. sums[j] becomes the sums of
+    time, ln stretch and ln|det| over the returns of this sample after the first ALIGNMENT returns, in BATCHES
+    successive parts. A contact phase makes ln stretch −∞, which excludes chaos. footprints[j] collects the boxes of
+    the (τ, v) plane that the sample visits.
     """
     for j in range(which.size):
         k = which[j]
@@ -308,7 +309,7 @@ def record_contact_orbit(tau, v, gap, cell, point, orbits, states):
 
 @kernel
 def count_contact_phases(grown, cells, orbits):
-    """Count the contact phases of each cell's new orbits, which follow its first grown[cell] orbits in the table."""
+    """Count contact phases and merged impacts of the orbits with contact after the first grown[cell] of each cell."""
     for cell in range(grown.size):
         for j in range(grown[cell], orbits.n[cell]):
             if orbits.first[cell, j] == -math.inf:

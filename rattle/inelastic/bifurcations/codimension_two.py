@@ -141,7 +141,7 @@ class CodimensionTwoCurve(TabularResult):
         Raises
         ------
         RattleError
-            If the curve does not reach this restitution.
+            If the curve does not reach this restitution, or Newton's method fails there.
         """
         r = require_number("restitution", restitution, positive=True)
         apart = self.restitution - r
@@ -202,7 +202,7 @@ def follow_codimension_two(name: str, beta: float = 0.6, lowest: float = LEAST_R
     ParameterError
         If a number is outside its domain, or the name is unknown.
     RattleError
-        If the elastic gear has no such point at this half-backlash.
+        If this point of the elastic gear is not found at this half-backlash.
     """
     require_one_of("name", name, tuple(_conditions_besides_graze(1.0)))
     beta = require_number("beta", beta, positive=True)

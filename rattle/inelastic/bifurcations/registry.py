@@ -39,11 +39,11 @@ class InelasticCurveDefinition:
 
     @property
     def impact(self) -> int | None:
-        """The number of the grazing impact; None if the event is no graze."""
+        """The number of the impact that grazes; None if the event is not a graze."""
         return ELASTIC_CURVES[self.name].impact
 
     def belongs(self, x: Array) -> str | None:
-        """Return the reason in words why a solution does not belong to this curve; None if it does."""
+        """Return None if the solution x is on this curve, else the reason in words why it is not on the curve."""
         return ELASTIC_CURVES[self.name].belongs(x)
 
     def itinerary(self, beta: float, restitution: float) -> InelasticItinerary:

@@ -50,9 +50,9 @@ def two_impact_family_members(delta: float, beta: float, r: float) -> TwoImpactF
 
 
 def _zeros_on_family(values: Callable[[TwoImpactFamily], Array], delta: float, beta: float, r: float) -> list[Array]:
-    """Return the unknowns of the motions P(1,1,1) at one damping for which a function of these motions is 0.
+    """Return the unknowns of the motions P(1,1,1) at one damping for which the function `values` is 0.
 
-    values: the function, such as the determinant of the equations' Jacobian, which is 0 at saddle-nodes.
+    values: a function of the motions, such as the determinant of the equations' Jacobian, which is 0 at saddle-nodes.
 
     Returns
     -------
@@ -64,13 +64,13 @@ def _zeros_on_family(values: Callable[[TwoImpactFamily], Array], delta: float, b
 
 
 def fold_guesses(delta: float, beta: float, r: float) -> list[Array]:
-    """Return the unknowns of the saddle-nodes of B and D at one damping."""
+    """Return the unknowns of each saddle-node of B and D at one damping, close enough to start Newton's method."""
     return _zeros_on_family(lambda at: at.saddle_node, delta, beta, r)
 
 
 @lru_cache(maxsize=256)
 def graze_guesses(delta: float, beta: float, r: float) -> tuple[Array, ...]:
-    """Return the unknowns of the P(1,1,1) at one damping that arrive at Σ⁻ with speed 0."""
+    """Return the unknowns of each P(1,1,1) at one damping that arrives at Σ⁻ with speed 0, to start Newton's method."""
     return tuple(_zeros_on_family(lambda at: at.u, delta, beta, r))
 
 
@@ -88,7 +88,7 @@ def flip_next_to_sn2(delta: float, beta: float, r: float) -> Sequence[Array]:
     Returns
     -------
     Sequence[Array]
-        One array of unknowns, or none.
+        One array of unknowns (both times, δ, ε), or an empty sequence.
     """
     found = flip_guesses(delta, beta, r)
     if not found:
@@ -104,7 +104,7 @@ def flips_after_first(delta: float, beta: float, r: float) -> Sequence[Array]:
 
 
 def one_impact_guesses(kind: EventKind, delta: float, r: float) -> list[Array]:
-    """Return a list of the unknowns (3,) of SN1 or, if `kind` is FLIP, of the flip of C; empty if there is none."""
+    """Return a list of the unknowns (τ, δ, ε) of SN1 or, if `kind` is FLIP, of the flip of C; empty if none exists."""
     offset = -forcing_slope_at_departure(delta, r, DRIFT) / (2 * np.pi)
     epsilon = saddle_node(delta, r, DRIFT) if kind is EventKind.SADDLE_NODE else flip_of_c(delta, r, DRIFT)
     if not np.isfinite(epsilon) or epsilon == 0.0:

@@ -36,7 +36,7 @@ REST_FRACTION = 1e-6
 
 @inline
 def force_antiderivative(tau, delta, harmonics):
-    """Return e' + δe at this phase, where e is the forcing. Its time derivative is the contact force minus its mean."""
+    """Return e' + δe at phase tau, the antiderivative of the contact force minus the force's mean; e is the forcing."""
     found = 0.0
     for j in range(harmonics.shape[1]):
         turn = TWO_PI * harmonics[ORDER, j]
@@ -47,7 +47,7 @@ def force_antiderivative(tau, delta, harmonics):
 
 @inline
 def index_of_release_zero(tau, zeros):
-    """Return the index of the zero that equals tau, the phase of a release, except for rounding errors."""
+    """Return the index of the zero of the contact force nearest to tau, the phase at which a contact phase ends."""
     nearest, off = 0, math.inf
     for i in range(zeros.size):
         away = abs(wrap_phase_difference(zeros[i] - tau))

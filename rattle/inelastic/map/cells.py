@@ -27,8 +27,8 @@ class InelasticCells(NamedTuple):
     """Parameters of cells (n,), the shape of the forcing that they have in common, and quantities computed from them.
 
     shape (3, K): the harmonics at ε = 1. zeros (n, room): the zeros of the contact force of each cell, of which the
-    first zero_count (n,) are used. positive (n,): 1 if the contact force is positive at phase 0, else 0. The other
-    fields (n,) are those of `InelasticPoint`.
+    first zero_count (n,) are used. positive (n,): 1 if the contact force is positive at phase 0, else 0. third, capture
+    and quiet_invariant (n,): as in `InelasticPoint`.
     """
 
     delta: Any
@@ -71,7 +71,7 @@ def fill_derived_cell_fields(cells):
 
 @kernel
 def point_at(cell, cells):
-    """Return the parameter point of the cell with this number."""
+    """Return the `InelasticPoint` of cell number `cell`."""
     return InelasticPoint(
         cells.delta[cell],
         cells.epsilon[cell],
@@ -151,6 +151,6 @@ def cells_of_forcing_shape(
 def make_inelastic_point(
     delta: float, epsilon: float, beta: float, restitution: float, load: float, harmonics: Any = ()
 ) -> InelasticPoint:
-    """Return the record of one parameter point that compiled code takes."""
+    """Return the record `InelasticPoint` of one parameter point, for compiled code."""
     d, e, b, r, more = (np.array([x]) for x in (delta, epsilon, beta, restitution, load))
     return InelasticPoint(*point_at(0, inelastic_cells(d, e, b, r, more, harmonics)))

@@ -59,7 +59,7 @@ def is_chatter_captured(wall, v, force, point):
 
 @kernel
 def quiet_invariant(delta, drift, beta, harmonics):
-    """Return the largest v³/g (speed v, contact force g) from which elastic impacts are certain to become quiet.
+    """Return the largest v³/g (speed v, contact force g) at which elastic bounces are certain to become quiet.
 
     Returns
     -------

@@ -27,7 +27,7 @@ COSINE, SINE = range(2)
 
 
 class InelasticFlight(NamedTuple):
-    """Quantities of one flight at its departure, at time t₀, as `prepare_forced_flight` returns them."""
+    """One flight, given by quantities at its departure at time t₀, which `prepare_forced_flight` computes."""
 
     w: float  # velocity of departure
     a: float  # A = q + e'(t₀) − w, with the drift q and the forcing e
@@ -76,13 +76,13 @@ def evaluate_forced_flight(s, flight, harmonics, departure):
 def time_of_forced_crossing(low, high, guess, level, rising, third, flight, harmonics, departure):
     """Return the only time in (low, high) at which the displacement F of a flight is `level`, by Halley steps.
 
-    rising: whether F rises there. third: an upper bound of |F‴|. After a step u the error is below
+    rising: whether F rises at the crossing. third: an upper bound of |F‴|. After a step u the error is below
     |u|³ (p² + third/|F'|) with p = F''/(2F'); the search ends when this bound is smaller than rounding errors.
 
     Returns
     -------
     float
-        The time of the crossing.
+        The flight time of the crossing, in forcing periods.
     """
     s = guess
     if not (low < s < high):
@@ -119,7 +119,7 @@ def time_of_forced_extremum(low, high, guess, convex, third, flight, harmonics, 
     Returns
     -------
     float
-        The time.
+        The flight time of the extremum, in forcing periods.
     """
     s = guess
     if not (low < s < high):
@@ -176,7 +176,7 @@ def find_crossing_on_piece(sign, s0, f0, f1, s1, e0, e1, guess, lower, upper, th
     wall : int
         The wall that is reached, +1 or −1; 0 if there is no crossing.
     time : float
-        The time of the crossing.
+        The time of the crossing; s1 if there is none.
     """
     g0, slope0, g1, slope1 = sign * f0, sign * f1, sign * e0, sign * e1
     low, high = (lower, upper) if sign > 0 else (-upper, -lower)

@@ -23,9 +23,9 @@ MOST_INTERVALS = 64
 
 
 class ForcingBounds(NamedTuple):
-    """Upper bounds of derivatives over a period.
+    """Upper bounds over a period of derivatives of the contact force g and of the forcing e.
 
-    force_rate: of |g'|, force_bend: of |g''|, with g the contact force. third: of |e'''|, with e the forcing.
+    force_rate: bound of |g'|. force_bend: bound of |g''|. third: bound of |e'''|.
     """
 
     force_rate: float
@@ -35,7 +35,7 @@ class ForcingBounds(NamedTuple):
 
 @inline
 def force_at(tau, delta, drift, harmonics):
-    """Return the contact force g and its derivative g' at this phase."""
+    """Return the contact force g and its derivative g' at phase tau."""
     force, rate = delta * drift, 0.0
     for j in range(harmonics.shape[1]):
         turn = TWO_PI * harmonics[ORDER, j]

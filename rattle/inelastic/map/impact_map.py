@@ -53,7 +53,7 @@ class InelasticPoint(NamedTuple):
 
 @inline
 def force_piece_number(tau, zeros):
-    """Return how many `zeros` of the contact force lie at or before phase tau: the number of the piece with tau."""
+    """Return how many `zeros` of the contact force lie at or before phase tau: the number of the piece that has tau."""
     low, high = 0, zeros.size
     while low < high:
         middle = (low + high) // 2
@@ -137,7 +137,7 @@ def step_with_tangent(tau, v, point):
         piece = force_piece_number(tau, point.zeros)
         w = -point.restitution * w1
         if wall > 0:
-            # v = −w at both ends, so dv = −dw
+            # at both impacts on Σ⁺ the speed is v = −w, so dv = −dw
             return OK, tau, abs(w), time, n_minus, j00, -j01, -j10, j11, log_det, on_plus, on_minus
         n_minus += 1
         run += 1
@@ -160,7 +160,7 @@ def step(tau, v, point):
 
 @kernel
 def next_impact_on_plus(wall, tau, w, point):
-    """Follow a motion that leaves a wall with velocity w to its next impact on Σ⁺, and return the tuple of `step`."""
+    """Follow a motion that leaves a wall with velocity w to its next impact on Σ⁺; return a tuple as `step` does."""
     departure = np.empty((2, point.harmonics.shape[1]))
     time, n_minus, run, bounces = 0.0, 0, 0, 0
     on_plus, on_minus = 0, 0

@@ -100,7 +100,7 @@ def _broadcast_states_and_cells(
 
 
 def _new_counters(size: int, number: int) -> list[NDArray[np.int64]]:
-    """Return `number` arrays (size,) of zeros, in which kernels count."""
+    """Return `number` arrays (size,) of zeros, in which kernels count impacts and contact phases."""
     return [np.zeros(size, np.int64) for _ in range(number)]
 
 

@@ -16,7 +16,7 @@ SHORT_CHATTER = 1e-5  # duration, in forcing periods, below which the rest of a 
 
 @kernel
 def remaining_chatter_time(wall, v, force, point):
-    """Return about how long a chatter still lasts after one of its impacts: 2v/((1 − r)|g|).
+    """Return an estimate of the time that a chatter still lasts after one of its impacts: 2v/((1 − r)|g|).
 
     v: the speed after this impact. force: the contact force g at the impact. The relative error is about as large as
     the duration, in forcing periods.
@@ -24,7 +24,7 @@ def remaining_chatter_time(wall, v, force, point):
     Returns
     -------
     float
-        The duration; infinite if impacts are elastic.
+        The time in forcing periods; infinite if impacts are elastic.
     """
     if point.restitution == 1.0:
         return math.inf
@@ -36,13 +36,14 @@ def write_inelastic_motion(tau, v, point, time, phi, velocity, impact_time, impa
     """Write Φ and Φ' at increasing times, and the impacts before the last of these times, to given arrays.
 
     A chatter is followed until its remaining duration, from `remaining_chatter_time`, is below SHORT_CHATTER. The error
-    of the time at which contact begins is then about SHORT_CHATTER². Impacts beyond the length of the arrays are
-    counted but not written.
+    of the time at which contact begins is then about SHORT_CHATTER². If impacts are elastic, the bounces of a motion
+    that is certain to become quiet are replaced by contact. Impacts beyond the length of the arrays are counted but not
+    written.
 
     Returns
     -------
     status : int
-        OK, or why the motion cannot be followed.
+        OK, or the code of the reason why the motion cannot be followed.
     impacts : int
         Number of impacts.
     rest : float

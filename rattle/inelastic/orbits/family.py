@@ -144,7 +144,7 @@ def fill_family_nodes(delta, beta, r, sigma, e):
     Returns
     -------
     int
-        The number of σ.
+        The number of values of σ that are written.
     """
     n = NODES_PER_SIDE
     for i in range(n):
@@ -172,7 +172,7 @@ def fill_family_nodes(delta, beta, r, sigma, e):
 
 @kernel
 def one_impact_orbit(sign, delta, epsilon, beta, r):
-    """Return (admissible, τ, v, trace of the tangent map) of A or C. sign: that of cos 2πτ, −1 for A and 1 for C."""
+    """Return (admissible, τ, v, trace of the tangent map) of A (sign = −1) or C (sign = 1), by the sign of cos 2πτ."""
     decay, lost = math.exp(-delta), -math.expm1(-delta)
     v = r * delta * DRIFT / (1.0 + r)
     offset = (v - DRIFT * departure_speed_over_drift(delta, lost)) / TWO_PI  # ε sin 2πτ

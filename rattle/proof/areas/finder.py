@@ -72,7 +72,7 @@ def _find_number_and_stability(piece: PlanePiece, letter: str, state: ClaimedSta
     -------
     tuple[int | None, bool | None]
         The number of motions; None if it is not proved. Then True if the motion attracts, False if it is a saddle; None
-        if neither is proved, if no motion exists, or if the claimed `state` says nothing about stability.
+        if neither is proved, if no motion exists, or if the claimed `state` is THERE.
     """
     exists = one_impact.exists(piece, letter)
     if exists and state is not ClaimedState.THERE:

@@ -160,7 +160,7 @@ class BifurcationClaim:
         return [self.known[name] if name in self.known else next(free) for name in POSSIBLE_UNKNOWNS]
 
     def box_centre(self) -> list[Interval]:
-        """Return the centre of the unknowns' box; velocities are those of flights between the certificate's times."""
+        """Return the centre of the unknowns' box: the certificate's times, velocities from these times, parameters."""
         free = [(low + high) / 2 for low, high in self.ends]
         delta, epsilon = self.parameters([ZERO] * (2 * self.n) + free)
         found = []
@@ -214,7 +214,7 @@ class BifurcationClaim:
         for i in range(self.n):
             reach, kept, push, w = pieces[(first + i) % self.n]
             a, b, c, d = a + reach * c, b + reach * d, kept * c, kept * d
-            # the impact's map is [[−1, 0], [push/w, −1]], push = −2g; times w, it stays finite as w → 0
+            # an impact has the tangent map [[−1, 0], [push/w, −1]], push = −2g; its product with w is finite at w = 0
             if push is not None:
                 a, b, c, d = -a * w, -b * w, push * a - c * w, push * b - d * w
                 speeds = speeds * w
@@ -227,7 +227,7 @@ class BifurcationClaim:
         return conditions[self.point or self.kind]
 
     def enclose_point(self) -> list[Interval]:
-        """Return intervals around the equations' only zero in the box (Lemma 2 of docs/proofs.md). Raises Refused."""
+        """Return intervals around the equations' only zero in the box (Lemma 2 of docs/proofs.md). Raises Refusal."""
         x = self.box_centre()
         size = len(x)
         radii = [RADIUS * (VELOCITY_FACTOR if i < 2 * self.n and i % 2 else 1) for i in range(size)]
@@ -252,7 +252,7 @@ class BifurcationClaim:
         return [a + b for a, b in zip(x, spread, strict=True)]
 
     def require_admissible(self, x: Sequence[Interval]) -> None:
-        """Raise Refused unless each flight is proved to meet no wall between its ends, with speed 0 at a graze only."""
+        """Raise Refusal unless each flight is proved to meet no wall between its ends, with speed 0 at a graze only."""
         delta, epsilon = self.parameters(x)
         motion: Any = SimpleNamespace(
             walls=self.walls, m=self.m, k=[ZERO], delta=delta, epsilon=epsilon, beta=self.known["beta"]
@@ -268,7 +268,7 @@ class BifurcationClaim:
             require(meets_no_wall(piece, *grazes), f"piece {i + 1} is not proved to meet no wall before its end")
 
     def require_least_period(self, x: Sequence[Interval]) -> None:
-        """Raise Refused unless m forcing periods are proved to be the least period (Lemma 7 of docs/proofs.md)."""
+        """Raise Refusal unless m forcing periods are proved to be the least period (Lemma 7 of docs/proofs.md)."""
         made = [i for i in range(self.n) if i != self.impact]
         walls, times = [self.walls[i] for i in made], [x[2 * i] for i in made]
         times += [t + self.m for t in times]
@@ -342,7 +342,7 @@ def stays_between_walls_during(piece: MotionPiece, low: Interval, high: Interval
 
 
 def check(text: str) -> str:
-    """Prove the theorem of a certificate, a JSON document, and return it in words. Raises Refused."""
+    """Prove the theorem of a certificate, a JSON document, and return it in words. Raises Refusal."""
     try:
         document = json.loads(text)
         require(

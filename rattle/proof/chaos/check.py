@@ -149,7 +149,7 @@ class CheckedFlightBundle:
         raise Refusal("the time of an impact is not enclosed")
 
     def guess_arrival_time(self, target: int) -> Interval:
-        """Return a guess of the time at which the flight from the middle departure reaches `target`. Raises Refused."""
+        """Return a guess of the time at which the flight from the middle departure reaches `target`. Raises Refusal."""
         t0, w, d, e, b = (float(x.mid) for x in (*self.middle, self.claim.delta, self.claim.epsilon, self.claim.beta))
         turn, end = 2 * math.pi, (target - self.wall) * b
         pushed = w - 2 * turn + turn * e * math.sin(turn * t0)
@@ -275,7 +275,7 @@ class HorseshoeClaim:
         return (xi, eta), [max(float(abs(x).b) for x in each) for each in extents]
 
     def require_covering(self, source: int, target: int, word: int, periods: int) -> None:
-        """Raise Refused unless the set `source` covers the set `target` (Lemma 11 of docs/proofs.md).
+        """Raise Refusal unless the set `source` covers the set `target` (Lemma 11 of docs/proofs.md).
 
         The target is shifted by `periods` forcing periods, and `word` is the number of impacts on Σ⁻ in the step from
         source to target. In the target's coordinates Π maps one edge ξ = ±1 of the source to ξ < −1 and the other to
@@ -325,7 +325,7 @@ class HorseshoeClaim:
         raise Refusal(f"set {source} is not proved to cover set {target}")
 
     def require_disjoint(self, one: int, other: int) -> None:
-        """Raise Refused unless the sets with these two numbers are proved to be disjoint, with times taken modulo 1."""
+        """Raise Refusal unless the sets with these two numbers are proved to be disjoint, with times taken modulo 1."""
         for periods in (-2, -1, 0, 1, 2):
             a, b = self.corners(one, 0), self.corners(other, periods)
             normals = [(c[i][1] - c[0][1], c[0][0] - c[i][0]) for c in (a, b) for i in (1, 2)]
@@ -345,7 +345,7 @@ class HorseshoeClaim:
 
 
 def halve_part(part: Part, extents: list[float]) -> list[Part]:
-    """Cut a part in two: halve its side whose image is longer. Raises Refused if the part is too small.
+    """Cut a part in two: halve its side whose image is longer. Raises Refusal if the part is too small.
 
     extents: for each side of the part the extent of the side's image, from `image_in_set_coordinates`.
 
@@ -362,7 +362,7 @@ def halve_part(part: Part, extents: list[float]) -> list[Part]:
 
 
 def check(text: str) -> str:
-    """Prove the theorem of a certificate, a JSON document, and return it in words. Raises Refused."""
+    """Prove the theorem of a certificate, a JSON document, and return it in words. Raises Refusal."""
     try:
         document = json.loads(text)
         require(

@@ -64,7 +64,7 @@ def stiff_branch(
         The parameter to change, "epsilon", "delta" or "kappa", or a direction in the (δ, ε) plane.
     span : tuple[float, float] | None
         (low, high) of the parameter around the orbit; by default κ/10 to 10κ for "kappa", and as in `rattle.branch` for
-        the others. For a direction, the range of multiples of it, by default −1 to 1.
+        "epsilon" and "delta". For a direction, the range of its multiples, by default −1 to 1.
     resolution : int
         Least number of points over the span.
 
@@ -261,14 +261,14 @@ def stiff_curve(
     Returns
     -------
     Array
-        (k, 2c + 2): times and durations of the c contacts, then δ and ε.
+        (k, 2c + 2): times of the c contacts, their durations multiplied by √(2κ), then δ and ε.
 
     Raises
     ------
     ParameterError
         If an argument is outside its domain.
     RattleError
-        If the event is neither a saddle-node nor a flip, or no solution inside the window.
+        If the event is neither a saddle-node nor a flip, or no point of its curve is in the window.
     """
     require(isinstance(event, StiffEvent), f"event must be a StiffEvent, got {type(event).__name__}")
     from rattle.continuation.curve_continuation import PlaneWindow, trace_pieces_in_window

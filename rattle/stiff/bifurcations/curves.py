@@ -144,7 +144,7 @@ def _starting_points(name: str, beta: float, kappa: float, window: PlaneWindow, 
 
 
 def _motions_on_curve(name: str, family: StiffFamily) -> list[Array]:
-    """Return the motions of a family that are events of the curve with this name.
+    """Return the folds or flips of a family that lie on the bifurcation curve with this name.
 
     Motions P(1,1,1) count only if the middle of the contact with Σ⁻ comes more than half a period after the middle of
     the contact with Σ⁺, as on the paper's curves. (At half a period the impacting P(1,1,1) have a pole of ε.)
@@ -152,7 +152,7 @@ def _motions_on_curve(name: str, family: StiffFamily) -> list[Array]:
     Returns
     -------
     list[Array]
-        Times, durations and ε of each motion, in the order of the family.
+        For each motion the times of its contacts, their durations multiplied by √(2κ), and ε; in the family's order.
     """
     if name in FLIPS:
         found = _flips_on_curve(name, family)

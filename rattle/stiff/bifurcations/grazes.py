@@ -57,7 +57,7 @@ def find_graze_at_branch_end(line: MotionsOnLine, y: Array, tangent: Array) -> G
 
 
 def _begin_with_sigma_plus(line: MotionsOnLine, y: Array) -> tuple[MotionsOnLine, Array]:
-    """Return the line and the motion y, renumbered so that contact 0 is the first with Σ⁺, if there is one."""
+    """Return the line and the unknowns of the motion y, renumbered so that contact 0 is the first with Σ⁺, if any."""
     first = line.walls.index(1) if 1 in line.walls else 0
     itinerary = line.itinerary(y)
     return replace(line, walls=itinerary.with_first_impact(first).walls), unknowns_counted_from_impact(
@@ -72,7 +72,7 @@ def _remove_contact(line: MotionsOnLine, y: Array, contact: int) -> tuple[Motion
 
 
 def _merge_contacts(line: MotionsOnLine, y: Array, contact: int) -> tuple[MotionsOnLine, Array]:
-    """Return the motion y with contact number `contact` and the next contact merged into one."""
+    """Return the line and the unknowns of the motion y with contact number `contact` and the next one merged."""
     itinerary, c = line.itinerary(y), len(line.walls)
     y, walls = unknowns_counted_from_impact(itinerary, y, contact), itinerary.with_first_impact(contact).walls
     y[c] = (y[1] - y[0]) / itinerary.softness + y[c + 1]
@@ -126,7 +126,7 @@ def _motion_with_one_more_contact(line: MotionsOnLine, y: Array, tangent: Array)
 def _insert_contact(
     line: MotionsOnLine, y: Array, after: int, wall: int, time: float, duration: float
 ) -> tuple[MotionsOnLine, Array]:
-    """Return the motion y with a new contact inserted after contact number `after`; duration: in units of 1/√(2κ)."""
+    """Return the line and the unknowns of y with a new contact after contact `after`; duration: in units of 1/√(2κ)."""
     c = len(line.walls)
     more = replace(line, walls=line.itinerary(y).with_added_impact(after + 1, wall).walls)
     return more, np.insert(y, [after + 1, c + after + 1], [time, duration])

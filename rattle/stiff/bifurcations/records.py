@@ -19,7 +19,7 @@ from rattle.stiff.orbits.equations import StiffItinerary
 from rattle.stiff.orbits.period_one import orbits_at
 from rattle.stiff.orbits.periodic import StiffOrbit, orbit_of, softness
 
-SAME_MOTION = 1e-6  # largest difference in τ and v of equal motions
+SAME_MOTION = 1e-6  # motions are equal if their differences in τ and v add up to less than this
 
 
 class StiffEvent(NamedTuple):
@@ -98,7 +98,7 @@ class StiffBranch(FollowedBranch):
 
     @property
     def unwrapped_times(self) -> Array:
-        """The times and durations (k, 2c) of the c contacts, without jumps by whole periods along the branch."""
+        """The times and durations/p (k, 2c) of the c contacts, without jumps by whole periods along the branch."""
         return self.unknowns[:, :-3]
 
     @property
@@ -111,8 +111,8 @@ class StiffBranch(FollowedBranch):
     def names(self) -> tuple[str, ...]:
         """A, B, C or D for each point of a period-one branch, "" for the points of other branches.
 
-        The letter belongs to the part of the branch between folds (`rattle.stiff.orbits.families`). It is "" also for a
-        P(1,1,0) without a counterpart in the impacting model.
+        The letter belongs to the part of the branch between folds (`rattle.stiff.orbits.families`). A P(1,1,0)
+        without a counterpart in the impacting model has the name "".
         """
         folds = [event.point for event in self.events if event.kind is EventKind.SADDLE_NODE]
         edges, names = [0, *folds, len(self)], list[str]()
@@ -178,7 +178,7 @@ class StiffBranch(FollowedBranch):
 
 
 def _letter_of_orbit(orbit: StiffOrbit) -> str:
-    """Return the letter A to D of a motion P(1,1,0) or P(1,1,1), or "" if it has none."""
+    """Return the letter A to D of a motion P(1,1,0) or P(1,1,1); "" for a motion without a letter."""
     for name, other in orbits_at(orbit.delta, orbit.epsilon, orbit.beta, orbit.kappa):
         if (
             other.label == orbit.label

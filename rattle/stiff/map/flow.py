@@ -45,7 +45,8 @@ def matrix_product(a00, a01, a10, a11, b00, b01, b10, b11):
 def follow_flight(wall, tau, position, w, delta, epsilon, beta, horizon):
     """Follow a free flight to the next wall, or for the time `horizon`.
 
-    w is the velocity Φ'. The flight starts in the gap (wall GAP), or on a wall with w into the gap.
+    w is the velocity Φ'. The flight starts in the gap (wall GAP), or on a wall with w into the gap. `position` is Φ in
+    the gap, and the depth 0 on a wall.
 
     Returns
     -------
@@ -74,7 +75,8 @@ def follow_flight(wall, tau, position, w, delta, epsilon, beta, horizon):
 def follow_piece(wall, tau, position, w, delta, epsilon, beta, kappa, horizon):
     """Follow the next flight or contact to its end, or for the time `horizon`.
 
-    w is the velocity Φ'. A motion with depth 0 and velocity 0 is in contact if the contact force presses on the wall.
+    `position` is Φ in the gap, and the depth beyond the wall in contact. w is the velocity Φ'. A motion with depth 0
+    and velocity 0 is in contact if the contact force presses on the wall.
 
     Returns
     -------
@@ -98,7 +100,8 @@ def follow_piece(wall, tau, position, w, delta, epsilon, beta, kappa, horizon):
 def flow(wall, tau, position, w, duration, delta, epsilon, beta, kappa):
     """Follow a motion for a duration, in forcing periods, from a state in the gap (wall 0) or in contact (wall ±1).
 
-    w is the velocity Φ'. A contact begins when a flight meets a wall.
+    `position` is Φ in the gap, and the depth beyond the wall in contact. w is the velocity Φ'. A contact begins when a
+    flight meets a wall.
 
     Returns
     -------

@@ -18,7 +18,7 @@ from rattle.flight.forcing import TWO_PI
 
 
 def quiet_limit(delta: ArrayLike, kappa: ArrayLike) -> NDArray[np.float64]:
-    """Return the smallest ε at which permanent contact with Σ⁺ is lost: (δ/κ) √((2κ − 4π²)² + 4π²δ²)/√(4π² + δ²).
+    """Return the ε above which permanent contact with Σ⁺ is lost: (δ/κ) √((2κ − 4π²)² + 4π²δ²)/√(4π² + δ²).
 
     Damping δ > 0 and stiffness κ > 0 are dimensionless and broadcast. For large κ the limit is about
     `rattle.quiet_limit` times 1 − 2π²/κ.

@@ -37,7 +37,7 @@ SAME_END = 1e-9
 
 
 class ContactCycle(NamedTuple):
-    """A cycle of contacts: the data that all motions of a family share, which differ in times, durations and ε only.
+    """The data common to all motions of a family; the motions differ in ε, and in times and durations of contacts.
 
     walls (c,): the walls ±1 that a motion meets, in order, Σ⁺ first. m: the period in forcing periods. delta, beta,
     kappa: δ, β and κ.
@@ -90,7 +90,7 @@ class ContactExit(NamedTuple):
 
 @inline
 def free_flight(t0, t1, gap, delta, epsilon):
-    """Return the velocities at both ends of the flight from t0 to t1 by which Φ grows by `gap`, with derivatives.
+    """Return the velocities at both ends of the flight from t0 to t1 in which Φ grows by `gap`, with derivatives.
 
     Source: equations (3.1) and (3.2) of the paper.
 

@@ -25,7 +25,7 @@ from rattle.numerics.secant import narrow_bracket
 from rattle.stiff.orbits.closure import LEAST_CONTACT, write_residuals
 
 # reasons why a family ends, in this order: ε leaves its range; a contact vanishes; a flight vanishes; the family
-# closes; no continuation step succeeds
+# closes; no continuation step succeeds, or the family has too many points
 SPAN, LOST, FLIGHT, CLOSED, BROKEN = range(5)
 LONGEST_STEP = 0.1  # longest continuation step, in the unknowns
 STEP_SHARE = 0.3  # longest continuation step, as a share of the duration of the shortest contact
@@ -186,15 +186,15 @@ def solve_family_above_chord(a, b, share, cycle, y):
 
 @inline
 def offset_from_target(y, index, level, chord, cycle, tangent):
-    """Return a function of the solutions y of a family that is 0 at the solution of `locate_solution_between`.
+    """Return the residual at y that is 0 at the solution which `locate_solution_between` seeks.
 
-    The number is y[index] − level. If a fold is sought (index −1), the number is the rate at which ε changes along the
-    family in the direction of `chord`. `tangent` is scratch memory.
+    The residual is y[index] − level. If a fold is sought (index −1), it is the rate at which ε changes along the family
+    in the direction of `chord`. `tangent` is scratch memory.
 
     Returns
     -------
     float
-        The number, which is 0 at the sought solution.
+        The residual; its sign differs on the two sides of the sought solution.
     """
     if index >= 0:
         return y[index] - level
@@ -275,7 +275,7 @@ def follow_family(start, direction, cycle, largest, points):
     Returns
     -------
     tuple
-        The number of points, and the reason why the family ends.
+        The number of points, and the code (SPAN to BROKEN) of the reason why the family ends.
     """
     n = start.size
     tangent, new_tangent, new = np.empty(n), np.empty(n), np.empty(n)

@@ -184,7 +184,7 @@ class ComparisonChoice:
 
 
 class PointerPosition(NamedTuple):
-    """Point (δ, ε) that a viewer points at. source: name of the figure under the mouse; KEYBOARD if keys chose it."""
+    """Point (δ, ε) that a viewer points at. source: name of the figure under the mouse; KEYBOARD for keys."""
 
     at: Pair
     source: str

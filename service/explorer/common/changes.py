@@ -76,7 +76,7 @@ async def change_and_wait(document: Document, change: Callable[[], object]) -> N
     Raises
     ------
     Exception
-        Whatever `change` raises.
+        Every exception that `change` raises is raised here.
     """
     done: asyncio.Future[None] = asyncio.get_running_loop().create_future()
 

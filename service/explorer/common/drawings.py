@@ -17,7 +17,7 @@ Show = Callable[[], object]
 
 
 class DrawingRunner:
-    """Runner of drawings, one at a time. A new one waits for the running one, whose thread cannot be cancelled.
+    """Runner of drawings, one at a time. A new drawing waits until the running drawing ends or pauses.
 
     If several requests arrive while a drawing runs, only the newest is drawn. While a survey runs, PAUSE seconds pass
     between two drawings.
@@ -25,7 +25,7 @@ class DrawingRunner:
     Parameters
     ----------
     show_error : Callable[[RattleError], object]
-        Shows an error of a drawing. It is not called if another drawing has been requested since.
+        Shows an error of a drawing. Errors of a drawing are not shown after another drawing was requested.
     """
 
     def __init__(self, viewer: PageSession, show_error: Callable[[RattleError], object]) -> None:
@@ -49,7 +49,7 @@ class DrawingRunner:
             Surveys of the drawing. If the state or the number of computed cells of a survey has changed, the drawing is
             made again.
         draw : Callable[[], AsyncGenerator[Show, None]]
-            Yields functions that show the drawing so far. They are called only while this drawing is the requested one.
+            Yields functions that show the drawing so far. No function is called after a request for another drawing.
         """
         self._wanted = identity, tuple((job.id, job.state, job.cells_done) for job in jobs)
         self._draw, self._pause = draw, 0.0 if all(State(job.state).is_final for job in jobs) else PAUSE

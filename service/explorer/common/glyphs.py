@@ -1,4 +1,4 @@
-"""Make the glyphs of the map, without Bokeh's additional glyphs for selections: these would delay a page by 0.2 s."""
+"""Make the glyphs of the map, without Bokeh's extra glyphs for selections, which would delay a page by 0.2 s."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Publish the status of surveys to all open pages after each change: the database is read once for all pages."""
+"""Publish the status of surveys to all open pages after each change. One reading of the database serves all pages."""
 
 from __future__ import annotations
 

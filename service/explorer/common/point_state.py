@@ -115,7 +115,7 @@ class PointTabsState:
         return ANSWER if self.at is None else BASINS
 
     def without_start_above(self, v_max: float) -> PointTabsState:
-        """Return the state, without the initial condition `start` if its speed is above v_max."""
+        """Return the state; if the speed of its initial condition `start` is above v_max, without `start`."""
         return self if self.start is None or self.start[1] <= v_max else replace(self, start=None)
 
     def with_changes(self, **fields: Any) -> PointTabsState:

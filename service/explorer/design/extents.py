@@ -68,8 +68,8 @@ class MotionExtent(NamedTuple):
 def followed_range(gear: AnyGear, map_range: Pair | None) -> Pair:
     """Return the range of ε in which motions are followed.
 
-    It begins at 0 and ends at the largest of three eccentricities: the upper end of `map_range`, twice the quiet limit,
-    and 1.05 times the ε of the gear. map_range: range of ε of the map, None if there is no map.
+    The range begins at 0 and ends at the largest of three eccentricities: the upper end of `map_range`, twice the quiet
+    limit, and 1.05 times the ε of the gear. map_range: range of ε of the map, None if there is no map.
 
     Returns
     -------
@@ -106,7 +106,7 @@ def motion_extent(gear: AnyGear, attractor: rattle.Attractor, within: Pair) -> M
 def add_crisis_to_extents(
     gear: AnyGear, attractors: Sequence[rattle.Attractor], extents: Sequence[MotionExtent | None]
 ) -> tuple[MotionExtent | None, ...]:
-    """Return extents with the boundary crisis at the gear's δ as the upper end of chaos, if a sweep bracketed it.
+    """Return extents with the boundary crisis at the gear's δ as the upper end of chaos, if a sweep bracketed that end.
 
     The bracketed end is kept if its distance from the crisis is larger than the width of the bracket.
 
@@ -241,7 +241,7 @@ def _continue_attractor(
     Returns
     -------
     tuple[rattle.Attractor, ...]
-        The attractors; the first is the one that most of the states reach.
+        The attractors; the first is the attractor that most of the states reach.
     """
     model = model_of_gear(gear)
     tau, v = np.array([known.tau]), np.array([known.v])
@@ -253,7 +253,7 @@ def _continue_attractor(
 
 
 def _attractor_of_same_name(attractor: rattle.Attractor, found: Iterable[rattle.Attractor]) -> rattle.Attractor | None:
-    """Return the first attractor in `found` that has the same name in legends as `attractor`; None if none has it."""
+    """Return the first attractor in `found` that has the same name in legends as `attractor`; None without one."""
     names = (each for each in found if legend_name(each) == legend_name(attractor))
     return next(names, None)
 
@@ -261,7 +261,7 @@ def _attractor_of_same_name(attractor: rattle.Attractor, found: Iterable[rattle.
 def _find_chaos_after_window(
     gear: AnyGear, attractor: rattle.Attractor, found: Sequence[rattle.Attractor], at: float, step: float, end: float
 ) -> tuple[float, rattle.Attractor] | None:
-    """Follow the motion in a periodic window of chaos, and return where chaos begins again.
+    """Follow the motion in a periodic window of chaos, and return the ε and the attractor where chaos begins again.
 
     The motion is followed in at most WINDOW_STEPS steps of size `step` in ε, from `at` and not beyond `end`. attractor:
     the attractor that a sweep followed up to the window. found: the attractors at ε = `at`, just inside the window;

@@ -32,8 +32,8 @@ LEAST_OF_MEAN = 0.1  # least speed and least damping of a gear, each relative to
 class PopulationYield(NamedTuple):
     """The yield of a population of `gears` gears.
 
-    quiet: the probability that a random gear runs quietly from a random start. passing: the share of gears that pass,
-    because each runs quietly with at least the required probability.
+    quiet: the probability that a random gear runs quietly from a random initial condition. passing: the share of the
+    gears that run quietly with at least the required probability.
     """
 
     gears: int

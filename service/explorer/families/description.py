@@ -74,7 +74,7 @@ class StoredFamilies(NamedTuple):
 
 
 def stored_families(place: Path | StoreInBucket, request: SurveyRequest, number: int) -> StoredFamilies:
-    """Return a survey and its table of families from a store. It blocks: use a thread.
+    """Open a survey and its table of families in a store. This function blocks: use a thread.
 
     Parameters
     ----------
@@ -89,7 +89,7 @@ def stored_families(place: Path | StoreInBucket, request: SurveyRequest, number:
     Raises
     ------
     SurveyError
-        If the families are not stored yet.
+        The families are not stored yet.
     """
     opened, along = partial(open_survey, place), request.slice_index(number)
     return StoredFamilies(
@@ -145,7 +145,7 @@ def family_description(found: StoredFamilies, plane: MapPlane, number: int) -> F
 def longest_run_of_true(there: np.ndarray) -> tuple[int, int, int]:
     """Return the longest run of True within a row of an array (m, n).
 
-    If several runs are longest, it is the run that ends first. If no value is True, the run is empty.
+    If several runs are longest, return the run that ends first. If no value is True, the run is empty.
 
     Returns
     -------
@@ -199,7 +199,7 @@ def family_in_words(found: FamilyDescription, model: Model) -> str:
 
 
 def _borders_in_words(found: FamilyDescription, model: Model) -> list[str]:
-    """Return one sentence, in a list, on the curves where the family is born or ends, or that it has no border."""
+    """Return a list of one sentence: the curves where the family is born or ends, or that the family has no border."""
     edges = int(found.row["edges"])
     if not edges:
         return ["Its cells have no border with other cells."]

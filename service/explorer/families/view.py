@@ -41,7 +41,7 @@ DIAGRAM_LABELS = {"delta": "Its diagram along δ", "epsilon": "Its diagram along
 
 
 class FamilyData(NamedTuple):
-    """Data of a survey's families, read from its store. They do not depend on the window of the map.
+    """Data of a survey's families, read from its store. The data do not depend on the window of the map.
 
     names: the names of the MOST_LISTED families with the most cells. family, plane: the description of the chosen
     family, and the map of its basin fraction; None if no family is chosen, or if the survey has no family of the chosen

@@ -40,7 +40,7 @@ class DifferenceMap(MapPlane):
     """
 
     def __init__(self, first: MapPlane, other: MapPlane) -> None:
-        """Read both maps. It blocks: use a thread, and call `require_small_survey` first.
+        """Read both maps. This call blocks: use a thread, and call `require_small_survey` first.
 
         Raises
         ------
@@ -75,5 +75,5 @@ class DifferenceMap(MapPlane):
         self.plane = xr.DataArray(self.values, dims=CELL, name=f"{variable.name}_difference", attrs=attributes)
 
     def cell_at(self, delta: float, epsilon: float) -> xr.Dataset | None:
-        """Return all variables of the first map's cell at a point; None outside of the map. It blocks: use a thread."""
+        """Return all variables of the first map's cell at a point; None outside. This method blocks: use a thread."""
         return self._first.cell_at(delta, epsilon)

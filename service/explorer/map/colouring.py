@@ -76,7 +76,7 @@ def valueless_cells_by_reason(plane: MapPlane, block: MapBlock) -> dict[str, tup
 
 
 def _share_of_code(block: MapBlock, code: int, shown: np.ndarray, computed: int) -> float:
-    """Return the share of the computed cells that have the value `code`. A drawn cell may stand for several cells."""
+    """Return the share of the computed cells that have the value `code`, also where a drawn cell stands for several."""
     if block.shares:
         return block.shares.get(code, 0.0)
     return float((shown == code).sum() / max(computed, 1))
@@ -95,7 +95,7 @@ def values_in_window(plane: MapPlane, window: Ranges, room: Room) -> tuple[np.nd
 
 
 def colouring(plane: MapPlane, block: MapBlock, limits: Limits | Pair, log: bool, room: Room = UNSEEN) -> Colouring:
-    """Return the colours of a map whose drawn cells are `block`, in `room` pixels. It blocks: use a thread."""
+    """Return the colours of the cells `block` of a map of `room` pixels. This function blocks: use a thread."""
     values, variable = block.values, str(plane.plane.name)
     layers = valueless_cells_by_reason(plane, block)
     reasons = np.zeros(values.shape, np.uint8)

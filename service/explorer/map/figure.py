@@ -49,7 +49,7 @@ LARGEST_ZOOM = 5000.0  # a survey wider than this many windows is not drawn, bec
 
 
 class MapFigure:
-    """Figure of a map. It dispatches an event for each action of a viewer in it.
+    """Figure of a map. The figure dispatches an event for each action of a viewer in it.
 
     Parameters
     ----------
@@ -450,7 +450,7 @@ def _set_marker(source: ColumnDataSource, point: Pair | None) -> None:
 
 
 def image_position_and_size(box: Ranges) -> dict[str, list[float]]:
-    """Return the position of an image that covers this box, in Bokeh's terms."""
+    """Return position (x, y) and size (dw, dh) of an image that covers this box, as properties of a Bokeh image."""
     (left, right), (bottom, top) = box
     return {"x": [left], "y": [bottom], "dw": [right - left], "dh": [top - bottom]}
 

@@ -294,7 +294,7 @@ def curve_pieces(name: str, model: Model, delta: Pair, epsilon: Pair) -> tuple[l
 
 
 def names_of_absent_lines(model: Model, window: Ranges) -> set[str]:
-    """Return the names of a model's lines and points that are nowhere inside a window. It blocks: use a thread."""
+    """Return the names of a model's lines and points that a window lacks. This function blocks: use a thread."""
     curves = {name for name in OVERLAYS if name in model.curve_names and curve_pieces(name, model, *window) == ([], "")}
     return (
         curves
@@ -304,7 +304,7 @@ def names_of_absent_lines(model: Model, window: Ranges) -> set[str]:
 
 
 def cache_default_lines(model: Model, window: Ranges) -> None:
-    """Compute the default lines of a page, so that they are in the cache. It blocks: use a thread."""
+    """Compute the default lines of a page, so that they are cached. This function blocks: use a thread."""
     for name in FEW_LINES:
         if name != POINTS:
             curve_pieces(name, model, *window)
@@ -321,7 +321,7 @@ def split_at_nan(line: np.ndarray) -> list[np.ndarray]:
 def codimension_two_points_in_window(model: Model, window: Ranges) -> list[tuple[str, float, float]]:
     """Return (name, δ, ε) of each codimension-two point in a window.
 
-    It blocks: use a thread. Points outside are left out, because their names would reach into the window.
+    This function blocks: use a thread. Points outside are left out, because their names would reach into the window.
 
     Returns
     -------

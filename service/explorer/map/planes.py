@@ -111,7 +111,7 @@ class MapPlane:
         self._lock = threading.Lock()
 
     def update(self, job: JobRow) -> bool:
-        """Read new tiles for at most READING_SECONDS; return whether all were read. This call blocks: use a thread."""
+        """Read new tiles for at most READING_SECONDS; return whether all are read. This method blocks: use a thread."""
         with self._lock:
             deadline = time.monotonic() + READING_SECONDS
             whole = job.state == State.SUCCESSFUL
@@ -214,7 +214,7 @@ class MapPlane:
         return self.values[rows, columns], self.status[rows, columns]
 
     def read_values_and_status(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return the values and the status of all cells. It blocks: use a thread."""
+        """Return the values and the status of all cells. This method blocks: use a thread."""
         return self._values_and_status(slice(None), slice(None))
 
     def enlarged_block(self, window: Ranges) -> MapBlock:
@@ -354,8 +354,8 @@ class MapCache:
     def plane(self, job: JobRow, variable: str, index: int, number: int = 0) -> tuple[MapPlane, bool]:
         """Return a map of a survey, or of its slice `number`, and whether all tiles computed so far have been read.
 
-        If not all have been read, call again. A map of one slot of attractors is read again when the survey has ended,
-        because attractors may have moved to other slots.
+        If some tiles have not been read, call this method again. A map of one slot of attractors is read again when the
+        survey has ended, because attractors may have moved to other slots.
 
         Returns
         -------

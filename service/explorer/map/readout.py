@@ -113,7 +113,7 @@ def cell_summary(cell: xr.Dataset | None, request: SurveyRequest) -> str:
 
 
 def cell_position(cell: xr.Dataset, request: SurveyRequest) -> str:
-    """Return as text a cell's δ and ε, with enough digits to tell it from its neighbours, or rpm and eccentricity."""
+    """Return a cell's δ and ε as text, precise to less than half a cell; for a machine its speed and eccentricity."""
     delta, epsilon = float(cell["delta"]), float(cell["epsilon"])
     if request.machine is not None:
         return ", ".join(value for _, value in _speed_and_eccentricity(request.machine, delta, epsilon))
@@ -187,7 +187,7 @@ def _speed_and_eccentricity(machine: SurveyedMachine, delta: float, epsilon: flo
 
 
 def _distance_note(cell: xr.Dataset, delta: float, epsilon: float, window: Ranges) -> str:
-    """Return a note on how far a point is from its cell's centre; "" if the window shows the centre anyway."""
+    """Return a note on how far a point is from the centre of its cell; "" if the centre is inside the window."""
     away = float(cell["delta"]) - delta, float(cell["epsilon"]) - epsilon
     if all(low <= float(cell[name]) <= high for name, (low, high) in zip(("delta", "epsilon"), window, strict=True)):
         return ""

@@ -51,8 +51,8 @@ def default_variable(request: SurveyRequest, is_waiting: bool) -> str:
     """Return the variable that a survey shows unless a viewer chooses another variable.
 
     A survey that waits for its turn shows its first map, if that map is a closed form. Every other survey shows its
-    quiet fraction. A survey without a quiet fraction shows its first map that is not a closed form, or else its first
-    map.
+    quiet fraction. A survey without a quiet fraction shows the first map that is not a closed form, or else the first
+    of all maps.
 
     Returns
     -------
@@ -84,7 +84,7 @@ class UncomputedMaps(Protocol):
     def map_of_unfinished_survey(
         self, job: JobRow, variable: str, index: int, number: int, computed: Callable[[], MapPlane]
     ) -> MapPlane:
-        """Return a closed-form map of an unfinished survey. The call blocks: use a thread.
+        """Return a closed-form map of an unfinished survey. This method blocks: use a thread.
 
         Parameters
         ----------
@@ -162,7 +162,7 @@ class SharedState:
     def load_drawn_map(self, job: JobRow, view: View, room: Room) -> tuple[MapPlane, bool, MapBlock, Colouring]:
         """Return the view's map of a survey, whether all computed tiles are read, the drawn cells and their colours.
 
-        It blocks: use a thread.
+        This method blocks: use a thread.
 
         Returns
         -------
@@ -193,7 +193,7 @@ class SharedState:
         )
 
     def plane(self, job: JobRow | None, variable: str, index: int, number: int) -> MapPlane:
-        """Return a map of a survey, or of the example if `job` is None. It blocks. For errors see `MapCache.plane`."""
+        """Return a map of a survey, or of the example without `job`. This blocks. Errors: see `MapCache.plane`."""
         if job is None:
             return self.exact.plane(variable, index)
         is_whole = False

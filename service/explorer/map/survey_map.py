@@ -96,7 +96,7 @@ class SurveyMap(ABC):
         chosen : MapChoice | None
             Map that the workers can compute in finer windows; None if they cannot, as for a difference.
         limits, log
-            The viewer's choice of the colour range, (low, high) or a rule such as "auto"; whether it is logarithmic.
+            The viewer's choice of the colour range, (low, high) or a rule such as "auto"; True for a log scale.
         """
         is_new = plane is not self.plane
         self.plane, self.colours, self._chosen, self._how = plane, colours, chosen, (limits, log)
@@ -116,7 +116,7 @@ class SurveyMap(ABC):
         self.said.html = ""
 
     def show_error(self, error: RattleError) -> None:
-        """Write why the map could not be drawn, in its place."""
+        """Remove the map, and write why it could not be drawn."""
         self.show_nothing(alert_html(str(error)))
 
     def end(self) -> None:
@@ -164,7 +164,7 @@ class SurveyMap(ABC):
         )
 
     async def _compute_window(self, plane: MapPlane, chosen: MapChoice, window: Ranges, pixels: Room) -> None:
-        """Let the workers compute a window, and draw its finer cells as they come, until the window changes."""
+        """Let the workers compute a window, and draw its finer cells whenever new ones arrive."""
         self._show_progress("Computing this window …")
         windows = self._shared.overlaid.windows
         try:

@@ -1,4 +1,4 @@
-"""Scripts and styles of Bokeh and Panel, from the installed packages."""
+"""Serve the scripts and styles of Bokeh and Panel from the installed packages."""
 
 from __future__ import annotations
 

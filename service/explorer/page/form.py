@@ -44,7 +44,7 @@ PLANES = {name: name for name in NAMED_RANGES} | {"own ranges of δ and ε": OWN
 # numbers of values along δ and ε, or along the speed and the eccentricity of a machine
 FINENESS = {"coarse": (31, 30), "medium": (61, 60), "fine": (121, 120)}
 FINENESS_OPTIONS = {f"{name}: {across} × {up}, {across * up:,} cells": name for name, (across, up) in FINENESS.items()}
-CELLS = FINENESS["medium"]  # numbers of values along δ and ε that the form proposes for a survey of the visible window
+CELLS = FINENESS["medium"]  # numbers of values along δ and ε: the defaults of the form
 ADVANCED = "Advanced settings"
 
 
@@ -202,7 +202,7 @@ class SurveyForm:
 
     @property
     def _entered_parameters(self) -> set[str]:
-        """Names of the model's additional parameters that a viewer enters; not those that follow from a machine."""
+        """Names of the model's additional parameters that a viewer enters, because no machine determines them."""
         added = MODELS[self.model.value].added
         return {each.name for each in added if not (self._is_machine_plane and each.machine_number)}
 

@@ -16,7 +16,7 @@ UNUSED_SCRIPTS = ("bokeh-gl",)  # scripts of Bokeh that are left out, because no
 STYLES = ("css/loading", "css/listpanel", "bundled/theme/native", "css/button", "css/select")
 
 
-#: Colour scheme of the viewer's system, "light" or "dark"; the route of a page sets it for each request.
+#: Colour scheme of the viewer's system: "light", "dark" or "" (unknown). The route of a page sets it for each request.
 SCHEME: ContextVar[str] = ContextVar("scheme", default="light")
 
 

@@ -43,7 +43,7 @@ class MachineAxes:
         )  # fmt: skip
 
     def fields(self, counts: Sequence[int | None]) -> dict[str, Any]:
-        """Return {"machine": numbers and axes of the machine} for a request. counts: (speeds, eccentricities)."""
+        """Return {"machine": numbers and axes of the machine} for a request. counts: of speeds, of eccentricities."""
         axes = {
             name: {
                 "start": NUMBERS[name].to_library_unit(start.value),

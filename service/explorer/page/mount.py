@@ -151,7 +151,7 @@ class Explorer:
     async def _serve_first_document(self, _request: Request) -> Response:
         """Return the first document, whose scripts request the page itself.
 
-        A page takes memory until its browser leaves. So only a client that runs the scripts of this document gets one.
+        A page takes memory until its browser leaves. So only clients that run the scripts of this document get a page.
 
         Returns
         -------
@@ -179,7 +179,7 @@ LEFT_CODES = (1000, 1001)  # close codes of RFC 6455: a normal end, and a page t
 
 
 class _PageWebsocketRoute:
-    """The route of the websockets of the pages."""
+    """ASGI application for the websockets of pages; it refuses a websocket whose page does not exist."""
 
     def __init__(self, load: Callable[[], Awaitable[PageApplication]]) -> None:
         self._load = load

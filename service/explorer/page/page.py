@@ -65,7 +65,7 @@ def open_page(shared: SharedState) -> pn.Template:
     page = Page(shared, viewer, view, theme)
     document.js_on_event(DocumentReady, CustomJS(code="arrived()"))
     document.js_on_event(ConnectionLost, CustomJS(code="lost()"))
-    document.config.notify_connection_status = False  # Bokeh's own notice is not accessible; `lost` says the same
+    document.config.notify_connection_status = False  # Bokeh's own notice is not accessible; `lost` shows another
     document.on_session_destroyed(lambda _context: page.end())
     return page.template
 

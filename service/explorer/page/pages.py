@@ -1,4 +1,4 @@
-"""Serve the pages of the explorer: an application of Panel inside the service's own, made by `panel.io.fastapi`."""
+"""Serve the pages of the explorer by an application of Panel (`panel.io.fastapi`) inside the service's application."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ SETTINGS: dict[str, Any] = {
     "unused_session_lifetime_milliseconds": int(1e3 * UNUSED_SECONDS),
     "check_unused_sessions_milliseconds": int(1e3 * CHECK_SECONDS),
 }
-#: Query arguments and a header with which a request could name the page of another viewer.
+#: Query arguments and a header with which a request could name the page of another viewer: requests lose them.
 NAMING = ("bokeh-session-id", "bokeh-token", "bokeh_session_id")
 
 

@@ -120,7 +120,7 @@ def csv_text(pins: Sequence[Pin], results: Mapping[Pin, PinResults | str]) -> st
     Returns
     -------
     str
-        The text.
+        The CSV text, with a header.
     """
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")

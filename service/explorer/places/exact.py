@@ -140,7 +140,7 @@ class ExactMaps:
 
     @property
     def maps(self) -> dict[str, Any]:
-        """Maps that the explorer draws of its own example survey: {variable: names of its maps, () if it has one}."""
+        """Maps of the example survey: {variable: names of its maps; () if the variable has a single map}."""
         exact = map_names_by_variable(_closed_form_request(REQUEST))
         return {name: names for name, names in map_names_by_variable(REQUEST).items() if name in {*MAPS, *exact}}
 
@@ -163,7 +163,7 @@ class ExactMaps:
             Number of the slice; 0 without a third axis.
         computed : Callable[[], MapPlane]
             Called by `cell_at`. Returns the map of the cells that the survey has computed; raises MissingPartError if
-            it has no cells yet.
+            the survey has computed no cells yet.
 
         Returns
         -------

@@ -33,7 +33,7 @@ def intensity_table(
     machine: Machine | None,
     palette: Palette,
 ) -> str:
-    """Return a table of intensities in HTML, in SI units if a machine is given. None makes a row of dashes."""
+    """Return an HTML table of intensities, in SI units if a machine is given. None in `found` makes a row of dashes."""
     rows = []
     for attractor, each in zip(attractors, found, strict=True):
         cells = ["–"] * len(SI_COLUMNS if machine else DIMENSIONLESS_COLUMNS)

@@ -63,7 +63,7 @@ class PointPanel:
         self, theme: str, dispatch: Callable[[Event], None], profile_place: FigureBelowDiagram | None = None
     ) -> None:
         self.theme, self._dispatch, self._profile_place = theme, dispatch, profile_place or FigureBelowDiagram()
-        self._open_point_stop = 0  # position of the slider that selects the open point; the others select other points
+        self._open_point_stop = 0  # position of the slider at the open point; other positions stand for other points
         self._watch = WidgetWatcher()
         self._texts = [self._create_text() for _ in range(18)]
         (

@@ -209,7 +209,7 @@ def _multipliers_of(gear: AnyGear, attractor: rattle.Attractor) -> tuple[complex
 
 
 def add_orbit_letters(found: SampledAttractors, orbits: Iterable[rattle.Orbit]) -> SampledAttractors:
-    """Return `found` with the letter A to D of each attractor that is one of these orbits, and "" for the others."""
+    """Return `found` with the letter A to D of each attractor that is one of `orbits`, and "" for other attractors."""
     return found._replace(letters=tuple(_letter_of_attractor(orbits, each) for each in found.attractors))
 
 
@@ -261,7 +261,7 @@ def diagram(
     steps: int | None = None,
     count: int | None = None,
 ) -> DiagramContents:
-    """Return the one-parameter diagram through the point, along "epsilon" or "delta", or to another point.
+    """Return the diagram through a gear's point along "epsilon" or "delta", or from the gear's point to another point.
 
     Parameters
     ----------
@@ -270,12 +270,12 @@ def diagram(
     to : tuple[float, float] | None
         Other point (δ, ε), where the diagram ends; it then begins at the gear's own point.
     steps, count : int | None
-        Number of values of the parameter, and number of initial conditions at each value; None for the defaults.
+        Number of intervals of the parameter, and of initial conditions at each of its values; None: the defaults.
 
     Returns
     -------
     DiagramContents
-        The lines of the diagram.
+        The branches and the events of the diagram, and the states of attractors that its sweeps found.
     """
     from rattle.plot import impact_curves_along_branch, impacts_at_event, parameter_axis, strokes
     from rattle.plot import legend_name as name_of_type
@@ -346,7 +346,7 @@ def motion_from_state(gear: AnyGear, tau: float, v: float, periods: float, point
 
 
 def load_point_kernels(gear: AnyGear) -> None:
-    """Load all kernels that a point of this model needs, by running each part at its smallest size."""
+    """Load all kernels that a point of the gear's model needs: compute each part of the view at a small size."""
     sampled_attractors(gear, 16)
     for method in ("cells", "refined", "direct"):
         basins(gear, 20, method)

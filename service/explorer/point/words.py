@@ -49,7 +49,7 @@ ENDS = {
 
 
 def number_text(value: float, digits: int = 4) -> str:
-    """Return a number for people, with `digits` significant digits and a true minus sign; a dash for NaN."""
+    """Return a number as text, with `digits` significant digits and a true minus sign; a dash for NaN."""
     if math.isnan(value):
         return "–"
     if math.isinf(value):
@@ -278,7 +278,7 @@ def orbits_table(found: PeriodOneOrbits) -> str:
 
 
 def notebook_link(gear: AnyGear, direction: str, span: float | None, to: Pair | None) -> str:
-    """Return a link in HTML to a notebook that computes a point, and its diagram as the page shows the diagram.
+    """Return an HTML link to a notebook that computes attractors, basins and the shown diagram of a point.
 
     direction, span, to: the choice of the diagram, as in `PointTabsState`.
 
@@ -338,7 +338,7 @@ def extent_end_in_words(end: ExtentEnd, is_upper: bool, scale: float = 1.0) -> s
     Returns
     -------
     str
-        Such as "0.05964: begins by a saddle-node (SN1)".
+        The end in words, such as "0.05964: begins by a saddle-node (SN1)".
     """
     at, side = value_with_error_text(scale * end.epsilon, scale * end.error), "above" if is_upper else "below"
     if end.kind == RANGE:

@@ -1,4 +1,4 @@
-"""Draw the profile of a map as steps, in a figure that stands below the diagram and has its parameter axis."""
+"""Draw the profile of a map as steps, in a figure that stands below the diagram and shares its parameter axis."""
 
 from __future__ import annotations
 

@@ -50,7 +50,7 @@ class MapIndexChosen:
 
 @dataclass(frozen=True)
 class SliceChosen:
-    """A slice of a survey with a third axis was chosen."""
+    """A slice of a survey with a third axis was chosen by its number, from 0."""
 
     slice: int
 

@@ -115,13 +115,13 @@ def reduce(view: View, event: Event) -> View:
 
 
 def _show_survey(view: View, survey: str) -> View:
-    """Show another survey, without a pointer.
+    """Show another survey, and remove the pointer.
 
     Returns
     -------
     View
-        If a survey was chosen before, the view has no window, slice, family and open point. If none was chosen, so that
-        the page showed the example, they stay.
+        If another survey was shown before, its window, slice, family and open point are removed. If the example was
+        shown, they stay.
     """
     if survey == view.survey:
         return view
@@ -174,7 +174,7 @@ def _change_point_state(view: View, **fields: Any) -> View:
 
 
 def _set_diagram_line_to(view: View, to: Pair) -> View:
-    """Draw the diagram from the open point to another point of the plane. If no point is open, open the other one."""
+    """Let the diagram run from the open point to the point `to` (δ, ε). If no point is open, open `to`."""
     if view.point is None:
         return _open_point(view, to, None, None)
     return _change_point_state(view, to=to, at=None, tab=DIAGRAM) if to[0] > 0 and to[1] >= 0 else view

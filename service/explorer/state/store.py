@@ -21,7 +21,7 @@ NAMES = tuple(each.name for each in fields(View))
 
 
 class ObservableValues:
-    """Functions that are called after changes of named values."""
+    """Listeners, functions that are called after changes of named values. Base class of objects with such values."""
 
     def __init__(self) -> None:
         self._listeners: dict[Callable[[], object], frozenset[str]] = {}

@@ -59,7 +59,7 @@ class IntensityInSI(BaseModel):
 
 
 class RattlingDocument(BaseModel):
-    """The intensity of an attractor, per forcing period. Its fields are null if the attractor is undecided."""
+    """An attractor and its intensity per forcing period. The intensity is null if the attractor is undecided."""
 
     kind: str = Field(description="quiet, periodic, chaotic or undecided")
     m: int

@@ -57,7 +57,7 @@ SECOND_GEAR = {
 #: Optional numbers of a machine that must be positive.
 POSITIVE_NUMBERS = ("stiffness", "driven_inertia", "driven_drag", "driven_radius", "teeth", "driven_teeth")
 Harmonics = Annotated[Sequence[str], Query(description=HARMONIC_HELP, max_length=MOST_HARMONICS)]
-#: Query parameters to insert: those that models add stand after `beta`, further numbers of a machine after `drive`.
+#: Query parameters to insert: after `beta` the parameters that models add, after `drive` further machine numbers.
 ADDED_QUERIES: dict[str, dict[str, Any]] = {
     "beta": {name: annotate_added_parameter_query(name) for name in ADDED},
     "drive": {

@@ -46,7 +46,7 @@ class MeasuredDocument(BaseModel):
 
 
 class VerdictDocument(BaseModel):
-    """The verdict on a machine: whether it rattles, from which share of the starts, and after which knock."""
+    """The verdict on a machine: whether it rattles, from which share of starts, and which least knock sets it off."""
 
     kind: Literal["quiet", "quiet_unless_knocked", "rattles_sometimes", "always_rattles"]
     share: float = Field(description="share of the starts that end in rattling")

@@ -24,8 +24,8 @@ class LevelCodes(NamedTuple):
     """The codes in the cells (m, n) of a level, each of which covers several cells of the survey.
 
     most: the most frequent code in a cell, the lowest one of equally frequent codes. share: the number of covered cells
-    with this code, divided by the number of covered cells that count (see this module); NaN if none counts. occurs: a
-    bit mask; bit i is set if code i occurs.
+    with this code, divided by the number of covered cells that count (see the top of this file); NaN if no covered cell
+    counts. occurs: a bit mask; bit i is set if code i occurs.
     """
 
     most: np.ndarray
@@ -69,8 +69,8 @@ def reduced_numbers(values: np.ndarray, known: np.ndarray, steps: Sequence[Pair]
     """Yield for each level the mean, least, largest and share of the numbers in its cells, float32 (4, m, n).
 
     The mean is that of the finite numbers; least and largest include infinite numbers. The share is the number of
-    finite numbers, divided by the number of covered cells that count (flag `known`). The mean is NaN in
-    cells without a finite number, least and largest in cells without any number, the share where no cell counts.
+    finite numbers, divided by the number of covered cells that count (flag `known`). The mean is NaN in cells without a
+    finite number. Least and largest are NaN in cells without any number. The share is NaN where no covered cell counts.
 
     Yields
     ------

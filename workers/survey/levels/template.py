@@ -73,7 +73,7 @@ def describe_level_arrays(quantity: Quantity) -> tuple[LevelArrayDescription, ..
     Returns
     -------
     tuple[LevelArrayDescription, ...]
-        For codes: the most frequent code, its share, and which codes occur.
+        For numbers: the statistics. For codes: the most frequent code, its share, and a bit mask of the codes.
     """
     name, dims, words = quantity.name, quantity.dims[:-2], code_meanings(quantity)
     if not words:

@@ -120,7 +120,7 @@ class Blocks:
         )
 
     def cell_numbers(self, square: LeafCells) -> np.ndarray:
-        """Return the number of each cell of a square. The cells of the frame (see `Blocks`) are numbered row by row."""
+        """Return the numbers of the cells of leaves. The cells of the frame (see `Blocks`) are numbered row by row."""
         block, row, column = square.block[:, :1, :1], square.row[:, :, :1], square.column[:, :1]
         top, left = (corner[block] for corner in self.block_origins)
         number: np.ndarray = (top + row) * self.shape[1] + left + column

@@ -14,7 +14,7 @@ from rattle.families import GridPiece, argsort_attractors, concat_tables, no_att
 
 #: Kinds of motion (undecided counts as one) that only samples show, because continuation follows periodic orbits only.
 SAMPLED_KINDS = (QUIET, CHAOTIC, UNDECIDED)
-#: Two cells certainly differ if in one cell at least this many samples go to a motion to which none goes in the other.
+#: Two cells certainly differ if at least this many samples of one cell, and no sample of the other, go to a motion.
 CERTAIN_SAMPLES = 12
 #: Closed forms are computed for at most this many cells at once, sorted by column, because a column shares constants.
 CELLS_AT_ONCE = 65_536
@@ -26,8 +26,8 @@ CHANCE_LIMIT = 1e-3
 class ComputedCells:
     """The computed cells of a frame (see `Blocks`). They decide which leaves are divided. `compute` adds cells.
 
-    compares_attractors: whether cells are sampled, and cells with other attractors differ. compares_regions: whether
-    regions are computed, and cells in other regions differ.
+    compares_attractors: whether cells are sampled; two cells with different attractors then count as different.
+    compares_regions: whether regions are computed; two cells in different regions then count as different.
     """
 
     def __init__(self, blocks: Blocks, cells: Cells, compares_attractors: bool, compares_regions: bool) -> None:
@@ -42,7 +42,7 @@ class ComputedCells:
         self._code = np.zeros((blocks.block_origins[0].size, BLOCK + 1, BLOCK + 1), np.uint64)
 
     def compute(self, cells: np.ndarray) -> None:
-        """Compute those of these cells that are not computed yet, and continue their orbits in their blocks.
+        """Compute cells, except cells computed earlier, and continue their orbits to all cells of their blocks.
 
         cells: the numbers of the cells.
         """
@@ -151,12 +151,12 @@ class ComputedCells:
 
 
 def flag_leaves_with_differing_cells(samples: np.ndarray, known: np.ndarray, count: int) -> np.ndarray:
-    """Return for each leaf (k,) whether some of its cells have a motion and others do not.
+    """Return for each leaf (k,) whether only some of its cells have a motion.
 
     samples (…, k, n, n): how many samples of each cell go to the motion. known (k, n, n): flags of the sampled cells.
-    count: the number of samples of a cell. A cell of which no sample goes to the motion may have missed it by chance.
-    If there are such cells, the flag is set in two cases: in another cell at least CERTAIN_SAMPLES samples go to the
-    motion (all samples, if a cell has fewer); or there are more of them than is likely with equal basin fractions.
+    count: the number of samples of a cell. If no sample of a cell goes to the motion, the cell lacks the motion, or its
+    samples miss the motion by chance. The flag of a leaf with such cells is set if at least CERTAIN_SAMPLES samples (or
+    all samples) of another cell go to the motion, or if more cells lack it than is likely with equal basin fractions.
 
     Returns
     -------

@@ -165,7 +165,7 @@ def refine_cells(whole: Cells, rows: slice, columns: slice, plan: FillingPlan) -
     order = np.flatnonzero(mine)[argsort_attractors(table.take(mine))]
 
     def remove_added_edges(values: np.ndarray) -> np.ndarray:
-        """Return values, one for each cell of the frame, as a plane (rows, columns) without the edges of the frame."""
+        """Return values of the frame's cells as a plane (rows, columns) without the frame's added row and column."""
         return values.reshape(blocks.shape)[:height, :width]
 
     return RefinedCells(

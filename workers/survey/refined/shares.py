@@ -46,7 +46,7 @@ class OrbitsByBranch(NamedTuple):
 
 
 def fill_leaves(evidence: ComputedCells, leaves: Leaves) -> FilledCellAttractors:
-    """Return attractors for those cells of leaves that were not computed."""
+    """Return the attractors for the cells of leaves that were not computed."""
     square = evidence.blocks.cells_of_leaves(leaves)
     cell = evidence.blocks.cell_numbers(square)
     known = square.inside & evidence.known[cell]
@@ -175,7 +175,7 @@ class _LeafToFill:
         return filled, np.sqrt(np.maximum(((shares - fitted) ** 2).mean(axis=0) - noise, 0.0))
 
     def _linear_fit_terms(self, which: np.ndarray) -> np.ndarray:
-        """Return the terms (1, row, column) of a linear fit at the flagged cells; rows and columns are in ±0.5."""
+        """Return the terms (1, row, column) of a linear fit at the flagged cells, row and column in [−0.5, 0.5]."""
         at = np.argwhere(which) / (self.cell.shape[0] - 1) - 0.5
         return np.column_stack([np.ones(len(at)), at])
 
@@ -250,7 +250,7 @@ def _divide_fractions(fraction: np.ndarray, weight: np.ndarray) -> np.ndarray:
     fraction (k,): the index of the basin fraction that each orbit shares. weight (k,): the number of samples of
     computed cells that go to each orbit's branch; negative if no computed cell has the branch. An orbit with a negative
     weight gets no part if another orbit of the same fraction has a weight of 0 or more. If no orbit of a fraction has a
-    positive weight, its other orbits get equal parts.
+    positive weight, all orbits that this rule does not exclude get equal parts.
 
     Returns
     -------

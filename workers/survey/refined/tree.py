@@ -76,7 +76,7 @@ class RefinementTree:
                 break
 
     def _divide_failing_leaves(self, judge: Callable[[Leaves], np.ndarray]) -> list[Leaves]:
-        """Keep those leaves of `filled` that pass the test `judge`, and return the quarters of the other leaves."""
+        """Keep the leaves of `filled` that pass the test `judge`, and return the quarters of all other leaves."""
         kept, others = list[Leaves](), list[Leaves]()
         for leaves in self.filled:
             same = judge(leaves)

@@ -103,7 +103,7 @@ class Cells:
 
     @cached_property
     def becomes_quiet_late(self) -> np.ndarray:
-        """Flags (n_epsilon, n_delta) of cells whose quiet motion takes so many impacts that it may look chaotic."""
+        """Flags (n_epsilon, n_delta) of cells where motion becomes quiet so late that it may look chaotic before."""
         return self.model.becomes_quiet_late(self.delta, self.epsilon[:, None])
 
     @cached_property

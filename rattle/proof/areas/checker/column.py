@@ -94,7 +94,7 @@ class TwoImpactColumn:
         return sides == [-slope, slope]
 
     def attracts(self, run: list[Part], low: Interval, high: Interval) -> bool:
-        """Return whether the motion B or D in a run attracts: True at all points of the block, False at none.
+        """Return True if the motion B or D in a run attracts at all points of the block, False if at none.
 
         run: the parts of 0 ≤ s ≤ 1 that contain the motion's time s from Σ⁺ to Σ⁻. low, high: the ends of the block
         in ε².
