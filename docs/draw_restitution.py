@@ -80,7 +80,7 @@ def tell_robust_chaos(restitution: float) -> None:
     found = around_c(model, delta, inside, tau, v)
     chaotic = found.kind == Outcome.CHAOTIC
     other = (found.kind == Outcome.PERIODIC) & (found.samples > 0)
-    born = inelastic.saddle_node(delta, restitution, DRIFT)
+    born = inelastic.epsilon_of_saddle_node(delta, restitution, DRIFT)
     print(
         f"| {restitution:g} | {delta:.5f} | {born:.6f} | {begin:.6f} | {low:.6f} | "
         f"{np.unique(found.cell[chaotic]).size} | "

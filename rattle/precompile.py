@@ -78,9 +78,11 @@ def kernel_steps_for_surveys(name: str) -> Steps:
         none, nothing, seen = np.zeros(0, np.int64), np.zeros(0), allocate_probe_record(0)
         states = np.zeros((delta.size, 1)), np.full((delta.size, 1), 5.0)
         of = model.classify_states(model.parameters_at(delta, epsilon), *states)
-        assign_orbits_to_recurrent_samples(none, of.cells, of.samples, of.orbits, of.balls, of.grown)
-        mark_states_in_bitmaps(none, 1, of.cells, of.samples, seen.prints)
-        write_attractor_numbers(seen.prints, none, none)
+        assign_orbits_to_recurrent_samples(
+            none, of.cells, of.samples, of.orbits, of.balls, of.n_orbits_with_capture_regions
+        )
+        mark_states_in_bitmaps(none, 1, of.cells, of.samples, seen.bitmaps)
+        write_attractor_numbers(seen.bitmaps, none, none)
         of.follow_with_tangent(none, nothing, nothing, seen)
         pool_exponents([seen.sums])
 
@@ -106,5 +108,5 @@ def optional_quantity_steps(name: str) -> Steps:
 def _example_cells(name: str) -> tuple[Model, NDArray[np.float64], NDArray[np.float64], SampleSpec]:
     """Return the model of this name, δ (n,) and ε (n,) of the example cells, and the specification of their samples."""
     model = example_model(name)
-    epsilon = np.array(model.compiled_at)
+    epsilon = np.array(model.precompilation_epsilons)
     return model, np.full(epsilon.size, DELTA), epsilon, SampleSpec(COUNT)

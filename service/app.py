@@ -33,7 +33,7 @@ from gear_rattle.service.routes import ROUTERS, health
 from gear_rattle.service.settings import Settings
 from gear_rattle.service.state import ApplicationState
 from gear_rattle.service.web import problems
-from gear_rattle.service.web.conditional import AnyTagMiddleware
+from gear_rattle.service.web.conditional import IfNoneMatchAnyMiddleware
 from gear_rattle.service.web.documents import documents_app
 from gear_rattle.service.web.head import HeadRequestMiddleware
 from gear_rattle.service.web.prefix import PrefixMiddleware, public_path
@@ -90,7 +90,7 @@ def create_app(settings: Settings | None = None, cluster: Cluster | None = None)
         static_url=REFERENCE_ASSETS,
         swagger_ui_parameters={"validatorUrl": None},  # no validator of another host gets our OpenAPI document
     )
-    app.add_middleware(AnyTagMiddleware)
+    app.add_middleware(IfNoneMatchAnyMiddleware)
     app.add_middleware(HeadRequestMiddleware)
     app.add_middleware(RequestBodyLimitMiddleware, max_body_size=settings.max_body_bytes)
     app.add_middleware(problems.ProblemMiddleware)
@@ -151,7 +151,7 @@ def _lifespan(
             )
             manager.start()
             app.state.overlaid = overlaid = Overlays(app.state.front)
-            explorer = app.state.explorer.running(app.state.front, overlaid) if settings.explorer else nullcontext()
+            explorer = app.state.explorer.serve_pages(app.state.front, overlaid) if settings.explorer else nullcontext()
             try:
                 async with app.state.front.kernels.lifespan(), app.state.front.revocations.lifespan(), explorer:
                     app.state.on_start()

@@ -6,7 +6,7 @@ import numpy as np
 
 import rattle
 from gear_rattle.service.explorer.point import parts
-from gear_rattle.service.operations.points import curves_document, intensities, orbits_document
+from gear_rattle.service.operations.points import compute_intensities, curves_document, orbits_document
 from rattle.attractors import BUDGET, SampleSpec
 from rattle.families import join_attractors
 from rattle.models import Capability
@@ -15,7 +15,7 @@ from rattle.precompile import Steps, example_model
 EXAMPLE_POINT = 0.6, 0.1  # δ, ε of the computed example
 
 
-def kernel_steps_for_answers(name: str) -> Steps:
+def compilation_steps_for_answers(name: str) -> Steps:
     """Return functions that compile those kernels of the model `name` that requests about a point or a curve need.
 
     The kernels of surveys are compiled by other functions.
@@ -29,7 +29,7 @@ def kernel_steps_for_answers(name: str) -> Steps:
     gear = model.gear(delta, epsilon)
 
     def compute_attractors() -> None:
-        intensities(gear, 16, None, 0, BUDGET)
+        compute_intensities(gear, 16, None, 0, BUDGET)
         deltas, epsilons = np.array([delta]), np.array([epsilon])
         table = model.attractors_of(deltas, epsilons[:, None], SampleSpec(16))
         join_attractors(deltas, epsilons, 16, table, model.cells(deltas, epsilons))

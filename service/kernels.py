@@ -23,7 +23,7 @@ from rattle.precompile import OPTIONAL_QUANTITIES, SURVEY
 log = logging.getLogger(__name__)
 
 #: Functions that compile kernels. The function for surveys comes first, because workers wait for its kernels.
-COMPILERS = (SURVEY, OPTIONAL_QUANTITIES, "gear_rattle.service.compilation:kernel_steps_for_answers")
+COMPILERS = (SURVEY, OPTIONAL_QUANTITIES, "gear_rattle.service.compilation:compilation_steps_for_answers")
 
 
 def compile_kernels(model: str) -> None:

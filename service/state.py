@@ -51,7 +51,7 @@ class ApplicationState:
     revocations: RevocationWatcher
     _interruptible: set[CancelScope] = field(default_factory=set)
 
-    def job_and_store(self, survey_id: str, kind: JobKind = JobKind.SURVEY) -> tuple[JobRow, Path | StoreInBucket]:
+    def find_job_and_store(self, survey_id: str, kind: JobKind = JobKind.SURVEY) -> tuple[JobRow, Path | StoreInBucket]:
         """Return the row of a survey or a population, and the location of its store. This call blocks: use a thread.
 
         Returns
@@ -79,11 +79,11 @@ class ApplicationState:
         Raises
         ------
         UnknownSurveyError, DirectoryMissingError
-            See `job_and_store`.
+            See `find_job_and_store`.
         MissingPartError
             The survey has no stored values, or its store is gone.
         """
-        job, place = self.job_and_store(survey_id)
+        job, place = self.find_job_and_store(survey_id)
         if place.exists():
             return job, place
         if job.cells_done or job.state == State.SUCCESSFUL:

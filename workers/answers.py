@@ -13,7 +13,7 @@ from gear_rattle.workers.kinds import parse_request_document
 from gear_rattle.workers.populations.request import PopulationRequest
 from gear_rattle.workers.populations.variables import read_population_gears
 from gear_rattle.workers.storage.location import Place, place_of
-from gear_rattle.workers.storage.manifest import manifest_of, read_unchecked_attributes, read_undamaged_root
+from gear_rattle.workers.storage.manifest import read_manifest, read_unchecked_attributes, read_undamaged_root
 from gear_rattle.workers.survey.values.evaluate import FAILED
 from rattle import Population
 
@@ -37,12 +37,12 @@ def read_finished_population(where: str | Path | Place) -> Population:
         There is no population, it is not finished, or it is damaged.
     """
     place = place_of(where)
-    manifest = manifest_of(place)
+    manifest = read_manifest(place)
     is_whole = manifest is None or read_undamaged_root(place, manifest) is not None  # old stores have no manifest
     request = _read_population_request(read_unchecked_attributes(place) if is_whole else {}, str(place))
     with report_damage(f"the gears of {place}"):
         group = zarr.open_group(place.zarr(), mode="r")
-        return _require_complete_population(request, lambda name: np.asarray(group[name]), str(place))
+        return _read_complete_population(request, lambda name: np.asarray(group[name]), str(place))
 
 
 def read_population_in_dataset(dataset: "xr.Dataset", name: str) -> Population:
@@ -60,7 +60,7 @@ def read_population_in_dataset(dataset: "xr.Dataset", name: str) -> Population:
     """
     request = _read_population_request(dataset.attrs, name)
     with report_damage(f"the gears of {name}"):
-        return _require_complete_population(request, lambda column: np.asarray(dataset[column]), name)
+        return _read_complete_population(request, lambda column: np.asarray(dataset[column]), name)
 
 
 def _read_population_request(attributes: Any, name: str) -> PopulationRequest:
@@ -77,9 +77,7 @@ def _read_population_request(attributes: Any, name: str) -> PopulationRequest:
     return request
 
 
-def _require_complete_population(
-    request: PopulationRequest, column: Callable[[str], np.ndarray], name: str
-) -> Population:
+def _read_complete_population(request: PopulationRequest, column: Callable[[str], np.ndarray], name: str) -> Population:
     status = column("status")
     if missing := int((status == 0).sum()):
         raise SurveyError(

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from subprocess import CalledProcessError
 from typing import TypeVar
 
-from rattle.numerics import environment
+from rattle.numerics import child_process_environment
 
 __all__ = ["CalledProcessError", "answer_call_from_stdin", "call_in_subprocess"]
 
@@ -40,7 +40,7 @@ def call_in_subprocess(function: Callable[..., Answer], *arguments: object) -> A
     """
     command = [sys.executable, "-c", f"from {__name__} import answer_call_from_stdin; answer_call_from_stdin()"]
     given = pickle.dumps((function, arguments))
-    ran = subprocess.run(command, input=given, stdout=subprocess.PIPE, env=environment(), check=True)
+    ran = subprocess.run(command, input=given, stdout=subprocess.PIPE, env=child_process_environment(), check=True)
     succeeded, found = pickle.loads(ran.stdout)
     if not succeeded:
         raise found

@@ -55,11 +55,11 @@ ProofResults = list[tuple[AttractorPlace, dict[str, Any] | str]]
 class AttractorClaim(NamedTuple):
     """A periodic attractor whose existence and attraction are to be proved.
 
-    place: the attractor's slot, and the row and the column of its cell. tau, v: a state on the attractor. label:
-    (m, n₊, n₋).
+    slot_and_cell: the attractor's slot, and the row and the column of its cell. tau, v: a state on the attractor.
+    label: (m, n₊, n₋).
     """
 
-    place: AttractorPlace
+    slot_and_cell: AttractorPlace
     model: Model
     delta: float
     epsilon: float
@@ -110,14 +110,16 @@ def certify_claims(claims: Iterable[AttractorClaim]) -> ProofResults:
         except rattle.MissingExtraError:
             raise
         except rattle.RattleError as error:
-            found.append((claim.place, str(error)))
+            found.append((claim.slot_and_cell, str(error)))
             continue
         if certificate.label != claim.label:
-            found.append((claim.place, f"the motion of this state is a P{certificate.label}, not a P{claim.label}"))
+            found.append(
+                (claim.slot_and_cell, f"the motion of this state is a P{certificate.label}, not a P{claim.label}")
+            )
         elif certificate.verdict != "attracting":
-            found.append((claim.place, f"the motion is {certificate.verdict}"))
+            found.append((claim.slot_and_cell, f"the motion is {certificate.verdict}"))
         else:
-            found.append((claim.place, certificate.document()))
+            found.append((claim.slot_and_cell, certificate.document()))
     return found
 
 
@@ -168,7 +170,7 @@ def certify_survey(
     claims = claims_of(survey)
     try:
         radii = _open_or_create_certificates(survey, out)
-        left = [claim for claim in claims if claim.place not in radii]
+        left = [claim for claim in claims if claim.slot_and_cell not in radii]
         through = len(claims) - len(left)
         on_done(through, len(claims))
         rest = iter(left)

@@ -132,9 +132,9 @@ def _reduce_to_level_arrays(
     """Reduce one map of a variable. Yield for each level its arrays, in the order of `describe_level_arrays`."""
     steps = coarsening_factors_of_levels(stored_levels_of_shape(request.shape))
     if words := code_meanings(quantity):
-        yield from reduce.reduced_codes(values, known, steps, len(words))
+        yield from reduce.reduce_codes_by_level(values, known, steps, len(words))
     else:
-        made = reduce.reduced_phases if is_phase(quantity.name) else reduce.reduced_numbers
+        made = reduce.reduce_phases_by_level if is_phase(quantity.name) else reduce.reduce_numbers_by_level
         yield from ((each,) for each in made(values, known, steps))
 
 

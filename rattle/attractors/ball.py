@@ -144,7 +144,7 @@ def is_contracting_at(tau, v, i, centres, point):
 
 
 @kernel
-def find_radii_one_by_one(centres, cells):
+def find_capture_radii_one_by_one(centres, cells):
     """Reduce `centres.radius` to the largest radii at which the conditions hold, computing flights one by one."""
     for i in range(centres.radius.size):
         point = point_of_cell(centres.cell[i], cells)
@@ -169,7 +169,7 @@ def impacts_between_centres(n_plus):
 
 
 @kernel
-def fill_centres(grown, orbits, cells, integers, floats):
+def fill_capture_centres(grown, orbits, cells, integers, floats):
     """Compute the columns of the `CaptureCentres` that `centres_of_new_regions` returns, in compiled code.
 
     grown, orbits, cells: as in `centres_of_new_regions`. integers (4, n): receives the columns `cell` to `n_minus`.
@@ -223,7 +223,7 @@ def centres_of_new_regions(grown: NDArray[np.int64], orbits: KnownOrbits, cells:
     every = impacts_between_centres(n_plus)
     n = int(((n_plus + every - 1) // every).sum())
     integers, floats = np.zeros((4, n), np.int64), np.zeros((6, n))
-    fill_centres(grown, orbits.to_kernel_tuple(), cells, integers, floats)
+    fill_capture_centres(grown, orbits.to_kernel_tuple(), cells, integers, floats)
     return CaptureCentres(*integers, *floats)
 
 

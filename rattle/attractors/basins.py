@@ -27,7 +27,7 @@ from rattle.attractors.table import (
 from rattle.errors import require_integer, require_number, require_one_of
 from rattle.flight.law import speed_unit, wrap_phase_difference
 from rattle.notebook import Columns, Dataset, TabularResult, dataset_of
-from rattle.numerics.states import require_state_box
+from rattle.numerics.states import parse_state_box
 from rattle.parameters import Parameters
 
 Array = NDArray[np.float64]
@@ -74,7 +74,7 @@ class StatePlane:
         return float(self.parameters.delta[0])
 
     @property
-    def unit(self) -> float:
+    def speed_difference_unit(self) -> float:
         """The unit of speed differences (`rattle.flight.law.speed_unit`), which depends on δ, ε and β."""
         point = self.parameters.point()
         return float(speed_unit(point["delta"], point["epsilon"], point["beta"]))
@@ -88,7 +88,7 @@ class StatePlane:
         """Return the states after a number of returns to Σ⁺, and flags of states that became quiet on the way."""
         return self.classifier.states_after_returns(self.parameters, tau, v, returns)
 
-    def cell_of(self, tau: Array, v: Array, n: int, box: PhaseSpeedBox) -> NDArray[np.int64]:
+    def cell_numbers_of_states(self, tau: Array, v: Array, n: int, box: PhaseSpeedBox) -> NDArray[np.int64]:
         """Return the number of the cell that holds each state.
 
         Returns
@@ -102,9 +102,9 @@ class StatePlane:
         find_cell_numbers(tau, v, n, box, point["delta"], point["epsilon"], quiet, cell)
         return cell
 
-    def sample(self, count: int, v_max: float) -> tuple[Array, Array]:
+    def draw_initial_conditions(self, count: int, v_max: float) -> tuple[Array, Array]:
         """Return τ and v (count,) of the initial conditions of a sample with speeds up to v_max."""
-        tau, v = SampleSpec(count, v_max).states(self.parameters)
+        tau, v = SampleSpec(count, v_max).draw_states(self.parameters)
         return tau[0], v[0]
 
 
@@ -143,13 +143,13 @@ class Basins(TabularResult):
         """The largest speed of the box."""
         return self.box.v_high
 
-    def grid_in_words(self) -> str:
+    def describe_grid(self) -> str:
         """Return the number of cells and the ranges of their box, such as "9 × 9 cells of (τ, v) ∈ [0, 1) × (0, 7)"."""
         box = f"[{self.box.tau_low:g}, {self.box.tau_high:g}) × ({self.box.v_low:g}, {self.box.v_high:g})"
         return f"{self.v.size} × {self.tau.size} cells of (τ, v) ∈ {box}"
 
     def _caption(self) -> str:
-        return f"basins of {len(self.attractors)} attractors on {self.grid_in_words()}, method {self.method!r}"
+        return f"basins of {len(self.attractors)} attractors on {self.describe_grid()}, method {self.method!r}"
 
     def _columns(self) -> Columns:
         return attractor_columns(self.attractors)
@@ -180,7 +180,9 @@ def classify_plane_states(
     return table, rows, classifier.samples.impacts
 
 
-def _mark_unconverged(steps: NDArray[np.int64], table: AttractorTable, rows: NDArray[np.int64]) -> NDArray[np.int64]:
+def _mask_chaotic_and_undecided_steps(
+    steps: NDArray[np.int64], table: AttractorTable, rows: NDArray[np.int64]
+) -> NDArray[np.int64]:
     """Return `steps` with −1 for chaotic and undecided states.
 
     steps: for each state the number of impacts until its attractor was certain.
@@ -230,12 +232,12 @@ def _induced_cell_map(
     """
     sink = tau.size
     t, speed, rests = plane.states_after_returns(tau, v, impacts)
-    image = np.append(np.where(rests, sink, plane.cell_of(t, speed, n, box)), sink)
-    image[:-1][plane.cell_of(tau, v, n, box) == sink] = sink
+    image = np.append(np.where(rests, sink, plane.cell_numbers_of_states(t, speed, n, box)), sink)
+    image[:-1][plane.cell_numbers_of_states(tau, v, n, box) == sink] = sink
     outside = np.flatnonzero(image < 0)
     for _ in range(MOST_MAP_STEPS):
         t[outside], speed[outside], rests = plane.states_after_returns(t[outside], speed[outside], impacts)
-        image[outside] = np.where(rests, sink, plane.cell_of(t[outside], speed[outside], n, box))
+        image[outside] = np.where(rests, sink, plane.cell_numbers_of_states(t[outside], speed[outside], n, box))
         outside = outside[image[outside] < 0]
     image[outside] = outside
     return image
@@ -247,11 +249,13 @@ class GrowingClassification:
     def __init__(self, plane: StatePlane) -> None:
         self.plane = plane
         self.table = AttractorTable.empty()
-        #: One state for each attractor of the table. Each call of `follow` follows these states again, to find the rows
-        #: of the known attractors in the table of that call.
+        #: One state for each attractor of the table. Each call of `classify_more_states` follows these states again, to
+        #: find the rows of the known attractors in the table of that call.
         self.tau, self.v = np.zeros((2, 0))
 
-    def follow(self, tau: NDArray[np.float64], v: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    def classify_more_states(
+        self, tau: NDArray[np.float64], v: NDArray[np.float64]
+    ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """Classify states. Return for each state the row of its attractor in the common table, and the state's impacts.
 
         Attractors that are in the table already keep their rows; new ones are appended.
@@ -283,7 +287,7 @@ class GrowingClassification:
             Rows of the common table; −1 for an attractor that is not in it.
         """
         here, there = self.table, table.take((slice(None), None))
-        near = SAME_POINT * self.plane.unit
+        near = SAME_POINT * self.plane.speed_difference_unit
         same = (np.abs(wrap_phase_difference(there.tau - here.tau)) < SAME_POINT) & (np.abs(there.v - here.v) < near)
         same[reached, np.arange(reached.size)] = True
         same |= (here.kind == Outcome.QUIET) | (here.kind == Outcome.UNDECIDED)
@@ -319,9 +323,9 @@ def _classify_by_cell_map(
     if refine:
         each = np.arange(min(LATTICE, n) // 2, n, LATTICE)
         chosen = np.concatenate([chosen, np.setdiff1d(n * each[:, None] + each, chosen)])
-    first, second = plane.sample(SAMPLE_COUNT, box.v_high)
+    first, second = plane.draw_initial_conditions(SAMPLE_COUNT, box.v_high)
     states = GrowingClassification(plane)
-    found, made = states.follow(np.append(first, tau[chosen]), np.append(second, v[chosen]))
+    found, made = states.classify_more_states(np.append(first, tau[chosen]), np.append(second, v[chosen]))
     # for each cell that was followed exactly, and for the sink: row of its attractor, and impacts until it was certain
     row, needed, known = np.zeros(sink + 1, np.int64), np.zeros(sink + 1, np.int64), np.zeros(sink + 1, np.bool_)
     row[chosen], needed[chosen], known[chosen] = found[SAMPLE_COUNT:], made[SAMPLE_COUNT:], True
@@ -333,20 +337,20 @@ def _classify_by_cell_map(
         edge = np.flatnonzero(meet.ravel() & ~known[:-1])
         if not edge.size:
             break
-        row[edge], needed[edge] = states.follow(tau[edge], v[edge])
+        row[edge], needed[edge] = states.classify_more_states(tau[edge], v[edge])
         known[edge] = True
     rows = row[members][group[:-1]]
     steps = steps[:-1] * impacts + needed[members][group[:-1]]
-    return states.table, rows, _mark_unconverged(steps, states.table, rows)
+    return states.table, rows, _mask_chaotic_and_undecided_steps(steps, states.table, rows)
 
 
-def basins(
+def compute_basins(
     plane: StatePlane, resolution: int, v_max: float, method: str, impacts: int, tau: Range = None, v: Range = None
 ) -> Basins:
     """Return the basins of attraction on a grid of states (τ, v); `rattle.Gear.basins` explains the arguments."""
     n = require_integer("resolution", resolution, 1, MOST_CELLS_PER_AXIS)
     v_max = require_number("v_max", v_max, positive=True)
-    phases, speeds = require_state_box((0.0, 1.0) if tau is None else tau, (0.0, v_max) if v is None else v)
+    phases, speeds = parse_state_box((0.0, 1.0) if tau is None else tau, (0.0, v_max) if v is None else v)
     box = PhaseSpeedBox(*phases, *speeds)
     impacts = require_integer("impacts", impacts, 1, MOST_IMPACTS)
     require_one_of("method", method, METHODS)
@@ -355,7 +359,7 @@ def basins(
     first, second = np.tile(across, n), np.repeat(up, n)
     if method == "direct":
         table, rows, steps = classify_plane_states(plane, first, second)
-        steps = _mark_unconverged(steps, table, rows)
+        steps = _mask_chaotic_and_undecided_steps(steps, table, rows)
     else:
         table, rows, steps = _classify_by_cell_map(plane, first, second, n, box, impacts, method == "refined")
     count = np.bincount(rows, minlength=table.kind.size)

@@ -79,7 +79,7 @@ def write_attractor_numbers(boxes, size, group):
 
 
 @kernel
-def exponents(sums):
+def lyapunov_exponents_from_batches(sums):
     """Return the Lyapunov exponents from batch sums: a row of time, ln stretch and ln|det| for each batch.
 
     The error bar is that of a ratio estimate over batches, which are long compared with the correlation time.
@@ -118,7 +118,7 @@ def is_chaotic(sums):
     bool
         True if λ₁ exceeds its error bar, and tangents grow by more than LEAST_GROWTH.
     """
-    first, _second, error = exponents(sums)
+    first, _second, error = lyapunov_exponents_from_batches(sums)
     later = 0.0
     for i in range(sums.shape[0] // 2, sums.shape[0]):
         later += sums[i, 1]
@@ -150,7 +150,7 @@ def fill_exponents(sums, size, found):
     """
     begin = 0
     for i in range(size.size):
-        found[0, i], found[1, i], found[2, i] = exponents(sums[begin : begin + size[i]])
+        found[0, i], found[1, i], found[2, i] = lyapunov_exponents_from_batches(sums[begin : begin + size[i]])
         begin += size[i]
 
 

@@ -75,24 +75,24 @@ class ChaoticSet(NamedTuple):
         Numbers of the samples on the attractor.
     sums : ndarray, (k, BATCHES, 3)
         Time, ln stretch and ln|det| of each batch of flights, for the k samples whose exponents were measured.
-    watched : float
+    observation_time : float
         Observation time in forcing periods: the shortest among the samples that show the chaos.
     """
 
     samples: NDArray[np.int64]
     sums: NDArray[np.float64]
-    watched: float
+    observation_time: float
 
 
 class ProbeRecord(NamedTuple):
     """Observations of k probes, in the form that kernels fill.
 
-    `sums` (k, BATCHES, 3) holds the time, ln stretch and ln|det| of each batch of flights; `prints` (k, GRID) holds the
-    visited-cell bitmaps.
+    `sums` (k, BATCHES, 3) holds the time, ln stretch and ln|det| of each batch of flights; `bitmaps` (k, GRID) holds
+    the visited-cell bitmaps.
     """
 
     sums: NDArray[np.float64]
-    prints: NDArray[np.uint64]
+    bitmaps: NDArray[np.uint64]
 
 
 class Classifier(ABC):
@@ -115,20 +115,22 @@ class Classifier(ABC):
         self.cells, self.budget = cells, budget
         with np.errstate(over="ignore"):  # 1/δ of a subnormal δ is infinite
             # all stages of a cell are longer by this factor than at strong damping
-            self.longer = np.maximum(1.0, WATCH / (PERIODS * self.damping(cells)))
-        self.weak = self.damping(cells) < WEAK
+            self.impact_limit_factor = np.maximum(1.0, WATCH / (PERIODS * self.area_contraction_rates(cells)))
+        self.weak = self.area_contraction_rates(cells) < WEAK
         cell = np.repeat(np.arange(n_cells), self.count)
         self.samples = create_trajectories(cell, tau.ravel(), v.ravel(), self.impact_limit(FIRST, cell))
         self.orbits, self.balls = create_orbit_tables(n_cells, ROOM, BALLS_PER_ORBIT)
-        self.grown = np.zeros(n_cells, np.int64)  # number of the cell's orbits that have capture regions
-        self.chaos: dict[int, list[ChaoticSet]] = {}
+        self.n_orbits_with_capture_regions = np.zeros(
+            n_cells, np.int64
+        )  # number of the cell's orbits that have capture regions
+        self.chaotic_sets: dict[int, list[ChaoticSet]] = {}
         self.stage = np.zeros(n_cells, np.int64)
         # cells whose probes all stayed unresolved but were not all chaotic; more measurements would not decide them
         self.unclear = np.zeros(n_cells, np.bool_)
         self.add_known_orbits()
 
     @staticmethod
-    def damping(cells: Any) -> NDArray[np.float64]:
+    def area_contraction_rates(cells: Any) -> NDArray[np.float64]:
         """Return the rates (n_cells,) at which areas of (t, v²/2) shrink: δ per forcing period.
 
         Impacts that lose energy shrink areas too. For them a subclass returns the rate of motions with one impact per
@@ -176,7 +178,7 @@ class Classifier(ABC):
         """
         compile_in_subprocess(cls.model, "rattle.precompile:kernel_steps_for_surveys")
         found = cls(cls.cells_of(parameters), tau, v, budget)
-        found.run()
+        found.run_all_stages()
         return found
 
     @property
@@ -209,7 +211,7 @@ class Classifier(ABC):
         Each sample is followed for at least `least` impacts and `periods` forcing periods; both are arrays (k,).
         """
 
-    def run(self) -> None:
+    def run_all_stages(self) -> None:
         """Follow each sample until it is on an attractor, has used up its budget, or its cell has had the last stage.
 
         In each stage the unresolved samples of a cell are followed up to a higher limit of impacts. At weak damping
@@ -218,11 +220,11 @@ class Classifier(ABC):
         index = np.arange(self.samples.cell.size).reshape(-1, self.count)
         pilot = np.zeros(self.count, np.bool_)
         pilot[np.arange(min(PILOT, self.count)) * self.count // min(PILOT, self.count)] = True
-        self.settle(index[:, pilot].ravel(), self.samples, early=True)
-        self.settle(index[:, ~pilot].ravel(), self.samples, early=True)
+        self.follow_to_attractor_or_limit(index[:, pilot].ravel(), self.samples, early=True)
+        self.follow_to_attractor_or_limit(index[:, ~pilot].ravel(), self.samples, early=True)
         pending = np.arange(len(index))
         while pending.size:
-            left, leaks = count_unresolved(pending, self.status, self.impacts, FIRST * self.longer)
+            left, leaks = count_unresolved(pending, self.status, self.impacts, FIRST * self.impact_limit_factor)
             some = left > 0
             pending, left, leaks = pending[some], left[some], leaks[some]
             leaks &= self.flag_cells_with_deferred_probes(pending)
@@ -231,7 +233,7 @@ class Classifier(ABC):
             decided[~leaks] = self.judge_by_probes(pending[~leaks])
             few = (self.status[pending] == Outcome.UNRESOLVED).sum(axis=1) <= self.count // FEW
             decided |= (self.stage[pending] >= STAGES + few) & ~self.weak[pending]
-            decided |= impact_limits_of_stages(self.stage[pending]) * self.longer[pending] >= self.budget
+            decided |= impact_limits_of_stages(self.stage[pending]) * self.impact_limit_factor[pending] >= self.budget
             pending = pending[~decided]
             self.run_next_stage(pending)
 
@@ -249,7 +251,7 @@ class Classifier(ABC):
             `Outcome` of each state.
         """
         others = create_trajectories(cell, tau.copy(), v.copy(), most.copy())
-        self.settle(np.arange(cell.size), others)
+        self.follow_to_attractor_or_limit(np.arange(cell.size), others)
         return np.asarray(others.status)
 
     def impact_limit(self, impacts: Any, cell: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -262,7 +264,7 @@ class Classifier(ABC):
         NDArray[np.int64]
             The limits, at most the budget.
         """
-        return np.minimum(impacts * self.longer[cell], self.budget).astype(np.int64)
+        return np.minimum(impacts * self.impact_limit_factor[cell], self.budget).astype(np.int64)
 
     @property
     def status(self) -> NDArray[np.int64]:
@@ -280,7 +282,9 @@ class Classifier(ABC):
         row, column = np.nonzero(left)
         return SampleSets(cells[row] * self.count + column, left.sum(axis=1))
 
-    def settle(self, which: NDArray[np.int64], samples: Trajectories, early: bool = False) -> None:
+    def follow_to_attractor_or_limit(
+        self, which: NDArray[np.int64], samples: Trajectories, early: bool = False
+    ) -> None:
         """Follow samples in place until each has reached an attractor or its limit of impacts.
 
         which: numbers of the samples. early: True in the first stage (`advance`). When a sample becomes recurrent, its
@@ -289,18 +293,20 @@ class Classifier(ABC):
         while which.size:
             self.advance(which, samples, early)
             which = which[samples.status[which] == Outcome.RECURRENT]
-            self.resolve(which, samples)
+            self.resolve_recurrent_samples(which, samples)
             which = which[
                 (samples.status[which] == Outcome.UNRESOLVED) & (samples.impacts[which] < samples.limit[which])
             ]
 
-    def resolve(self, which: NDArray[np.int64], samples: Trajectories) -> None:
+    def resolve_recurrent_samples(self, which: NDArray[np.int64], samples: Trajectories) -> None:
         """Find the orbits of recurrent samples, and the capture regions of these orbits.
 
         The tables of orbits are enlarged if a cell has no room for another orbit.
         """
         while which.size:
-            which = assign_orbits_to_recurrent_samples(which, self.cells, samples, self.orbits, self.balls, self.grown)
+            which = assign_orbits_to_recurrent_samples(
+                which, self.cells, samples, self.orbits, self.balls, self.n_orbits_with_capture_regions
+            )
             self.grow_capture_regions()
             room = self.orbits.m.shape[1]
             if which.size and (self.orbits.n[samples.cell[which]] == room).any():
@@ -308,12 +314,12 @@ class Classifier(ABC):
 
     def grow_capture_regions(self) -> None:
         """Grow capture regions around points of the orbits that have no capture regions yet."""
-        if (self.orbits.n == self.grown).all():
+        if (self.orbits.n == self.n_orbits_with_capture_regions).all():
             return
-        centres = centres_of_new_regions(self.grown, self.orbits, self.cells)
+        centres = centres_of_new_regions(self.n_orbits_with_capture_regions, self.orbits, self.cells)
         self.find_capture_radii(centres)
         append_capture_regions(centres, self.balls.to_kernel_tuple())
-        self.grown[:] = self.orbits.n
+        self.n_orbits_with_capture_regions[:] = self.orbits.n
 
     def make_room_for_orbits(self, most: int) -> None:
         """Double the room for orbits in each cell until each cell has room for at least `most` orbits."""
@@ -323,10 +329,10 @@ class Classifier(ABC):
     def run_next_stage(self, cells: NDArray[np.int64]) -> None:
         """Raise these cells' limit of impacts to that of the next stage; follow their unresolved samples up to it."""
         self.stage[cells] += 1
-        which = self.select_unresolved(cells).which
+        which = self.select_unresolved(cells).sample_numbers
         cell = self.samples.cell[which]
         self.samples.limit[which] = self.impact_limit(impact_limits_of_stages(self.stage[cell]), cell)
-        self.settle(which[self.samples.impacts[which] < self.samples.limit[which]], self.samples)
+        self.follow_to_attractor_or_limit(which[self.samples.impacts[which] < self.samples.limit[which]], self.samples)
 
     def judge_by_probes(self, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
         """Measure probes in these cells, and return flags (k,) of the cells that are decided.
@@ -344,16 +350,16 @@ class Classifier(ABC):
         if not cells.size:
             return np.zeros(0, np.bool_)
         chosen = self.select_unresolved(cells).select_evenly(MOST_PROBES)
-        seen, chaotic = self.measure_exponents(chosen.which)
+        seen, chaotic = self.measure_exponents(chosen.sample_numbers)
         decided = chosen.cells_where_all(chaotic)
-        all_unresolved = chosen.cells_where_all(self.samples.status[chosen.which] == Outcome.UNRESOLVED)
+        all_unresolved = chosen.cells_where_all(self.samples.status[chosen.sample_numbers] == Outcome.UNRESOLVED)
         self.unclear[cells[~decided]] = all_unresolved[~decided]
         if not decided.all():
             every = np.repeat(decided, chosen.size)
-            seen = ProbeRecord(seen.sums[every], seen.prints[every])
+            seen = ProbeRecord(seen.sums[every], seen.bitmaps[every])
         decided[decided] = self.declare_chaos(cells[decided], chosen.select_cells(decided), seen)
         doubtful = decided & self.flag_cells_losing_samples(cells)
-        decided[doubtful] = self.cells_whose_samples_outlast_probes(cells[doubtful])
+        decided[doubtful] = self.check_if_samples_outlast_probes(cells[doubtful])
         return decided
 
     def flag_cells_losing_samples(self, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
@@ -365,7 +371,7 @@ class Classifier(ABC):
         Returns
         -------
         NDArray[np.bool_]
-            True for cells whose unresolved samples must all be followed (`cells_whose_samples_outlast_probes`).
+            True for cells whose unresolved samples must all be followed (`check_if_samples_outlast_probes`).
         """
         return np.asarray(self.weak[cells] | self.cell_has_quiet_motion[cells] | (self.count < ENOUGH_SAMPLES))
 
@@ -382,7 +388,7 @@ class Classifier(ABC):
         """
         return np.ones(cells.size, np.bool_)
 
-    def cells_whose_samples_outlast_probes(self, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
+    def check_if_samples_outlast_probes(self, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
         """Return flags (k,) of the cells where all unresolved samples stay unresolved for as long as the probes.
 
         Chaotic sets that lose samples slowly are frequent at weak damping and in cells with a quiet motion, and twelve
@@ -400,11 +406,11 @@ class Classifier(ABC):
         if not cells.size:
             return np.zeros(0, np.bool_)
         left, samples = self.select_unresolved(cells), self.samples
-        which = left.which
+        which = left.sample_numbers
         samples.limit[which] = np.repeat(left.largest_by_cell(samples.impacts), left.size)
-        self.settle(which[samples.impacts[which] < samples.limit[which]], samples)
+        self.follow_to_attractor_or_limit(which[samples.impacts[which] < samples.limit[which]], samples)
         cell = samples.cell[which]
-        chattering = self.may_be_chattering(cell, samples.time[which], PERIODS * self.longer[cell])
+        chattering = self.may_be_chattering(cell, samples.time[which], PERIODS * self.impact_limit_factor[cell])
         lasted = left.cells_where_all((samples.status[which] == Outcome.UNRESOLVED) & ~chattering)
         weak = self.weak[cells]
         for first, last in pairwise((0, *NEIGHBOUR_TEST_STATES)):
@@ -415,10 +421,10 @@ class Classifier(ABC):
                 crowd = lasted & ~weak & (self.cell_has_quiet_motion[cells] == cell_has_quiet_motion)
                 lasted[crowd] = self.flag_cells_with_unresolved_neighbours(cells[crowd], 0, states)
         for cell, all_left in zip(cells, lasted, strict=True):
-            found = self.chaos.pop(int(cell))
+            found = self.chaotic_sets.pop(int(cell))
             if all_left:
-                self.chaos[int(cell)] = [
-                    chaos._replace(watched=self.shortest_observation_time(chaos.samples)) for chaos in found
+                self.chaotic_sets[int(cell)] = [
+                    chaos._replace(observation_time=self.shortest_observation_time(chaos.samples)) for chaos in found
                 ]
         return lasted
 
@@ -446,10 +452,10 @@ class Classifier(ABC):
         # which are known to stay unresolved.
         fresh = (each >= left.size[:, None]).ravel()
         gone, others = np.zeros(fresh.size, np.bool_), others.take(fresh)
-        self.settle(np.arange(others.cell.size), others)
+        self.follow_to_attractor_or_limit(np.arange(others.cell.size), others)
         # a neighbour that may be chattering fails the test, except at weak damping, where more neighbours are followed
         strong = ~self.weak[others.cell]
-        chattering = self.may_be_chattering(others.cell, others.time, PERIODS * self.longer[others.cell])
+        chattering = self.may_be_chattering(others.cell, others.time, PERIODS * self.impact_limit_factor[others.cell])
         gone[fresh] = (others.status != Outcome.UNRESOLVED) | (strong & chattering)
         return ~np.asarray(gone.reshape(-1, each.size).any(axis=1))
 
@@ -474,7 +480,7 @@ class Classifier(ABC):
             n·k states, cell by cell.
         """
         turn, place = np.divmod(number, unresolved.size[:, None])
-        which, samples = unresolved.which[unresolved.first_sample_index[:, None] + place].ravel(), self.samples
+        which, samples = unresolved.sample_numbers[unresolved.first_sample_index[:, None] + place].ravel(), self.samples
         v = samples.v[which] * (1.0 + NEIGHBOUR_STEP * turn.ravel())
         return create_trajectories(samples.cell[which], samples.tau[which], v, np.repeat(most, turn.shape[1]))
 
@@ -516,15 +522,15 @@ class Classifier(ABC):
             # at about the same time
             todo = todo[np.argsort(pace[which[todo]], kind="stable")]
             now = which[todo]
-            longer = np.maximum(self.longer[samples.cell[now]], factor) * 2**extension
+            longer = np.maximum(self.impact_limit_factor[samples.cell[now]], factor) * 2**extension
             most, room = MOST_PROBE_IMPACTS * longer, self.budget - samples.impacts[now]
             samples.limit[now] = samples.impacts[now] + np.minimum(most, room).astype(np.int64)
             part, before = allocate_probe_record(todo.size), samples.time[now]
             self.follow_with_tangent(
                 now, np.full(todo.size, float(LEAST_PROBE_IMPACTS * 2**extension)), PERIODS * longer, part
             )
-            self.resolve(now[samples.status[now] == Outcome.RECURRENT], samples)
-            seen.sums[todo], seen.prints[todo] = part
+            self.resolve_recurrent_samples(now[samples.status[now] == Outcome.RECURRENT], samples)
+            seen.sums[todo], seen.bitmaps[todo] = part
             left, time = samples.status[now] == Outcome.UNRESOLVED, samples.time[now] - before
             chattering = self.may_be_chattering(samples.cell[now], time, PERIODS * longer)
             # the exponent is not judged if the sample may be chattering, or if the sample used up its budget of impacts
@@ -550,24 +556,24 @@ class Classifier(ABC):
         if not cells.size:
             return np.zeros(0, np.bool_)
         declared = np.ones(cells.size, np.bool_)
-        several = self.cells_with_several_attractors(probes, seen.prints)
+        several = self.flag_cells_with_several_attractors(probes, seen.bitmaps)
         if several.any():
             some, each = probes.select_cells(several), np.repeat(several, probes.size)
-            seen.prints[each] = self.mark_states_of_next_impacts(some.which, seen.prints[each])
-            several[several] = self.cells_with_several_attractors(some, seen.prints[each])
+            seen.bitmaps[each] = self.mark_states_of_next_impacts(some.sample_numbers, seen.bitmaps[each])
+            several[several] = self.flag_cells_with_several_attractors(some, seen.bitmaps[each])
         if several.any():
             some, each = probes.select_cells(several), np.repeat(several, probes.size)
-            more, chaotic = self.measure_exponents(some.which, LONGER_BY)
+            more, chaotic = self.measure_exponents(some.sample_numbers, LONGER_BY)
             seen.sums[each] = more.sums
-            seen.prints[each] |= more.prints
+            seen.bitmaps[each] |= more.bitmaps
             declared[several] = some.cells_where_all(chaotic)
-            several[several] = self.cells_with_several_attractors(some, seen.prints[each])
+            several[several] = self.flag_cells_with_several_attractors(some, seen.bitmaps[each])
         single = declared & ~several
         left, one = self.select_unresolved(cells[single]).split_by_cell(), probes.select_cells(single)
         sums = np.split(seen.sums, probes.first_sample_index[1:])
         watched = one.smallest_by_cell(self.samples.time).tolist()
         for cell, all_left, i, least in zip(cells[single].tolist(), left, np.flatnonzero(single), watched, strict=True):
-            self.chaos[cell] = [ChaoticSet(all_left, sums[i], least)]
+            self.chaotic_sets[cell] = [ChaoticSet(all_left, sums[i], least)]
         declared[several & declared] = self.separate_chaotic_attractors(cells[several & declared])
         return declared
 
@@ -584,21 +590,22 @@ class Classifier(ABC):
         if not cells.size:
             return np.zeros(0, np.bool_)
         left = self.select_unresolved(cells)
-        (sums, prints), chaotic = self.measure_exponents(left.which, LONGER_BY)
+        (sums, prints), chaotic = self.measure_exponents(left.sample_numbers, LONGER_BY)
         declared = left.cells_where_all(chaotic)
         left, every = left.select_cells(declared), np.repeat(declared, left.size)
-        sums, prints = sums[every], self.mark_states_of_next_impacts(left.which, prints[every])
-        number = np.zeros(left.which.size, np.int64)
+        sums, prints = sums[every], self.mark_states_of_next_impacts(left.sample_numbers, prints[every])
+        number = np.zeros(left.sample_numbers.size, np.int64)
         write_attractor_numbers(prints, left.size, number)
         for cell, start, size in zip(cells[declared], left.first_sample_index, left.size, strict=True):
             span = np.arange(start, start + size)
             groups = [span[number[span] == i] for i in np.unique(number[span])]
-            self.chaos[int(cell)] = [
-                ChaoticSet(left.which[i], sums[i], self.shortest_observation_time(left.which[i])) for i in groups
+            self.chaotic_sets[int(cell)] = [
+                ChaoticSet(left.sample_numbers[i], sums[i], self.shortest_observation_time(left.sample_numbers[i]))
+                for i in groups
             ]
         return declared
 
-    def cells_with_several_attractors(self, sets: SampleSets, prints: NDArray[np.uint64]) -> NDArray[np.bool_]:
+    def flag_cells_with_several_attractors(self, sets: SampleSets, prints: NDArray[np.uint64]) -> NDArray[np.bool_]:
         """Return flags of the cells whose samples' visited-cell bitmaps show several attractors.
 
         sets: the samples (k,) of each cell. prints (k, GRID): the bitmap of each sample.
@@ -608,7 +615,7 @@ class Classifier(ABC):
         NDArray[np.bool_], shape (number of cells in sets,)
             True if the bitmaps of the cell's samples show several attractors.
         """
-        number = np.zeros(sets.which.size, np.int64)
+        number = np.zeros(sets.sample_numbers.size, np.int64)
         write_attractor_numbers(prints.copy(), sets.size, number)
         return ~sets.cells_where_all(number == 0)
 
@@ -631,7 +638,7 @@ class Classifier(ABC):
 def impact_limits_of_stages(stage: NDArray[np.int64]) -> NDArray[np.float64]:
     """Return the number of impacts that a sample may make from its start to the end of each stage, at strong damping.
 
-    At weak damping the callers multiply this number by `longer`. stage (k,): numbers of stages, from 0.
+    At weak damping the callers multiply this number by `impact_limit_factor`. stage (k,): numbers of stages, from 0.
 
     Returns
     -------

@@ -76,7 +76,7 @@ def differing_cells(a: Basins, b: Basins) -> NDArray[np.bool_]:
         If the grids differ in their numbers of cells or in their box of (τ, v).
     """
     same_grid = a.labels.shape == b.labels.shape and a.box == b.box
-    grids = " and ".join(each.grid_in_words() for each in (a, b))
+    grids = " and ".join(each.describe_grid() for each in (a, b))
     require(same_grid, f"the basins have different grids, {grids}: compute both with the same resolution and box")
     from scipy.optimize import linear_sum_assignment  # imported here because it is slow to load
 
@@ -180,7 +180,7 @@ def fit_power_law(
     return slope, float(Z_95 * np.sqrt(max(scatter, 1.0) / spread))
 
 
-def uncertainty(plane: StatePlane, pairs: int, v_max: float, seed: int) -> Uncertainty:
+def compute_uncertainty_exponent(plane: StatePlane, pairs: int, v_max: float, seed: int) -> Uncertainty:
     """Return the uncertainty exponent of this plane's basin boundary; see `rattle.Gear.uncertainty`."""
     pairs = require_integer("pairs", pairs, 1, MOST_PAIRS // 16)
     v_max = require_number("v_max", v_max, positive=True)

@@ -8,9 +8,9 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rattle.attractors.basins import Basins, Range, StatePlane, basins, classify_plane_states
+from rattle.attractors.basins import Basins, Range, StatePlane, classify_plane_states, compute_basins
 from rattle.attractors.classify import BUDGET, Classifier
-from rattle.attractors.measures import Uncertainty, uncertainty
+from rattle.attractors.measures import Uncertainty, compute_uncertainty_exponent
 from rattle.attractors.samples import Outcome
 from rattle.attractors.speeds import MOST_SAMPLES, SampleSpec, SpeedLimit
 from rattle.attractors.table import Attractor, attractors_of_cell, attractors_of_samples
@@ -56,7 +56,7 @@ def check_and_flatten_states(
     return fold_phases(phases.ravel()), speeds.astype(np.float64).ravel(), phases.shape
 
 
-def reached(plane: StatePlane, tau: ArrayLike, v: ArrayLike) -> ReachedAttractors:
+def find_reached_attractors(plane: StatePlane, tau: ArrayLike, v: ArrayLike) -> ReachedAttractors:
     """Return the attractors that given states of this plane go to; see `rattle.Gear.reached`."""
     phases, speeds, shape = check_and_flatten_states(tau, v)
     table, rows, impacts = classify_plane_states(plane, phases, speeds)
@@ -174,7 +174,7 @@ class SampledGear:
             If an argument is outside its domain.
         """
         resolution = self._resolution if resolution is None else resolution
-        return basins(self.states, resolution, self._highest_speed(v_max), method, impacts, tau, v)
+        return compute_basins(self.states, resolution, self._highest_speed(v_max), method, impacts, tau, v)
 
     def reached(self, tau: ArrayLike, v: ArrayLike) -> ReachedAttractors:
         """Return the attractors that given states go to. Attractors are distinguished as in `attractors`.
@@ -196,7 +196,7 @@ class SampledGear:
         ParameterError
             If an argument is outside its domain.
         """
-        return reached(self.states, tau, v)
+        return find_reached_attractors(self.states, tau, v)
 
     def uncertainty(self, pairs: int | None = None, v_max: SpeedLimit = None, seed: int = 0) -> Uncertainty:
         """Return the uncertainty exponent of the basin boundary in [0, 1) × (0, v_max).
@@ -227,7 +227,9 @@ class SampledGear:
         ----------
         Grebogi, McDonald, Ott and Yorke, Physics Letters A 99 (1983) 415–418.
         """
-        return uncertainty(self.states, self._pairs if pairs is None else pairs, self._highest_speed(v_max), seed)
+        return compute_uncertainty_exponent(
+            self.states, self._pairs if pairs is None else pairs, self._highest_speed(v_max), seed
+        )
 
     @property
     def states(self) -> StatePlane:

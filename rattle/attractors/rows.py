@@ -19,11 +19,11 @@ class AttractorRows(NamedTuple):
     ----------
     cell, kind
         Number of the cell, and the attractor's kind, an `Outcome`.
-    which
+    number_in_kind
         Number of the attractor among the attractors of its cell and kind.
     first_sample
         Number of the first sample that reached the attractor. If none did, this is an arbitrary sample.
-    number
+    sample_count
         Number of samples that reached the attractor.
     impacts
         Sum of the impacts of the samples that reached the attractor.
@@ -33,9 +33,9 @@ class AttractorRows(NamedTuple):
 
     cell: Any
     kind: Any
-    which: Any
+    number_in_kind: Any
     first_sample: Any
-    number: Any
+    sample_count: Any
     impacts: Any
     watched: Any
 

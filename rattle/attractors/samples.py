@@ -76,30 +76,30 @@ class Trajectories(StructOfArrays):
 
 
 class SampleSets(NamedTuple):
-    """Samples of n cells: their numbers `which` (k,), ordered by cell, and how many each cell has, `size` (n,)."""
+    """Samples of n cells: `sample_numbers` (k,), ordered by cell, and how many samples each cell has, `size` (n,)."""
 
-    which: NDArray[np.int64]
+    sample_numbers: NDArray[np.int64]
     size: NDArray[np.int64]
 
     @property
     def first_sample_index(self) -> NDArray[np.int64]:
-        """Index (n,) in `which` of the first sample of each cell."""
+        """Index (n,) in `sample_numbers` of the first sample of each cell."""
         return np.asarray(np.cumsum(self.size) - self.size)
 
     def split_by_cell(self) -> list[NDArray[np.int64]]:
         """Return one array of samples for each cell."""
-        return np.split(self.which, self.first_sample_index[1:]) if self.size.size else []
+        return np.split(self.sample_numbers, self.first_sample_index[1:]) if self.size.size else []
 
     def select_cells(self, chosen: NDArray[np.bool_]) -> SampleSets:
         """Return the samples of the cells chosen by the flags `chosen` (n,)."""
-        return SampleSets(self.which[np.repeat(chosen, self.size)], self.size[chosen])
+        return SampleSets(self.sample_numbers[np.repeat(chosen, self.size)], self.size[chosen])
 
     def select_evenly(self, most: int) -> SampleSets:
         """Return at most `most` samples of each cell, at even distances in the order of its samples."""
         size = np.minimum(most, self.size)
         number = np.arange(size.sum()) - np.repeat(np.cumsum(size) - size, size)
         first, among, of = (np.repeat(x, size) for x in (self.first_sample_index, self.size, size))
-        return SampleSets(self.which[first + number * among // of], size)
+        return SampleSets(self.sample_numbers[first + number * among // of], size)
 
     def cells_where_all(self, holds: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """Return flags (n,) of the cells where `holds` (k,) is true for all samples of the cell."""
@@ -108,12 +108,12 @@ class SampleSets(NamedTuple):
 
     def largest_by_cell(self, values: NDArray[np.int64]) -> NDArray[np.int64]:
         """Return the largest of `values` (indexed by sample number) in each cell, (n,). No cell may be empty."""
-        return np.asarray(np.maximum.reduceat(values[self.which], self.first_sample_index))
+        return np.asarray(np.maximum.reduceat(values[self.sample_numbers], self.first_sample_index))
 
     def smallest_by_cell(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the smallest of `values` (indexed by sample number) in each cell, (n,). No cell may be empty."""
         return (
-            np.asarray(np.minimum.reduceat(values[self.which], self.first_sample_index))
+            np.asarray(np.minimum.reduceat(values[self.sample_numbers], self.first_sample_index))
             if self.size.size
             else np.zeros(0)
         )
@@ -215,13 +215,13 @@ def mark_visited_cell(tau, v, top, footprint):
 class ReferenceState(NamedTuple):
     """A reference state of Brent's cycle search: the state after n returns.
 
-    The state after `following` returns is the next reference.
+    The state after `n_of_next_reference` returns is the next reference.
     """
 
     tau: float
     v: float
     n: int
-    following: int
+    n_of_next_reference: int
 
 
 @inline
@@ -249,8 +249,8 @@ def check_sample_outcome(tau, v, n, k, reference, samples, balls, unit):
     if near and n > reference.n and samples.impacts[k] + n >= samples.pause[k]:
         samples.gap[k] = n - reference.n
         return Outcome.RECURRENT, -1, reference
-    if n >= reference.following:
-        return Outcome.UNRESOLVED, -1, ReferenceState(tau, v, n, 2 * reference.following)
+    if n >= reference.n_of_next_reference:
+        return Outcome.UNRESOLVED, -1, ReferenceState(tau, v, n, 2 * reference.n_of_next_reference)
     return Outcome.UNRESOLVED, -1, reference
 
 

@@ -10,7 +10,7 @@ from rattle.attractors.classify import BUDGET
 from rattle.errors import ParameterError, require_integer, require_number
 from rattle.flight.law import natural_speed
 from rattle.numerics.sampling import initial_conditions
-from rattle.numerics.states import require_state_box
+from rattle.numerics.states import parse_state_box
 from rattle.parameters import Parameters
 
 NATURAL: Literal["natural"] = "natural"
@@ -69,11 +69,11 @@ class SampleSpec:
         """Return the largest sampled speed of each cell (n,): see `highest_sampled_speeds`. Raises ParameterError."""
         return highest_sampled_speeds(self.v_max, parameters.delta, parameters.epsilon, parameters.beta)
 
-    def states(self, parameters: Parameters) -> tuple[Array, Array]:
+    def draw_states(self, parameters: Parameters) -> tuple[Array, Array]:
         """Return phases and speeds (n, count) of the initial conditions of cells (n,). Raises ParameterError."""
         highest = self.highest_speeds(parameters)
         if (*self.tau, self.v_min) != WHOLE_BOX and parameters.size:
-            require_state_box(self.tau, (self.v_min, float(highest.min())))
+            parse_state_box(self.tau, (self.v_min, float(highest.min())))
         cells = parameters.delta, parameters.epsilon, parameters.beta
         return initial_conditions(*cells, self.count, highest, self.seed, self.tau, self.v_min)
 

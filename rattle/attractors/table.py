@@ -196,7 +196,7 @@ def _kinds_and_orbit_numbers(classifier: Classifier) -> tuple[NDArray[np.int64],
     kind = np.full(status.size, Outcome.UNDECIDED)
     kind[status == Outcome.QUIET], kind[status == Outcome.PERIODIC] = Outcome.QUIET, Outcome.PERIODIC
     which = np.where(status == Outcome.PERIODIC, classifier.samples.orbit, 0)
-    chaotic = [(i, each.samples) for chaos in classifier.chaos.values() for i, each in enumerate(chaos)]
+    chaotic = [(i, each.samples) for chaos in classifier.chaotic_sets.values() for i, each in enumerate(chaos)]
     if chaotic:
         number, samples = zip(*chaotic, strict=True)
         on, of = np.concatenate(samples), np.repeat(number, [each.size for each in samples])
@@ -232,9 +232,11 @@ def tabulate_attractors(classifier: Classifier, missed: bool = False) -> tuple[A
     error = np.where(periodic, 0.0, np.nan)
     chaotic = np.flatnonzero(kind == Outcome.CHAOTIC)
     if chaotic.size:
-        found = [classifier.chaos[c][i] for c, i in zip(cell[chaotic].tolist(), which[chaotic].tolist(), strict=True)]
+        found = [
+            classifier.chaotic_sets[c][i] for c, i in zip(cell[chaotic].tolist(), which[chaotic].tolist(), strict=True)
+        ]
         first[chaotic], second[chaotic], error[chaotic] = pool_exponents([each.sums for each in found])
-        watched[chaotic] = [each.watched for each in found]
+        watched[chaotic] = [each.observation_time for each in found]
     labels = orbits.m, orbits.n_plus - orbits.merged, orbits.n_minus, orbits.contacts
     m, n_plus, n_minus, contacts = (values_if_periodic(x, 0).astype(np.int64) for x in labels)
     tau = values_if_periodic(orbits.tau, samples.tau[first_sample])
@@ -280,7 +282,7 @@ def attractors_of_samples(classifier: type[Classifier], parameters: Parameters, 
         f"{cells.size:,} cells of {sample.count:,} samples exceed the limit of {64 * MOST_SAMPLES:,} samples: give "
         "fewer cells or samples, or make a survey",
     )
-    found = classifier.classify(cells, *sample.states(cells), sample.budget)
+    found = classifier.classify(cells, *sample.draw_states(cells), sample.budget)
     table, _rows = tabulate_attractors(found, missed=True)
     return table
 

@@ -179,7 +179,7 @@ def _add_offset_intervals(fitting: FitProblem, comparison: Comparison, fits: lis
         A copy in which `offset_interval`, `other_offsets` and `is_sure` are set.
     """
     own, *others = (confidence_interval_of_offset(fitting, each) for each in fits)
-    sharp = fitting._replace(unit=fits[0].unit)
+    sharp = fitting._replace(speed_tolerance=fits[0].speed_tolerance)
     walls = [fit_at_offset(sharp, end).wall for end in own] + [each.wall for each in fits]
     return replace(
         comparison,

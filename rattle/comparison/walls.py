@@ -82,26 +82,26 @@ class WallFit(NamedTuple):
         The mean over the impacts of |w₀ + w₁|/(|w₀| + |w₁|), where w₁ and w₀ are the velocities before and after an
         impact. A false impact has the value 1/2; the first and the last true impact are left out. The misfit is 0 for
         motions of the gear.
-    unit
+    speed_tolerance
         The speed tolerance, by which errors of speeds are divided.
     """
 
     wall: Walls
     offset: float
     misfit: float
-    unit: float
+    speed_tolerance: float
 
 
 class FitProblem(NamedTuple):
     """Measured impacts, and the gear to which they are fitted.
 
-    unit: the speed tolerance, by which errors of speeds are divided.
+    speed_tolerance: the speed tolerance, by which errors of speeds are divided.
     contact_duration: the duration of a contact in forcing periods; 0 for a gear with rigid teeth.
     """
 
     measured: MeasuredImpacts
     gear: AnyGear
-    unit: float
+    speed_tolerance: float
     contact_duration: float
 
     @property
@@ -124,14 +124,15 @@ def find_fits(fitting: FitProblem) -> list[WallFit]:
     """
     few = fitting.limited_to_first_impacts
     rough = []
-    for unit, phases in ((few.unit, PHASES), (few.unit / FINER, FINER_PHASES)):
-        sharper = few._replace(unit=unit)
+    for unit, phases in ((few.speed_tolerance, PHASES), (few.speed_tolerance / FINER, FINER_PHASES)):
+        sharper = few._replace(speed_tolerance=unit)
         lowest = _indices_of_lowest_minima(_find_best_walls(sharper, np.arange(phases) / phases)[0])
         rough += _fits_within_margin(
             [fit_at_offset(sharper, _refine_offset(sharper, i / phases, 1.0 / phases)) for i in lowest], ROUGH_MARGIN
         )
     sharp = _fits_within_margin(
-        [_fit_with_smaller_tolerance(few._replace(unit=each.unit), each) for each in rough], FIT_MARGIN
+        [_fit_with_smaller_tolerance(few._replace(speed_tolerance=each.speed_tolerance), each) for each in rough],
+        FIT_MARGIN,
     )
     offsets = [each.offset for each in sharp]
     for each in [found for found in sharp if found.misfit < POOR][:MOST_SCANNED]:
@@ -140,12 +141,14 @@ def find_fits(fitting: FitProblem) -> list[WallFit]:
             if all(abs(wrap_phase_difference(offset - other)) > 2.0 / SCAN_OFFSETS for other in offsets):
                 offsets.append(float(offset))
                 sharp.append(
-                    _fit_with_smaller_tolerance(few._replace(unit=each.unit), each._replace(offset=float(offset)))
+                    _fit_with_smaller_tolerance(
+                        few._replace(speed_tolerance=each.speed_tolerance), each._replace(offset=float(offset))
+                    )
                 )
     found: list[WallFit] = []
     for each in _fits_within_margin(sharp, FIT_MARGIN):
         if all(abs(wrap_phase_difference(each.offset - other.offset)) > SAME_OFFSET for other in found):
-            found.append(fit_at_offset(fitting._replace(unit=each.unit), each.offset))
+            found.append(fit_at_offset(fitting._replace(speed_tolerance=each.speed_tolerance), each.offset))
     return found
 
 
@@ -183,11 +186,15 @@ def _fit_with_smaller_tolerance(fitting: FitProblem, fit: WallFit) -> WallFit:
     WallFit
         The fit with the smallest tolerance.
     """
-    finest = min(fitting.unit, FINEST * float(speed_unit(fitting.gear.delta, fitting.gear.epsilon, fitting.gear.beta)))
+    finest = min(
+        fitting.speed_tolerance, FINEST * float(speed_unit(fitting.gear.delta, fitting.gear.epsilon, fitting.gear.beta))
+    )
     for _ in range(SHARPENINGS):
         leaves, arrives = _velocities_at_impacts(fitting, fit.wall, np.array([fit.offset]))
-        scatter = SCATTER * float(np.median(np.abs(leaves + arrives))) if leaves.size else fitting.unit
-        fitting = fitting._replace(unit=min(max(fitting.unit / SHARPER, scatter, finest), fitting.unit))
+        scatter = SCATTER * float(np.median(np.abs(leaves + arrives))) if leaves.size else fitting.speed_tolerance
+        fitting = fitting._replace(
+            speed_tolerance=min(max(fitting.speed_tolerance / SHARPER, scatter, finest), fitting.speed_tolerance)
+        )
         fit = fit_at_offset(fitting, _refine_offset(fitting, fit.offset))
     return fit
 
@@ -216,7 +223,7 @@ def fit_at_offset(fitting: FitProblem, offset: float) -> WallFit:
     off = np.abs(leaves + arrives) / (np.abs(leaves) + np.abs(arrives))
     false = wall.size - np.count_nonzero(wall)
     misfit = (float(off.sum()) + FALSE_MISFIT * false) / (off.size + false)
-    return WallFit(wall, offset % 1.0, misfit, fitting.unit)
+    return WallFit(wall, offset % 1.0, misfit, fitting.speed_tolerance)
 
 
 def confidence_interval_of_offset(fitting: FitProblem, fit: WallFit) -> tuple[float, float]:
@@ -231,7 +238,7 @@ def confidence_interval_of_offset(fitting: FitProblem, fit: WallFit) -> tuple[fl
     tuple[float, float]
         Both ends of the interval.
     """
-    few, offset = fitting.limited_to_first_impacts._replace(unit=fit.unit), fit.offset
+    few, offset = fitting.limited_to_first_impacts._replace(speed_tolerance=fit.speed_tolerance), fit.offset
     steps = np.geomspace(RESOLUTION, FARTHEST, STEPS)
     ends = []
     for side in (-1.0, 1.0):
@@ -254,10 +261,10 @@ def _impact_costs(fitting: FitProblem, wall: Walls, offsets: Array) -> Array:
         Costs (k, n − 2), where n is the number of impacts that are not false.
     """
     leaves, arrives = _velocities_at_impacts(fitting, wall, offsets)
-    costs = np.minimum(((leaves + arrives) / fitting.unit) ** 2, LARGEST_COST)
+    costs = np.minimum(((leaves + arrives) / fitting.speed_tolerance) ** 2, LARGEST_COST)
     if fitting.measured.speed is not None:
         speed = fitting.measured.speed[wall != 0][1:-1]
-        costs += np.minimum(((np.abs(arrives) - speed) / fitting.unit) ** 2, LARGEST_COST)
+        costs += np.minimum(((np.abs(arrives) - speed) / fitting.speed_tolerance) ** 2, LARGEST_COST)
     return costs
 
 
@@ -285,7 +292,9 @@ def _find_best_walls(fitting: FitProblem, offsets: Array) -> tuple[Array, Walls]
     before, last = np.empty((n, MOST_FALSE + 1, len(ENDS)), np.int64), np.empty(2, np.int64)
     known = np.zeros(n, np.int64) if wall is None else wall
     speeds = np.full(n, np.nan) if speed is None else speed
-    _write_least_costs(time, speeds, known, offsets, fitting.contact_duration, *point, fitting.unit, cost, before, last)
+    _write_least_costs(
+        time, speeds, known, offsets, fitting.contact_duration, *point, fitting.speed_tolerance, cost, before, last
+    )
     found, (arrival, choice) = np.zeros(n, np.int64), last.tolist()
     while choice >= 0:
         skipped, ends = divmod(choice, len(ENDS))

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from rattle.numerics.complex_step import Array, Function, derivatives
+from rattle.numerics.complex_step import Array, Function, value_and_jacobian
 
 #: Largest number of Newton corrections of a step.
 MOST_CORRECTIONS = 8
@@ -111,14 +111,14 @@ class OneWayPath:
     """A curve that was followed in one direction.
 
     points, tangents: points (k, N + 1) and unit tangents.
-    outside: the first point that is outside the bounds or not admissible; None if the curve closed, could not be
-    followed further, or has the largest allowed number of points.
+    first_point_outside: the first point that is outside the bounds or not admissible; None if the curve closed, could
+    not be followed further, or has the largest allowed number of points.
     closed: whether the curve returned to its start, which is then the last point too.
     """
 
     points: Array
     tangents: Array
-    outside: Array | None
+    first_point_outside: Array | None
     closed: bool = False
 
 
@@ -148,7 +148,7 @@ def solve_on_curve(problem: ContinuationProblem, x: Array, constraint: Array) ->
     for i in range(MOST_CORRECTIONS):
         if size > LARGE_CORRECTION:
             problem.prepare(x)
-        value, jacobian = derivatives(problem.equations, x)
+        value, jacobian = value_and_jacobian(problem.equations, x)
         matrix = append_row(jacobian, constraint)
         np.negative(value, out=right[:-1])
         if not (np.isfinite(matrix).all() and np.isfinite(right).all()):
@@ -202,7 +202,7 @@ def solve_all_with_fixed_unknown(problem: ContinuationProblem, guesses: Array, i
             break
         at = x[active]
         problem.prepare(at)
-        value, jacobian = derivatives(problem.equations, at)
+        value, jacobian = value_and_jacobian(problem.equations, at)
         matrix, right = np.empty((*at.shape, at.shape[-1])), np.zeros(at.shape)
         matrix[:, :-1], matrix[:, -1], right[:, :-1] = jacobian, fixed, -value
         step = _solve_linear_systems(matrix, right)
@@ -238,10 +238,10 @@ def solve_with_fixed_unknown(problem: ContinuationProblem, x: Array, index: int,
 
 def tangent_at(problem: ContinuationProblem, x: Array, direction: Array) -> Array:
     """Return the unit tangent (N + 1,) of the solution curve at x, at an acute angle with `direction`."""
-    return oriented_tangent(problem, x, direction)[0]
+    return tangent_and_orientation(problem, x, direction)[0]
 
 
-def oriented_tangent(problem: ContinuationProblem, x: Array, direction: Array) -> tuple[Array, float]:
+def tangent_and_orientation(problem: ContinuationProblem, x: Array, direction: Array) -> tuple[Array, float]:
     """Return the unit tangent at x as `tangent_at` does, and the orientation of the curve there.
 
     The orientation is the sign of the determinant of the Jacobian with the tangent as last row. It is constant along a
@@ -253,7 +253,7 @@ def oriented_tangent(problem: ContinuationProblem, x: Array, direction: Array) -
         Unit tangent (N + 1,), and the orientation, +1.0 or −1.0.
     """
     problem.prepare(x)
-    _, jacobian = derivatives(problem.equations, x)
+    _, jacobian = value_and_jacobian(problem.equations, x)
     onwards = np.zeros(x.size)
     onwards[-1] = 1.0
     try:
@@ -264,7 +264,7 @@ def oriented_tangent(problem: ContinuationProblem, x: Array, direction: Array) -
     return unit, float(np.linalg.slogdet(append_row(jacobian, unit))[0])
 
 
-def solve_beside_chord(problem: ContinuationProblem, a: Array, b: Array, share: float) -> Array | None:
+def solve_normal_to_chord(problem: ContinuationProblem, a: Array, b: Array, share: float) -> Array | None:
     """Return the solution in the hyperplane normal to the chord from a to b, at `share` of the way from a to b.
 
     Returns
@@ -325,7 +325,7 @@ def bracket_admissible_edge(
 def make_longest_step_function(span: tuple[float, float], resolution: int, longest: float) -> Callable[[Array], float]:
     """Return a function that maps a unit tangent of a curve to the longest allowed step along this tangent.
 
-    The step is at most `longest`, and so short that a curve across the span (low, high) of the last unknown has at
+    The step is at most `longest_step`, and so short that a curve across the span (low, high) of the last unknown has at
     least `resolution` points.
 
     Returns
@@ -342,14 +342,14 @@ class CurveFollower:
     """A continuation problem with the rules by which its curve is followed.
 
     bounds, is_admissible: the curve is followed as long as its points are "inside": within the bounds and admissible.
-    longest: the longest step, as a function of the unit tangent, in the Euclidean norm of the unknowns.
+    longest_step: the longest step, as a function of the unit tangent, in the Euclidean norm of the unknowns.
     equivalent_unknowns(start, x): all arrays of unknowns (…, N + 1) that describe the same solution as `start`, near x.
     """
 
     problem: ContinuationProblem
     bounds: Sequence[BoundsOfUnknown]
     is_admissible: Callable[[Array], bool]
-    longest: Callable[[Array], float]
+    longest_step: Callable[[Array], float]
     equivalent_unknowns: Callable[[Array, Array], Array] = lambda start, _: start[None]
 
     def is_inside(self, x: Array) -> bool:
@@ -371,18 +371,18 @@ class CurveFollower:
             Points and tangents of the curve, the first point outside if there is one, and whether the curve closed.
         """
         points, tangents = [start], [tangent]
-        sign = oriented_tangent(self.problem, start, tangent)[1] if first == np.inf else None
-        step = min(first, 0.2 * self.longest(tangent))
+        sign = tangent_and_orientation(self.problem, start, tangent)[1] if first == np.inf else None
+        step = min(first, 0.2 * self.longest_step(tangent))
         shortest = min(SHORTEST_STEP, 0.01 * step)
         while len(points) < most and step >= shortest:
             x, direction = points[-1], tangents[-1]
-            step = min(step, self.longest(direction))
+            step = min(step, self.longest_step(direction))
             found = solve_on_curve(self.problem, x + step * direction, direction)
             if found is None or np.linalg.norm(found[0] - x) > 2.0 * step:
                 step *= 0.4
                 continue
             new, corrections = found
-            new_tangent, new_sign = oriented_tangent(self.problem, new, direction)
+            new_tangent, new_sign = tangent_and_orientation(self.problem, new, direction)
             turn = float(np.arccos(np.clip(new_tangent @ direction, -1.0, 1.0)))
             if turn > LARGEST_TURN or new_sign != (sign or new_sign):
                 step *= 0.4
@@ -394,7 +394,7 @@ class CurveFollower:
                 tangents.append(tangent_at(self.problem, back, direction))
                 return OneWayPath(np.array(points), np.array(tangents), None, closed=True)
             if not self.is_inside(new):
-                edge = self._edge_between(x, new)
+                edge = self._find_last_point_inside(x, new)
                 if np.max(np.abs(edge - x)) > SAME_POINT:
                     points.append(edge)
                     tangents.append(tangent_at(self.problem, edge, direction))
@@ -435,12 +435,12 @@ class CurveFollower:
         for twin in self.equivalent_unknowns(start, b):
             share = float((twin - a) @ chord / (chord @ chord))
             if 0.0 < share <= 1.0 and np.max(np.abs(twin - a - share * chord)) < LARGEST_TURN * np.max(np.abs(chord)):
-                found = solve_beside_chord(self.problem, a, b, share)
+                found = solve_normal_to_chord(self.problem, a, b, share)
                 if found is not None and np.max(np.abs(found - twin)) < SAME_SOLUTION:
                     return found
         return None
 
-    def _edge_between(self, a: Array, b: Array) -> Array:
+    def _find_last_point_inside(self, a: Array, b: Array) -> Array:
         """Return the last point at which `is_inside` holds on the curve from a, which is inside, to b, which is not."""
         for bound in self.bounds:
             limit = bound.exceeded_limit(b)
@@ -451,7 +451,7 @@ class CurveFollower:
         return b if self.is_inside(b) else bracket_admissible_edge(self.problem, a, b, self.is_inside)[0]
 
 
-def root_between(
+def find_root_between(
     problem: ContinuationProblem, a: Array, b: Array, test: Callable[[Array], float], tolerance: float = 1e-15
 ) -> Array | None:
     """Return the solution between a and b at which a test function is 0.
@@ -465,8 +465,8 @@ def root_between(
     """
 
     def evaluate_test(share: float) -> float:
-        """Return `test` at the solution of `solve_beside_chord`. Raises ArithmeticError if there is none."""
-        x = solve_beside_chord(problem, a, b, share)
+        """Return `test` at the solution of `solve_normal_to_chord`. Raises ArithmeticError if there is none."""
+        x = solve_normal_to_chord(problem, a, b, share)
         if x is None:
             raise ArithmeticError(f"Newton's method found no solution in the hyperplane at {share} of a chord")
         return test(x)
@@ -480,4 +480,4 @@ def root_between(
         share = brentq(evaluate_test, 0.0, 1.0, xtol=tolerance, rtol=4 * np.finfo(float).eps)
     except ArithmeticError:  # Newton's method failed between a and b
         return None
-    return solve_beside_chord(problem, a, b, float(share))
+    return solve_normal_to_chord(problem, a, b, float(share))

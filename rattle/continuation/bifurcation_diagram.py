@@ -23,7 +23,7 @@ from rattle.attractors.samples import Outcome
 from rattle.attractors.speeds import PAPER_SPEED, SampleSpec
 from rattle.attractors.table import KINDS, AttractorTable
 from rattle.continuation.arclength import plane_scale
-from rattle.continuation.motions import Motion, MotionsOnSegment, ParameterSegment, split_into_runs
+from rattle.continuation.motions import Motion, MotionsOnSegment, ParameterSegment, split_into_consecutive_runs
 from rattle.continuation.search import BranchSearch
 from rattle.continuation.sweeps import KnownAttractor, SweepPoints, Sweeps
 from rattle.errors import require, require_integer, require_number, require_pair
@@ -216,17 +216,17 @@ def compute_diagram(
     impacts = require_integer("impacts", impacts, 1, LARGEST_PERIOD)
     most = require_integer("most", most, 1, MOST_BRANCHES)
     position = np.linspace(0.0, 1.0, steps + 1)
-    parameters = model.steps(position)
+    parameters = model.parameters_of_steps(position)
     unit = float(replace(sample, v_max=None).highest_speeds(parameters).max()) / PAPER_SPEED
     sampled = model.sample_attractors(parameters, sample)
     sweeps, search = Sweeps(model, parameters, sampled), BranchSearch(model, impacts, most)
-    for motion in model.period_one(parameters):
-        search.add(motion)
+    for motion in model.period_one_motions(parameters):
+        search.add_connected_branches(motion)
     small: list[BranchPiece] = []
     for _ in range(ROUNDS):
         sweeps.run()
         for motion in _motions_of_attractors(sweeps, parameters, search, unit):
-            search.add(motion)
+            search.add_connected_branches(motion)
         small, new = _find_unsampled_pieces(sweeps, search, position, unit)
         if not new:
             break
@@ -242,7 +242,7 @@ def compute_diagram(
         parameters.added,
         tuple(branches),
         tuple(sorted(search.events, key=lambda event: float(segment.position(event.parameters)))),
-        sweeps.points(position, CHAOTIC_POINTS),
+        sweeps.impacts_on_attractors(position, CHAOTIC_POINTS),
         sampled,
         tuple(small),
         tuple(sorted(search.left_out)),
@@ -254,7 +254,7 @@ def _motion_label(event: Any) -> str:
     return label_of(*event.itinerary.label)
 
 
-def check_segment_end(name: str, value: ArrayLike) -> Array:
+def require_segment_end(name: str, value: ArrayLike) -> Array:
     """Return (δ, ε) of an end of a segment after checking them. Raises ParameterError if they are not allowed."""
     delta, epsilon = require_pair(name, value)
     return np.array([require_number(f"δ of {name}", delta, positive=True), require_number(f"ε of {name}", epsilon)])
@@ -287,7 +287,7 @@ def _motions_of_attractors(
             age = near[0] + 1 if near else 0
             now.setdefault(known.label, []).append((age, known))
             if age % CHECKED == 0:
-                found = search.model.motion_near(parameters.point(step), known.tau, known.v, n_plus)
+                found = search.model.find_motion_near(parameters.point(step), known.tau, known.v, n_plus)
                 if found is not None:
                     yield found
         last = now
@@ -350,7 +350,7 @@ def _stable_pieces(
     for i, found in enumerate(search.branches):
         upper, at = np.flatnonzero(np.array(found.itinerary.walls) > 0), search.paths[i][:, -1]
         events = {event.after: float(search.model.segment.position(event.parameters)) for event in found.events}
-        for run in split_into_runs(np.flatnonzero(found.stable)):
+        for run in split_into_consecutive_runs(np.flatnonzero(found.stable)):
             low, high = sorted((events.get(int(run[0]) - 1, float(at[run[0]])), events.get(int(run[-1]), at[run[-1]])))
             inside = np.flatnonzero((position >= low) & (position <= high))
             order = np.argsort(at[run])

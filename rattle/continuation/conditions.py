@@ -30,7 +30,7 @@ def scale_of_unknowns(x: Array) -> Array:
     return scale
 
 
-def condition(itinerary: Equations, kind: EventKind, impact: int | None = None) -> ContinuationProblem:
+def equations_of_bifurcation(itinerary: Equations, kind: EventKind, impact: int | None = None) -> ContinuationProblem:
     """Return the equations (…, n + 2) → (…, n + 1) of a bifurcation in two parameters.
 
     The unknowns are the n unknowns of the motion, δ and ε. The condition besides the motion's n equations is

@@ -19,8 +19,8 @@ from rattle.continuation.arclength import (
     ContinuationProblem,
     CurveFollower,
     OneWayPath,
+    find_root_between,
     plane_scale,
-    root_between,
     solve_all_with_fixed_unknown,
     solve_with_fixed_unknown,
     tangent_at,
@@ -384,7 +384,7 @@ def _insert_folds(problem: ContinuationProblem, points: Array, tangents: Array) 
     ]
     for i, index in sorted(turns, reverse=True):
         chord = points[i + 1] - points[i]
-        fold = root_between(problem, points[i], points[i + 1], partial(_tangent_entry, problem, chord, index))
+        fold = find_root_between(problem, points[i], points[i + 1], partial(_tangent_entry, problem, chord, index))
         if fold is not None:
             points = np.insert(points, i + 1, fold, axis=0)
     return points
@@ -405,11 +405,11 @@ def _why_path_ends(path: OneWayPath, reason_outside_window: Test) -> str:
     str
         The reason.
     """
-    if path.outside is None and len(path.points) >= MOST_POINTS:
+    if path.first_point_outside is None and len(path.points) >= MOST_POINTS:
         return f"a curve is followed for at most {MOST_POINTS} points"
-    if path.outside is None:
+    if path.first_point_outside is None:
         return "the equations become singular: the curve cannot be followed further"
-    return reason_outside_window(path.outside) or "the edge of its existence"
+    return reason_outside_window(path.first_point_outside) or "the edge of its existence"
 
 
 def trace_curve_of_problem(

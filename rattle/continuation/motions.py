@@ -64,7 +64,7 @@ class MotionsOnSegment(ABC):
     classifier: ClassVar[type[Classifier]]
 
     @abstractmethod
-    def steps(self, position: Array) -> Parameters:
+    def parameters_of_steps(self, position: Array) -> Parameters:
         """Return the parameters of n steps, given by their positions (n,) along the segment."""
 
     def sample_attractors(self, steps: Parameters, sample: SampleSpec) -> AttractorTable:
@@ -93,21 +93,21 @@ class MotionsOnSegment(ABC):
         return self.classifier.states_after_returns(steps, tau, v, 1)[:2]
 
     @abstractmethod
-    def period_one(self, steps: Parameters) -> Iterator[Motion]:
+    def period_one_motions(self, steps: Parameters) -> Iterator[Motion]:
         """Yield motions A to D at some of the steps, so that the diagram can follow their branches from them.
 
         Each branch of A to D that can be found has at least one of these motions on it.
         """
 
     @abstractmethod
-    def motion_near(self, step: Mapping[str, float], tau: float, v: float, n_plus: int) -> Motion | None:
+    def find_motion_near(self, step: Mapping[str, float], tau: float, v: float, n_plus: int) -> Motion | None:
         """Return the periodic motion with n_plus impacts on Σ⁺ near the state (τ, v), or None if there is none.
 
         step: the parameter point, as {name: value}.
         """
 
     @abstractmethod
-    def problem(self, itinerary: Any) -> ContinuationProblem:
+    def equations_along_segment(self, itinerary: Any) -> ContinuationProblem:
         """Return the equations of motions with an itinerary, in y = (unknowns (n,), position along the segment)."""
 
     @abstractmethod
@@ -140,6 +140,6 @@ class MotionsOnSegment(ABC):
         """Yield one motion of each branch that passes through an event, also of branches with another itinerary."""
 
 
-def split_into_runs(steps: NDArray[np.int64]) -> list[NDArray[np.int64]]:
+def split_into_consecutive_runs(steps: NDArray[np.int64]) -> list[NDArray[np.int64]]:
     """Split an array of rising integers into runs of consecutive integers."""
     return np.split(steps, np.flatnonzero(np.diff(steps) > 1) + 1) if steps.size else []

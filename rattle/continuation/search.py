@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from rattle.continuation.arclength import LARGEST_TURN, plane_scale, solve_beside_chord
+from rattle.continuation.arclength import LARGEST_TURN, plane_scale, solve_normal_to_chord
 from rattle.continuation.conditions import EventKind
 from rattle.continuation.motions import Motion, MotionsOnSegment
 from rattle.numerics.complex_step import Array
@@ -40,11 +40,11 @@ def is_same_motion(one: Motion, other: Motion) -> bool:
     if (a.m, sorted(a.walls)) != (b.m, sorted(b.walls)) or apart > SAME_PLACE * plane_scale(x[a.n]):
         return False
     return any(
-        np.max(np.abs(twin[: a.n] - x[: a.n])) < SAME_MOTION for twin in _unknowns_from_each_impact(other, a, x[0])
+        np.max(np.abs(twin[: a.n] - x[: a.n])) < SAME_MOTION for twin in _unknowns_with_same_wall_order(other, a, x[0])
     )
 
 
-def _unknowns_from_each_impact(motion: Motion, like: Equations, phase: float) -> Iterator[Array]:
+def _unknowns_with_same_wall_order(motion: Motion, like: Equations, phase: float) -> Iterator[Array]:
     """Yield the unknowns of a motion for each choice of first impact that gives the same order of walls as `like`.
 
     Yields
@@ -79,7 +79,7 @@ class BranchSearch:
         self._queue: list[tuple[int, int, Any]] = []
         self._order = count()
 
-    def add(self, motion: Motion) -> None:
+    def add_connected_branches(self, motion: Motion) -> None:
         """Add the branch that contains a motion, and all branches that flips and grazes connect with it."""
         self._add_branch_through(motion)
         while self._queue:
@@ -113,16 +113,16 @@ class BranchSearch:
             return False
         a, chord, impacts = path[:-1], np.diff(path, axis=0), len(itinerary.walls)
         length = np.sum(chord**2, axis=1)
-        problem = self.model.problem(like)
+        problem = self.model.equations_along_segment(like)
         position = float(self.model.segment.position(x[itinerary.n :]))
-        for twin in _unknowns_from_each_impact(motion, like, 0.0):
+        for twin in _unknowns_with_same_wall_order(motion, like, 0.0):
             y = np.tile(np.append(twin[: itinerary.n], position), (len(a), 1))
             y[:, :impacts] += np.rint(a[:, :1] - y[:, :1])
             share = np.sum((y - a) * chord, axis=1) / length
             off = np.max(np.abs(y - a - share[:, None] * chord), axis=1)
             largest = np.maximum(LARGEST_TURN * np.max(np.abs(chord), axis=1), SAME_MOTION)
             for k in np.flatnonzero((share > -0.01) & (share < 1.01) & (off < largest)):
-                found = solve_beside_chord(problem, a[k], a[k] + chord[k], float(share[k]))
+                found = solve_normal_to_chord(problem, a[k], a[k] + chord[k], float(share[k]))
                 if found is not None and np.max(np.abs(found - y[k])) < SAME_MOTION:
                     return True
         return False
@@ -132,7 +132,7 @@ class BranchSearch:
         position = float(np.clip(self.model.segment.position(parameters), 0.0, 1.0))
         return -position, 1.0 - position
 
-    def _is_within_limits(self, itinerary: Equations) -> bool:
+    def _check_limits_or_leave_out(self, itinerary: Equations) -> bool:
         """Return whether a new branch with this itinerary is within the limits; if not, add its label to `left_out`."""
         allowed = len(itinerary.walls) <= self.impacts and len(self.branches) < self.most
         if not allowed:
@@ -144,12 +144,12 @@ class BranchSearch:
         if 1 not in motion[0].walls:  # the motion never meets Σ⁺, so it is not an orbit of the impact map Π
             return
         itinerary, x = motion_from_impact(motion, motion[0].walls.index(1))
-        if self.known_branch_index((itinerary, x)) is None and self._is_within_limits(itinerary):
+        if self.known_branch_index((itinerary, x)) is None and self._check_limits_or_leave_out(itinerary):
             self._add_branch(self.model.follow_branch((itinerary, x), self._span_around(x[itinerary.n :])))
 
     def _add_doubled_branch(self, event: Any) -> None:
         """Add the doubled branch that starts at a flip, unless it is known or exceeds the limits."""
-        if not self._is_within_limits(event.itinerary.with_doubled_period()):
+        if not self._check_limits_or_leave_out(event.itinerary.with_doubled_period()):
             return
         found = self.model.follow_doubled_branch(event, self._span_around(event.unknowns[event.itinerary.n :]))
         if len(found) > 2 and self.known_branch_index(found.motion(len(found) // 2)) is None:

@@ -42,7 +42,7 @@ class KnownAttractor:
 
     kind: the number of its kind in KINDS. label: (m, n_plus, n_minus). tau, v: a state on the attractor.
     sampled: whether the initial conditions sampled at this step found it.
-    reached: whether a forward run reached it, and whether a backward run did.
+    is_reached: whether a forward run reached it, and whether a backward run did.
     """
 
     kind: int
@@ -50,7 +50,7 @@ class KnownAttractor:
     tau: float
     v: float
     sampled: bool
-    reached: list[bool] = field(default_factory=lambda: [False, False])
+    is_reached: list[bool] = field(default_factory=lambda: [False, False])
 
 
 class ReachedAttractor(NamedTuple):
@@ -96,7 +96,7 @@ class _SweepRun:
     step: the number of the next step.
     tau, v: the state of the run at the step before; before its first step, a state of the attractor where it starts.
     trail: the attractors that the run reached, by step.
-    back: the trail of the earlier run, in the other direction, whose end started this run; empty if none did.
+    earlier_trail: the trail of the earlier run, in the other direction, whose end started this run; empty if none did.
     stops_at_known: True: the run ends at an attractor that a run in either direction has reached before. False: only an
     attractor that a run in the same direction has reached before ends it.
     """
@@ -105,7 +105,7 @@ class _SweepRun:
     step: int
     tau: float
     v: float
-    back: dict[int, KnownAttractor]
+    earlier_trail: dict[int, KnownAttractor]
     stops_at_known: bool
     trail: dict[int, KnownAttractor] = field(default_factory=dict)
 
@@ -138,13 +138,13 @@ class Sweeps:
         self._finish_runs()
         for step in range(len(self.known)):
             while True:
-                left = [known for known in self.known[step] if not any(known.reached)]
+                left = [known for known in self.known[step] if not any(known.is_reached)]
                 if not left:
                     break
                 for known in left:
                     self._start_run(known, FORWARD, step, stops_at_known=not known.sampled)
                 self._finish_runs()
-                self.known[step] = [known for known in self.known[step] if any(known.reached) or known not in left]
+                self.known[step] = [known for known in self.known[step] if any(known.is_reached) or known not in left]
 
     def _start_run(
         self,
@@ -156,10 +156,11 @@ class Sweeps:
     ) -> None:
         """Start a run from a known attractor at a step, unless a run in this direction has already reached it.
 
-        If `known` is None, no run starts. back, stops_at_known: fields of the new `_SweepRun`. `back` is the trail of
-        the earlier run whose end starts the new run, or None if the new run does not start at the end of another.
+        If `known` is None, no run starts. back, stops_at_known: fields `earlier_trail` and `stops_at_known` of the new
+        `_SweepRun`. `back` is the trail of the earlier run whose end starts the new run, or None if the new run does
+        not start at the end of another.
         """
-        if known is not None and not known.reached[direction]:
+        if known is not None and not known.is_reached[direction]:
             self._runs.append(_SweepRun(direction, step, known.tau, known.v, back or {}, stops_at_known))
 
     def _finish_runs(self) -> None:
@@ -199,10 +200,10 @@ class Sweeps:
         (`_SweepRun`). If it ends in quiet motion or at such an attractor, a run in the opposite direction starts from
         the attractor that the ended run had reached at the step before.
 
-        If the run ends in quiet motion and the end of an earlier run had started it (`back`), a second run starts. It
-        has the direction of the ended run, and starts from the attractor that the earlier run had reached at this step.
-        If this is the first step of the ended run, the second run starts at the next step instead. This happens on
-        chaotic sets that samples leave after some time.
+        If the run ends in quiet motion and the end of an earlier run had started it (`earlier_trail`), a second run
+        starts. It has the direction of the ended run, and starts from the attractor that the earlier run had reached at
+        this step. If this is the first step of the ended run, the second run starts at the next step instead. This
+        happens on chaotic sets that samples leave after some time.
 
         rows: the row of `table` with the attractor that the run went to, then the rows with the attractors that the
         states of the step's known attractors went to. end: the state of the run after it was followed.
@@ -210,14 +211,14 @@ class Sweeps:
         row, here = rows[0], self.known[run.step]
         kind = int(table.kind[row])
         same = [known for known, other in zip(here, rows[1:], strict=True) if other == row]
-        before = [any(known.reached) if run.stops_at_known else known.reached[run.direction] for known in same]
+        before = [any(known.is_reached) if run.stops_at_known else known.is_reached[run.direction] for known in same]
         if kind == Outcome.QUIET or any(before):
             self._runs.remove(run)
             last = run.step - STEP_OF_DIRECTION[run.direction]
             self._start_run(run.trail.get(last), 1 - run.direction, last, run.trail)
             again = run.step if run.trail else run.step + STEP_OF_DIRECTION[run.direction]
             if kind == Outcome.QUIET:
-                self._start_run(run.back.get(again), run.direction, again, run.back)
+                self._start_run(run.earlier_trail.get(again), run.direction, again, run.earlier_trail)
             return
         label = int(table.m[row]), int(table.n_plus[row]), int(table.n_minus[row])
         if kind == Outcome.PERIODIC:
@@ -226,7 +227,7 @@ class Sweeps:
             same = [KnownAttractor(kind, label, *end, sampled=False)]
             here += same
         for known in same:
-            known.reached[run.direction] = True
+            known.is_reached[run.direction] = True
         self.visits.append(ReachedAttractor(run.step, run.direction, kind, label, *end))
         run.trail[run.step] = same[0]
         run.step += STEP_OF_DIRECTION[run.direction]
@@ -234,7 +235,7 @@ class Sweeps:
         if not 0 <= run.step < len(self.known):
             self._runs.remove(run)
 
-    def points(self, position: Array, chaotic: int) -> SweepPoints:
+    def impacts_on_attractors(self, position: Array, chaotic: int) -> SweepPoints:
         """Return impacts on Σ⁺ of all attractors that runs reached.
 
         position (steps,): the positions of the steps. chaotic: the number of impacts by which a chaotic attractor is

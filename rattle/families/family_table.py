@@ -86,7 +86,7 @@ def tabulate_families(
     family = assign_family_numbers(sums)[sums.component]
     n = int(family.max(initial=QUIET_FAMILY)) + 1
 
-    def sort_by_family(values: NDArray[Any], default: float = 0) -> NDArray[Any]:
+    def arrange_by_family(values: NDArray[Any], default: float = 0) -> NDArray[Any]:
         """Return values in the order of families.
 
         values: one value for each entry of `sums`. default: the value of a family without an entry in `sums`. Only
@@ -115,23 +115,23 @@ def tabulate_families(
             Values (families,), NaN for a family without cells.
         """
         low, high = np.minimum(axis[first], axis[last]), np.maximum(axis[first], axis[last])
-        return sort_by_family(low, np.nan), sort_by_family(high, np.nan)
+        return arrange_by_family(low, np.nan), arrange_by_family(high, np.nan)
 
     row, column = np.divmod(sums.at, delta.size)
     exponent = np.where(np.isfinite(sums.exponent), sums.exponent, np.nan)
     return FamilyTable(
-        sort_by_family(sums.kind, Outcome.QUIET),
-        sort_by_family(sums.m),
-        sort_by_family(sums.n_plus),
-        sort_by_family(sums.n_minus),
-        sort_by_family(sums.cells),
-        sort_by_family(sums.unsampled),
+        arrange_by_family(sums.kind, Outcome.QUIET),
+        arrange_by_family(sums.m),
+        arrange_by_family(sums.n_plus),
+        arrange_by_family(sums.n_minus),
+        arrange_by_family(sums.cells),
+        arrange_by_family(sums.unsampled),
         *axis_range(delta, sums.left, sums.right),
         *axis_range(epsilon, sums.top, sums.bottom),
-        sort_by_family(sums.most / count),
-        sort_by_family(sums.samples / (count * np.maximum(sums.cells, 1))),
-        sort_by_family(delta[column], np.nan),
-        sort_by_family(epsilon[row], np.nan),
-        sort_by_family(exponent, np.nan),
-        sort_by_family(sums.rows > sums.cells),
+        arrange_by_family(sums.most / count),
+        arrange_by_family(sums.samples / (count * np.maximum(sums.cells, 1))),
+        arrange_by_family(delta[column], np.nan),
+        arrange_by_family(epsilon[row], np.nan),
+        arrange_by_family(exponent, np.nan),
+        arrange_by_family(sums.rows > sums.cells),
     )

@@ -26,15 +26,15 @@ from rattle.families.spread import (
 from rattle.families.sums import NO_FAMILY, QUIET_FAMILY, ComponentSums, assign_family_numbers, sum_over_components
 from rattle.parameters import Parameters
 
-#: The sides of a cell towards the next row and the next column, as columns of `LinkedOrbits.to`. They suffice to visit
-#: each pair of neighbouring cells once.
+#: The sides of a cell towards the next row and the next column, as columns of `LinkedOrbits.continuations`. They
+#: suffice to visit each pair of neighbouring cells once.
 AHEAD = (0, 1)
 #: Orbit a in one cell may continue to orbit b in the next cell, while b does not continue to a. Then a is followed to
 #: the cell of b once more, in this number of small steps.
 STEPS = 64
 
 
-def check_axis(name: str, values: ArrayLike) -> NDArray[np.float64]:
+def require_monotone_axis(name: str, values: ArrayLike) -> NDArray[np.float64]:
     """Return the values of an axis as an array. Raises ParameterError unless they are rising or falling numbers."""
     array = require_real_array(name, values)
     require(
@@ -79,7 +79,7 @@ def compute_families(
     ParameterError
         If an argument is outside its domain.
     """
-    delta, epsilon = check_axis("delta", delta), check_axis("epsilon", epsilon)
+    delta, epsilon = require_monotone_axis("delta", delta), require_monotone_axis("epsilon", epsilon)
     others = {name: require_number(name, x, positive=True) for name, x in others.items()}
     cells = Parameters.from_values(classifier.model, delta, epsilon[:, None], **others).flat()
     table = attractors_of_samples(classifier, cells, sample)
@@ -99,7 +99,7 @@ def join_attractors(
     Families
         The families, and the attractors of all cells with the orbits that were continued from neighbours.
     """
-    attractors, entered, family, sums = _join_with_sums(table, (epsilon.size, delta.size), cells)
+    attractors, entered, family, sums = _join_and_sum_components(table, (epsilon.size, delta.size), cells)
     return Families(delta, epsilon, count, attractors, entered, family, tabulate_families(delta, epsilon, count, sums))
 
 
@@ -114,10 +114,10 @@ def join_into_families(
         The attractors; flags (rows,), true for orbits that were continued from neighbours; and the number (rows,) of
         each attractor's family.
     """
-    return _join_with_sums(table, shape, cells)[:3]
+    return _join_and_sum_components(table, shape, cells)[:3]
 
 
-def _join_with_sums(
+def _join_and_sum_components(
     table: AttractorTable, shape: tuple[int, int], cells: Any
 ) -> tuple[AttractorTable, NDArray[np.bool_], NDArray[np.int64], ComponentSums]:
     """Return the results of `join_into_families`, and the sums from which `tabulate_families` makes its table."""
@@ -217,8 +217,10 @@ def continue_orbits(
     for name in ORBIT_COLUMNS:
         getattr(orbits, name)[:n] = getattr(table, name)[periodic]
     cell = orbits.cell[:n]
-    orbits.before[1:n] = np.where(cell[1:] == cell[:-1], np.arange(n - 1), NOWHERE)
-    orbits.last[cell] = np.arange(n)  # numpy keeps the last value if an index is repeated: the last orbit of the cell
+    orbits.previous_in_cell[1:n] = np.where(cell[1:] == cell[:-1], np.arange(n - 1), NOWHERE)
+    orbits.last_in_cell[cell] = np.arange(
+        n
+    )  # numpy keeps the last value if an index is repeated: the last orbit of the cell
     return continue_orbits_until_complete(first, n, columns, inside, cells, orbits)
 
 
@@ -253,7 +255,7 @@ def pairs_of_linked_orbits(orbits: LinkedOrbits, n: int, cells: Any) -> tuple[ND
     tuple[NDArray[np.int64], NDArray[np.int64]]
         Number of the first and of the second orbit of each pair.
     """
-    to = orbits.to[:n].astype(np.int64)
+    to = orbits.continuations[:n].astype(np.int64)
     to[to >= n] = NOWHERE
     ones, others = [], []
     for side in range(4):
@@ -262,7 +264,7 @@ def pairs_of_linked_orbits(orbits: LinkedOrbits, n: int, cells: Any) -> tuple[ND
         back = to[other, (side + 2) % 4]
         sure = (back == one) & (side in AHEAD)
         doubtful = np.flatnonzero(back != one)
-        sure[doubtful] = _is_continued_to(one[doubtful], other[doubtful], orbits, cells)
+        sure[doubtful] = _are_continued_to(one[doubtful], other[doubtful], orbits, cells)
         ones.append(one[sure])
         others.append(other[sure])
     return np.concatenate(ones), np.concatenate(others)
@@ -291,7 +293,7 @@ def interpolate_cells(cells: Any, here: NDArray[np.int64], there: NDArray[np.int
     return type(cells)._make((x[here, None] * (1.0 - share) + x[there, None] * share).ravel() for x in cells)
 
 
-def _is_continued_to(
+def _are_continued_to(
     one: NDArray[np.int64], other: NDArray[np.int64], orbits: LinkedOrbits, cells: Any
 ) -> NDArray[np.bool_]:
     """Return for each i whether orbit one[i] becomes orbit other[i] in STEPS small steps of continuation."""
@@ -315,7 +317,7 @@ def enlarge_orbit_arrays(orbits: LinkedOrbits) -> LinkedOrbits:
     """Return the orbits in larger arrays, which have room for 1.5 times as many orbits and 64 more."""
     more = orbits.cell.size // 2 + 64
     wider = [np.concatenate([x, np.zeros((more, *x.shape[1:]), x.dtype)]) for x in orbits]
-    return LinkedOrbits._make(wider)._replace(last=orbits.last)
+    return LinkedOrbits._make(wider)._replace(last_in_cell=orbits.last_in_cell)
 
 
 def table_of_continued_orbits(orbits: LinkedOrbits, n_known: int, n: int) -> AttractorTable:

@@ -29,7 +29,7 @@ LEAST_STEP = 2.0**-6
 ROUNDING = 2.0**-26
 #: Value of an orbit's number that means "no orbit".
 NOWHERE = -1
-#: Offsets of the neighbours in rows and columns, in the order of `LinkedOrbits.to`.
+#: Offsets of the neighbours in rows and columns, in the order of `LinkedOrbits.continuations`.
 ROWS, COLUMNS = (1, 0, -1, 0), (0, 1, 0, -1)
 
 
@@ -51,9 +51,9 @@ class LinkedOrbits(NamedTuple):
 
     cell: the number of the cell. m, n_plus, n_minus: the label. tau, v: the fastest departure from Σ⁺.
     first, second: ln|multiplier|/m of both Floquet multipliers.
-    before: the number of the orbit that was added before this orbit in the same cell.
-    last (n_cells,): for each cell the number of the orbit that was added last.
-    to (room, 4): the number of the orbit's continuation in each neighbouring cell.
+    previous_in_cell: the number of the orbit that was added before this orbit in the same cell.
+    last_in_cell (n_cells,): for each cell the number of the orbit that was added last.
+    continuations (room, 4): the number of the orbit's continuation in each neighbouring cell.
     Entries of before, last and to are NOWHERE if there is no such orbit.
     """
 
@@ -65,9 +65,9 @@ class LinkedOrbits(NamedTuple):
     v: Any
     first: Any
     second: Any
-    before: Any
-    last: Any
-    to: Any
+    previous_in_cell: Any
+    last_in_cell: Any
+    continuations: Any
 
 
 @inline
@@ -89,12 +89,12 @@ def find_orbit_at_point(tau, v, cell, k, v_tolerance, orbits):
     int
         The number, NOWHERE if the cell has no such orbit.
     """
-    i = orbits.last[cell]
+    i = orbits.last_in_cell[cell]
     while i != NOWHERE:
         same = abs(wrap_phase_difference(tau - orbits.tau[i])) < SAME_POINT and abs(v - orbits.v[i]) < v_tolerance
         if same and have_same_label(i, k, orbits):
             return i
-        i = orbits.before[i]
+        i = orbits.previous_in_cell[i]
     return NOWHERE
 
 
@@ -206,7 +206,7 @@ def continue_orbit(k, cell, n, orbits, cells):
     m = orbits.m[k]
     orbits.cell[n], orbits.m[n], orbits.n_plus[n], orbits.n_minus[n] = cell, m, n_plus, orbits.n_minus[k]
     orbits.tau[n], orbits.v[n], orbits.first[n], orbits.second[n] = tau, v, first / m, second / m
-    orbits.before[n], orbits.last[cell] = orbits.last[cell], n
+    orbits.previous_in_cell[n], orbits.last_in_cell[cell] = orbits.last_in_cell[cell], n
     return n
 
 
@@ -228,7 +228,7 @@ def add_new_orbits(cell, m, n_plus, n_minus, tau, v, first, second, n, cells, or
         near = SAME_POINT * speed_unit_at(point_of_cell(cell[i], cells))
         which[i] = find_orbit_at_point(tau[i], v[i], cell[i], n, near, orbits)
         if which[i] == NOWHERE:
-            orbits.before[n], orbits.last[cell[i]] = orbits.last[cell[i]], n
+            orbits.previous_in_cell[n], orbits.last_in_cell[cell[i]] = orbits.last_in_cell[cell[i]], n
             which[i] = n
             n += 1
     return n
@@ -257,7 +257,7 @@ def continue_orbits_into_neighbours(next_orbit, n, columns, inside, cells, orbit
                 found = continue_orbit(next_orbit, cell, n, orbits, cells)
                 if found == n:
                     n += 1
-            orbits.to[next_orbit, side] = found
+            orbits.continuations[next_orbit, side] = found
         next_orbit += 1
     return next_orbit, n
 

@@ -95,10 +95,10 @@ def sum_over_components(table: AttractorTable, component: Integers, columns: int
         first=cell,
         place=place[of],
     )
-    return add_sums([each])
+    return merge_component_sums([each])
 
 
-def add_sums(parts: Iterable[ComponentSums]) -> ComponentSums:
+def merge_component_sums(parts: Iterable[ComponentSums]) -> ComponentSums:
     """Return the sums over the union of several sets of cells, from the sums over each set; no cell is in two sets."""
     all_ = ComponentSums._make(np.concatenate(columns) for columns in zip(*parts, strict=True))
     if not all_.component.size:

@@ -47,7 +47,7 @@ def is_bounce_captured(speed, force, largest_invariant):
 
 
 @inline
-def chatter_completes(speed, pressing, gap, capture):
+def is_chatter_certain_to_complete(speed, pressing, gap, capture):
     """Return whether the motion after an impact with this speed is certain to end in contact (inelastic impacts).
 
     Parameters

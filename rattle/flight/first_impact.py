@@ -16,7 +16,7 @@ from rattle.flight.guess import (
     estimate_minimum,
     guess_time_of_turn_or_arrival,
     height_at_next_wall,
-    refine_time,
+    refine_time_at_level,
     taylor_coefficients,
     time_step_to_level,
 )
@@ -30,10 +30,10 @@ from rattle.flight.law import (
     third_derivative,
 )
 from rattle.flight.proof import (
-    clears_the_gap,
     convert_arc_to_single_precision,
     has_at_most_one_turn,
-    is_within_one_step,
+    is_certain_to_miss_opposite_wall,
+    is_one_final_step_enough,
 )
 from rattle.numerics.compile import inline, kernel
 
@@ -126,9 +126,9 @@ def guess_first_impact(wall, tau, flight, beta):
     level_ = height_at_next_wall(wall_, falls, gap)
     s += time_step_to_level(not falls, level_, series)
     s += time_step_to_level(not falls, level_, taylor_coefficients(s, short))
-    s, step, speed = refine_time(s, level_, short)
-    proved = is_within_one_step(s, step, speed, short)
-    proved &= clears_the_gap(wall_, not falls, s, minimum, gap, short)
+    s, step, speed = refine_time_at_level(s, level_, short)
+    proved = is_one_final_step_enough(s, step, speed, short)
+    proved &= is_certain_to_miss_opposite_wall(wall_, not falls, s, minimum, gap, short)
     arc = convert_arc_to_single_precision(find_negative_force_arc(flight.delta, flight.epsilon))
     proved &= has_at_most_one_turn(wall_, not falls, f32(tau), s, minimum.time, short, arc)
     level = -2.0 * beta if falls else (0.0 if wall > 0 else 2.0 * beta)
@@ -249,7 +249,7 @@ def end_of_piece(s, longest, tau, arc):
     """
     e = s + longest
     if arc.exists:
-        to_exit = arc.leave - tau - s
+        to_exit = arc.exit_phase - tau - s
         to_exit -= math.floor(to_exit)
         ahead = to_exit - arc.length if to_exit > arc.length + SAME_PHASE else to_exit
         if s + ahead > s:
@@ -258,7 +258,7 @@ def end_of_piece(s, longest, tau, arc):
 
 
 @kernel
-def search_crossing(tau, flight, lower, upper):
+def find_first_crossing(tau, flight, lower, upper):
     """Return the first crossing of F = lower ≤ 0 downwards or of F = upper ≥ 0 upwards.
 
     The search goes by pieces on which e^(δs) F' is monotone, so that F has at most one extremum on each. Pieces end
@@ -306,7 +306,7 @@ def first_impact_by_safe_search(wall, tau, flight, beta):
     """
     upper = 0.0 if wall > 0 else 2.0 * beta
     lower = upper - 2.0 * beta
-    status, target, s = search_crossing(tau, flight, lower, upper)
+    status, target, s = find_first_crossing(tau, flight, lower, upper)
     _f0, w1, _f2, lost, sin1, cos1 = evaluate(s, flight)
     w1 = target * max(target * w1, 0.0)  # rounding must not give a grazing arrival a velocity away from the wall
     return status, s, target, w1, lost, sin1, cos1

@@ -39,20 +39,20 @@ class NegativeArc(NamedTuple):
     """The arc of phases where the contact force is negative, if it exists."""
 
     exists: bool
-    leave: Real  # phase at the end of the arc, where the force becomes positive again
+    exit_phase: Real  # phase at the end of the arc, where the force becomes positive again
     length: Real
     sin_entry: Real  # sine of 2π times the phase at the beginning of the arc
     sin_exit: Real
 
 
 @inline
-def versine64(q):
+def versine_quotient64(q):
     """Return (1 − cos z)/z² for q = z², |z| ≤ π."""
     return evaluate_degree_10(coefficients.VERSINE, q)
 
 
 @inline
-def sine_defect64(q):
+def sine_defect_quotient64(q):
     """Return (z − sin z)/z³ for q = z², |z| ≤ π."""
     return evaluate_degree_10(coefficients.SINE_DEFECT, q)
 
@@ -64,7 +64,7 @@ def versine_quotient32(q):
 
 
 @inline
-def sine_defect32(q):
+def sine_defect_quotient32(q):
     """Return (z − sin z)/z³ for q = z², |z| ≤ π, in single precision."""
     return evaluate_degree_4(coefficients.SINE_DEFECT_32, q)
 
@@ -139,8 +139,8 @@ def _build_flight_functions(dtype, versine, sine_defect):
 
 
 IN_DOUBLE, IN_SINGLE = (
-    _build_flight_functions(np.float64, versine64, sine_defect64),
-    _build_flight_functions(np.float32, versine_quotient32, sine_defect32),
+    _build_flight_functions(np.float64, versine_quotient64, sine_defect_quotient64),
+    _build_flight_functions(np.float32, versine_quotient32, sine_defect_quotient32),
 )
 versines, sine_change_and_new_cosine = IN_DOUBLE.versines, IN_DOUBLE.sine_change_and_new_cosine
 drop_below_tangent_line, slope_loss_from_sine_change = (
@@ -532,7 +532,7 @@ def quiet_eccentricity(delta: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(2 * delta / np.hypot(2 * np.pi, delta))
 
 
-def least_damping(epsilon: float) -> float:
+def damping_at_quiet_limit(epsilon: float) -> float:
     """Return the δ at which the minimum of the contact force is 0, inf if ε ≥ 2: inverse of `quiet_eccentricity`."""
     return TWO_PI * epsilon / math.sqrt(4.0 - epsilon * epsilon) if epsilon < 2.0 else math.inf
 

@@ -26,7 +26,7 @@ class PolynomialSpec(NamedTuple):
     """A function, and the interval, degree and precision of the polynomial that approximates this function."""
 
     name: str
-    says: str
+    formula: str
     function: Callable[[Any], Any]
     low: Any
     high: Any
@@ -45,7 +45,7 @@ def factorial_series(start: int, step: int, x: Any) -> Any:
     return total
 
 
-def polynomials() -> list[PolynomialSpec]:
+def polynomial_specs() -> list[PolynomialSpec]:
     """Return all polynomials of the kernels.
 
     Kernels reduce a time s to z = 2π(s − n), where n is the integer nearest to s. So z is in [−π, π] and z² in [0, π²].
@@ -71,7 +71,7 @@ def polynomials() -> list[PolynomialSpec]:
     ]
 
 
-def coefficients(p: PolynomialSpec) -> list[np.floating]:
+def interpolate_coefficients(p: PolynomialSpec) -> list[np.floating]:
     """Return the rounded coefficients of the polynomial that equals `p.function` at the Chebyshev nodes."""
     n = p.degree + 1
     nodes = [(p.low + p.high + (p.high - p.low) * mp.cos(mp.pi * (2 * k + 1) / (2 * n))) / 2 for k in range(n)]
@@ -83,7 +83,7 @@ def coefficients(p: PolynomialSpec) -> list[np.floating]:
     return [p.real(str(mp.nstr(c, 25))) for c in mp.lu_solve(matrix, values)]
 
 
-def largest_error(p: PolynomialSpec, rounded: list[np.floating]) -> Any:
+def largest_approximation_error(p: PolynomialSpec, rounded: list[np.floating]) -> Any:
     """Return the largest error of the polynomial with these coefficients, on a grid over its interval.
 
     Returns
@@ -107,11 +107,14 @@ def coefficients_module_text() -> str:
     """Return the text of rattle/flight/coefficients.py."""
     lines = [HEADER]
     with mp.workdps(60):
-        for p in polynomials():
-            found = coefficients(p)
+        for p in polynomial_specs():
+            found = interpolate_coefficients(p)
             kind = "absolute" if p.name.startswith("MEAN") else "relative"
             interval = f"[{mp.nstr(mp.mpf(p.low), 5)}, {mp.nstr(mp.mpf(p.high), 5)}]"
-            lines.append(f"# {p.says}, on {interval}: {kind} error below {mp.nstr(largest_error(p, found) * 1.01, 2)}")
+            lines.append(
+                f"# {p.formula}, on {interval}: {kind} error below "
+                f"{mp.nstr(largest_approximation_error(p, found) * 1.01, 2)}"
+            )
             rows = [f"    {float(c)!r}," if p.real is np.float64 else f"    np.float32({c!s})," for c in found]
             lines.append("\n".join([f"{p.name} = (", *rows, ")"]))
     return "\n".join(lines) + "\n"

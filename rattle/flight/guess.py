@@ -7,7 +7,7 @@ each inequality. Two margins bound float32 rounding:
 - A value of a flight's height F has an error below ERROR times `sum_of_height_term_sizes`, the sum of the sizes of its
   terms. (ERROR is 100 units of float32 rounding. The evaluation takes fewer than 30 operations on inputs rounded once,
   and its polynomials have relative errors below 3e-7.)
-- A value of the flight's speed F' has an error below ERROR times `sum_of_slope_terms`.
+- A value of the flight's speed F' has an error below ERROR times `sum_of_slope_term_sizes`.
 """
 
 from typing import NamedTuple
@@ -149,7 +149,7 @@ def sum_of_height_term_sizes(s, flight):
 
 
 @inline
-def sum_of_slope_terms(flight):
+def sum_of_slope_term_sizes(flight):
     """Return the sum of the sizes of the terms of F'; the rounding error of F' is below ERROR times this sum."""
     return abs(flight.w) + abs(flight.a) + forcing_slope_range32(flight.epsilon)
 
@@ -194,7 +194,9 @@ def estimate_minimum(s, series, flight):
     m6 = largest_sixth_coefficient32(epsilon) + f32(1 / 360) * (delta * delta) * (delta * delta) * (delta * abs(a))
     # the remainder of the Taylor series is at most m6 reach⁶ = r2 * left_out in F, and 6 * reach * left_out in F'
     left_out = m6 * r2 * r2
-    tilt = abs(taylor_slope(u, c1, c2, c3, c4, c5)) + ERROR * sum_of_slope_terms(flight) + f32(6.0) * reach * left_out
+    tilt = (
+        abs(taylor_slope(u, c1, c2, c3, c4, c5)) + ERROR * sum_of_slope_term_sizes(flight) + f32(6.0) * reach * left_out
+    )
     end = s + reach
     rounding = end * (abs(w) + abs(a) * (f32(0.5) * delta * end)) + coarse_forcing_remainder_bound32(end, epsilon)
     good = (delta * reach < f32(0.3)) & (reach < s)
@@ -219,7 +221,7 @@ def time_step_to_level(rising, level, series):
 
 
 @inline
-def refine_time(s, level, flight):
+def refine_time_at_level(s, level, flight):
     """Return the time after a step of fourth order from s to F = level, the step, and an estimate of F' after it."""
     c0, c1, c2, c3, c4, _c5 = taylor_coefficients(s, flight)
     inverse = f32(1.0) / c1

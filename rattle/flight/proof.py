@@ -15,13 +15,13 @@ from rattle.flight.forcing import (
     largest_slope_loss32,
     sine_changes_to_arc32,
 )
-from rattle.flight.guess import EQUAL_WITHIN, ERROR, LONGEST_DECAY32, sum_of_height_term_sizes, sum_of_slope_terms
+from rattle.flight.guess import EQUAL_WITHIN, ERROR, LONGEST_DECAY32, sum_of_height_term_sizes, sum_of_slope_term_sizes
 from rattle.flight.law import decay_remainder32, evaluate32
 from rattle.numerics.compile import inline
 
 LATER_FACTOR = f32(1.0002)  # a flight may last longer in double than in single precision, by up to 1e-4 of its duration
-# longest step of `refine_time` to the impact, as a share of the flight time: `final_step_to_impact` can remove the
-# error of such a step. After a longer step it is cheaper to locate the impact again.
+# longest step of `refine_time_at_level` to the impact, as a share of the flight time: `final_step_to_impact` can remove
+# the error of such a step. After a longer step it is cheaper to locate the impact again.
 LARGEST_STEP = f32(0.05)
 # The last step is made from a time s only if the sum of the sizes of the terms of F is below this number times s |F'|.
 # Above it, as in a graze or a long flight, rounding of F would cost the thirteenth digit of the time of the impact.
@@ -32,7 +32,7 @@ FASTEST = f32(20.0)
 
 
 @inline
-def is_within_one_step(s, step, speed, flight):
+def is_one_final_step_enough(s, step, speed, flight):
     """Return whether one step takes an impact time s from single to double precision.
 
     One step suffices if the step that led to s was short, δs is within the range of the polynomials, and F' at s
@@ -50,7 +50,7 @@ def is_within_one_step(s, step, speed, flight):
 @inline
 def convert_arc_to_single_precision(arc):
     """Return an arc of negative contact force, converted to single precision."""
-    return NegativeArc(arc.exists, f32(arc.leave), f32(arc.length), f32(arc.sin_entry), f32(arc.sin_exit))
+    return NegativeArc(arc.exists, f32(arc.exit_phase), f32(arc.length), f32(arc.sin_entry), f32(arc.sin_exit))
 
 
 @inline
@@ -62,7 +62,7 @@ def times_to_arc(tau, arc):
     tuple[float, float, bool]
         The time to the beginning, 0 if tau is inside; the time to the end; True if tau is inside.
     """
-    to_exit = arc.leave - tau
+    to_exit = arc.exit_phase - tau
     to_exit -= floor(to_exit)
     inside = to_exit < arc.length
     return f32(0.0) if inside else to_exit - arc.length, to_exit, inside
@@ -107,7 +107,7 @@ def has_at_most_one_turn(wall, rising, tau, s, turn, flight, arc):
     w, a, sin0, _cos0, delta, epsilon = flight
     to_entry, to_exit, inside = times_to_arc(tau, arc)
     x, y = delta * to_entry, delta * to_exit
-    slack = ERROR * sum_of_slope_terms(flight)
+    slack = ERROR * sum_of_slope_term_sizes(flight)
     dsin_entry, dsin_exit = sine_changes_to_arc32(inside, sin0, arc)
     at_entry = add_slope_change32(w + a * x * (f32(1.0) - x * decay_remainder32(x)), dsin_entry, epsilon)
     at_exit = add_slope_change32(w + a * y * (f32(1.0) - y * decay_remainder32(y)), dsin_exit, epsilon)
@@ -146,7 +146,7 @@ def height_lower_bound(s, minimum, delta):
 
 
 @inline
-def clears_the_gap(wall, rising, s, minimum, gap, flight):
+def is_certain_to_miss_opposite_wall(wall, rising, s, minimum, gap, flight):
     """Return whether a flight from Σ⁺ back to Σ⁺ certainly clears Σ⁻, because it is too short or turns above Σ⁻.
 
     The flight is too short if it could not cross the gap at its highest speed. While Φ falls, |F'| stays below
@@ -164,7 +164,7 @@ def clears_the_gap(wall, rising, s, minimum, gap, flight):
 
 
 @inline
-def clears_wall_with_two_minima(wall, rising, tau, s, minimum, gap, flight, arc):
+def is_certain_to_miss_wall_at_both_minima(wall, rising, tau, s, minimum, gap, flight, arc):
     """Return whether a flight from Σ⁺ to Σ⁺ certainly has two minima of its height F, and no impact before its end.
 
     The minima are before and after the arc of negative contact force, and between them F has a maximum on the arc.
@@ -183,7 +183,7 @@ def clears_wall_with_two_minima(wall, rising, tau, s, minimum, gap, flight, arc)
     f_entry, g_entry, _f2, lost_entry, _s, _c = evaluate32(to_entry, flight)
     f_exit, g_exit, _f2, lost_exit, _s, _c = evaluate32(to_exit, flight)
     _f, g_end, _f2, lost_end, _s, _c = evaluate32(s, flight)
-    slack, low = ERROR * sum_of_slope_terms(flight), f32(4.0) * ERROR * sum_of_height_term_sizes(s, flight)
+    slack, low = ERROR * sum_of_slope_term_sizes(flight), f32(4.0) * ERROR * sum_of_height_term_sizes(s, flight)
     turned = (g_entry > slack) & (g_exit < -slack) & (not inside)
     up, down = g_entry + slack, g_exit - slack
     decay_entry, decay_exit, decay_end = f32(1.0) - lost_entry, f32(1.0) - lost_exit, f32(1.0) - lost_end

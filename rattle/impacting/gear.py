@@ -17,7 +17,7 @@ from rattle.flight import contact_phase, first_impact, forcing, law
 from rattle.impacting.attractors.boundary_distance import BoundaryDistance, boundary_distances
 from rattle.impacting.attractors.classifier import ImpactingClassifier
 from rattle.impacting.map import impact_map
-from rattle.impacting.map.departure import departure
+from rattle.impacting.map.departure import find_departure
 from rattle.impacting.map.gamma import GammaPiece, gamma
 from rattle.impacting.map.iterate import iterate
 from rattle.impacting.map.quiet import capture_invariant_limit, capture_speed
@@ -129,7 +129,7 @@ class Gear(SampledGear, RattlingGear):
 
         It is None if A and C are not born at SN1 (`rattle.sn1`).
         """
-        return _number_or_none(sn1(self.delta, self.beta))
+        return _none_if_nan(sn1(self.delta, self.beta))
 
     @property
     def flip(self) -> float | None:
@@ -137,7 +137,7 @@ class Gear(SampledGear, RattlingGear):
 
         It is None if C grazes (G1) and so ends while it is still stable, or if C does not exist (`rattle.flip`).
         """
-        return _number_or_none(flip(self.delta, self.beta))
+        return _none_if_nan(flip(self.delta, self.beta))
 
     @property
     def quiet_limit(self) -> float:
@@ -172,7 +172,7 @@ class Gear(SampledGear, RattlingGear):
             If the flight has no impact that can be computed.
         """
         require(require_finite("wall", wall) in (1, -1), f"wall must be +1 or -1, got {wall!r}")
-        tau = _require_folded_phase(phase)
+        tau = _fold_finite_phase(phase)
         speed = -wall * require_finite("velocity", velocity)
         require(speed > 0, f"velocity must point into the gap (below 0 at wall +1, above 0 at wall -1), got {velocity}")
         status, time, next_wall, w1, *_ = first_impact.first_impact(
@@ -200,7 +200,7 @@ class Gear(SampledGear, RattlingGear):
         """
         v = require_number("v", v, positive=True)
         found = impact_map.apply_impact_map_with_tangent(
-            _require_folded_phase(tau), v, self.delta, self.epsilon, self.beta, forcing.DRIFT, False
+            _fold_finite_phase(tau), v, self.delta, self.epsilon, self.beta, forcing.DRIFT, False
         )
         status, tau1, v1, time, n_minus, j00, j01, j10, j11, _ = found
         _raise_for_status(status)
@@ -215,8 +215,8 @@ class Gear(SampledGear, RattlingGear):
             τ, v and tangent of the preimage; `time` is the positive time from the preimage to (τ, v).
         """
         v = require_number("v", v, positive=True)
-        status, tau0, v0, time, n_minus = impact_map.inverse_impact(
-            _require_folded_phase(tau), v, self.delta, self.epsilon, self.beta
+        status, tau0, v0, time, n_minus = impact_map.apply_inverse_impact_map(
+            _fold_finite_phase(tau), v, self.delta, self.epsilon, self.beta
         )
         _raise_for_status(status)
         forward = self.impact(tau0, v0)
@@ -242,7 +242,7 @@ class Gear(SampledGear, RattlingGear):
             If a flight before the departure has no impact that can be computed.
         """
         position, velocity = require_finite("position", position), require_finite("velocity", velocity)
-        return departure(self.delta, self.epsilon, self.beta, _require_folded_phase(phase), position, velocity)
+        return find_departure(self.delta, self.epsilon, self.beta, _fold_finite_phase(phase), position, velocity)
 
     def iterate(self, tau: ArrayLike, v: ArrayLike, n: ArrayLike) -> Iterates:
         """Return Π^n of arrays of states; tau, v > 0 and n ≥ 0 broadcast.
@@ -278,7 +278,7 @@ class Gear(SampledGear, RattlingGear):
         RattleError
             If the motion makes too many impacts, or cannot be followed.
         """
-        tau = _require_folded_phase(tau)
+        tau = _fold_finite_phase(tau)
         return trajectory(self.delta, self.epsilon, self.beta, tau, v, periods, points, self.capture_speed)
 
     def orbits(self) -> tuple[Orbit, ...]:
@@ -371,10 +371,10 @@ class Gear(SampledGear, RattlingGear):
         return gamma(self.delta, self.epsilon, self.beta, spacing, self._highest_speed(None) / PAPER_SPEED)
 
 
-def _require_folded_phase(phase: float) -> float:
+def _fold_finite_phase(phase: float) -> float:
     """Return a phase shifted by whole periods into [0, 1). Raises ParameterError if the phase is not finite."""
     return float(law.fold_phase(require_finite("phase", phase)))
 
 
-def _number_or_none(limit: NDArray[np.float64]) -> float | None:
+def _none_if_nan(limit: NDArray[np.float64]) -> float | None:
     return None if np.isnan(limit) else float(limit)

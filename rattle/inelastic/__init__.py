@@ -15,7 +15,7 @@ from rattle.inelastic.functions import becomes_quiet_late, diagram, stretch
 from rattle.inelastic.gear import FirstInelasticImpact, InelasticGear
 from rattle.inelastic.map.iterate import iterate, iterate_tangent
 from rattle.inelastic.map.quiet import quiet_limit
-from rattle.inelastic.orbits.closed_form import flip_of_c, saddle_node
+from rattle.inelastic.orbits.closed_form import epsilon_of_flip_of_c, epsilon_of_saddle_node
 from rattle.inelastic.orbits.period_one import period_one, regions
 from rattle.inelastic.orbits.periodic import InelasticOrbit
 
@@ -30,14 +30,14 @@ __all__ = [
     "codimension_two_points_at",
     "describe",
     "diagram",
-    "flip_of_c",
+    "epsilon_of_flip_of_c",
+    "epsilon_of_saddle_node",
     "follow_codimension_two",
     "iterate",
     "iterate_tangent",
     "period_one",
     "quiet_limit",
     "regions",
-    "saddle_node",
     "stretch",
     "trace",
 ]

@@ -16,7 +16,7 @@ from rattle.flight.first_impact import LONGEST, OK
 from rattle.flight.forcing import DRIFT
 from rattle.flight.law import fold_phase
 from rattle.inelastic.attractors.classifier import InelasticClassifier
-from rattle.inelastic.given import Harmonics, check_inelastic_parameters, checked_harmonics
+from rattle.inelastic.given import Harmonics, check_harmonics, check_inelastic_parameters
 from rattle.inelastic.map import bounce  # noqa: F401 registers the kernels of impacts and of their sums for this gear
 from rattle.inelastic.map.cells import make_inelastic_point
 from rattle.inelastic.map.flight import first_impact_of_forced_flight, prepare_forced_flight
@@ -24,7 +24,7 @@ from rattle.inelastic.map.impact_map import InelasticPoint, force_piece_number, 
 from rattle.inelastic.map.iterate import iterate
 from rattle.inelastic.map.quiet import quiet_limit
 from rattle.inelastic.map.trajectory import trajectory
-from rattle.inelastic.orbits.closed_form import flip_of_c, one_impact_motions, saddle_node
+from rattle.inelastic.orbits.closed_form import epsilon_of_flip_of_c, epsilon_of_saddle_node, one_impact_motions
 from rattle.inelastic.orbits.period_one import period_one
 from rattle.inelastic.orbits.periodic import InelasticOrbit, inelastic_orbit
 from rattle.intensity.rattling import RattlingGear
@@ -83,7 +83,7 @@ class InelasticGear(SampledGear, RattlingGear):
 
     def __post_init__(self) -> None:
         """Check and convert all numbers."""
-        object.__setattr__(self, "harmonics", checked_harmonics(self.harmonics))
+        object.__setattr__(self, "harmonics", check_harmonics(self.harmonics))
         for name in ("delta", "epsilon", "beta", "restitution", "load"):
             value = require_number(name, getattr(self, name), positive=name not in ("epsilon", "load"))
             object.__setattr__(self, name, value)
@@ -93,7 +93,7 @@ class InelasticGear(SampledGear, RattlingGear):
     def parameters(self) -> Parameters:
         """The checked parameters of this gear, as arrays (1,)."""
         numbers = ([self.delta], [self.epsilon], [self.beta], [self.restitution], [self.load])
-        return check_inelastic_parameters(*numbers, checked_harmonics(self.harmonics))
+        return check_inelastic_parameters(*numbers, check_harmonics(self.harmonics))
 
     @cached_property
     def _point(self) -> InelasticPoint:
@@ -112,12 +112,12 @@ class InelasticGear(SampledGear, RattlingGear):
     @property
     def sn1(self) -> float | None:
         """Eccentricity of SN1, at which A and C are born; None if the gear has `harmonics`."""
-        return None if self.harmonics else saddle_node(self.delta, self.restitution, self._point.drift)
+        return None if self.harmonics else epsilon_of_saddle_node(self.delta, self.restitution, self._point.drift)
 
     @property
     def flip(self) -> float | None:
         """Eccentricity of the flip of C, at which C may be virtual; None if the gear has `harmonics`."""
-        return None if self.harmonics else flip_of_c(self.delta, self.restitution, self._point.drift)
+        return None if self.harmonics else epsilon_of_flip_of_c(self.delta, self.restitution, self._point.drift)
 
     def first_impact(self, wall: int, phase: float, velocity: float) -> FirstInelasticImpact:
         """Return the first impact of a flight that leaves a wall (+1: Φ = β, −1: Φ = −β) at this phase and velocity.
@@ -137,7 +137,7 @@ class InelasticGear(SampledGear, RattlingGear):
         require(require_finite("wall", wall) in (1, -1), f"wall must be +1 or -1, got {wall!r}")
         speed = -wall * require_finite("velocity", velocity)
         require(speed > 0, f"velocity must point into the gap (below 0 at wall +1, above 0 at wall -1), got {velocity}")
-        point, tau = self._point, _require_folded_phase(phase)
+        point, tau = self._point, _fold_finite_phase(phase)
         departure = np.empty((2, point.harmonics.shape[1]))
         flight = prepare_forced_flight(tau, float(velocity), self.delta, point.drift, point.harmonics, departure)
         piece = force_piece_number(tau, point.zeros)
@@ -165,7 +165,7 @@ class InelasticGear(SampledGear, RattlingGear):
             If the motion becomes quiet, or its next impact on Σ⁺ cannot be computed; the message names possible causes.
         """
         v = require_number("v", v, positive=True)
-        step = step_with_tangent(_require_folded_phase(tau), v, self._point)
+        step = step_with_tangent(_fold_finite_phase(tau), v, self._point)
         status, tau1, v1, time, n_minus, *tangent, _det, _plus, _minus = step
         _raise_for_status(status)
         return Impact(tau1, v1, n_minus, np.array(tangent).reshape(2, 2), time)
@@ -185,7 +185,7 @@ class InelasticGear(SampledGear, RattlingGear):
         Trajectory
             Times, Φ and Φ' (points,), and all impacts during this time.
         """
-        return trajectory(self._point, _require_folded_phase(tau), v, periods, points)
+        return trajectory(self._point, _fold_finite_phase(tau), v, periods, points)
 
     def orbits(self) -> tuple[Orbit, ...]:
         """Return the admissible motions A to D; if the forcing has harmonics, instead all P(1,1,0), named "P"."""
@@ -213,7 +213,7 @@ class InelasticGear(SampledGear, RattlingGear):
         InelasticOrbit
             The label, fastest impact and multipliers of the motion.
         """
-        return inelastic_orbit(self._point, _require_folded_phase(tau), v, n_plus)
+        return inelastic_orbit(self._point, _fold_finite_phase(tau), v, n_plus)
 
     def saddle(self, orbit: Orbit) -> NoReturn:
         """Raise RattleError: manifolds need the inverse map, which does not exist after contact phases."""
@@ -247,7 +247,7 @@ class InelasticGear(SampledGear, RattlingGear):
         return repr(self)
 
 
-def _require_folded_phase(phase: float) -> float:
+def _fold_finite_phase(phase: float) -> float:
     """Return a phase modulo 1, in [0, 1). Raises ParameterError unless it is a finite number."""
     return float(fold_phase(require_finite("phase", phase)))
 

@@ -13,7 +13,7 @@ from rattle.parameters import HIGHEST_ORDER, MOST_HARMONICS, Harmonic, Parameter
 Harmonics = Sequence[Sequence[float]]
 
 
-def checked_harmonics(harmonics: Iterable[Any]) -> tuple[Harmonic, ...]:
+def check_harmonics(harmonics: Iterable[Any]) -> tuple[Harmonic, ...]:
     """Check harmonics, and return them sorted by order.
 
     Parameters

@@ -16,7 +16,7 @@ from rattle.attractors.samples import Outcome
 from rattle.attractors.table import AttractorTable
 from rattle.flight.first_impact import OK
 from rattle.intensity.motions import ENDLESS, one_period_limits
-from rattle.intensity.visit import COLUMNS, IMPULSE, TIME, mean_force_at, sum_impacts
+from rattle.intensity.visit import COLUMNS, IMPULSE, TIME, mean_contact_force_at_point, sum_impacts
 from rattle.numerics.compile import kernel
 from rattle.orbits.return_map import point_of_cell
 
@@ -40,7 +40,7 @@ def write_impulse_imbalances(cell, returns, periods, tau, v, cells, sums, errors
         if returns[i] == ENDLESS and most == math.inf:
             most = max(PERIODS, RELAXATIONS / point.delta)
         status, _tau, _v, _time = sum_impacts(tau[i], v[i], returns[i], most, MOST_IMPACTS, point, sums)
-        balance = 0.5 * sums[0, IMPULSE] / (0.5 * mean_force_at(point) * sums[0, TIME])
+        balance = 0.5 * sums[0, IMPULSE] / (0.5 * mean_contact_force_at_point(point) * sums[0, TIME])
         errors[i] = abs(balance - 1.0) if status == OK else math.nan
 
 

@@ -13,7 +13,7 @@ from rattle.intensity.motions import (
     ENDLESS,
     ROUNDING,
     Motion,
-    kind_of,
+    checked_motion_kind,
     one_period_limits_of_motion,
     require_closed_orbit,
     require_full_observation,
@@ -29,9 +29,9 @@ def allocate_impact_arrays(count: int) -> Impacts:
     return Impacts(np.zeros(count), np.zeros(count, np.int64), *(np.zeros(count) for _ in range(4)))
 
 
-def impacts_of(motion: Motion, point: Any, periods: float | None) -> Impacts:
+def impacts_of_motion(motion: Motion, point: Any, periods: float | None) -> Impacts:
     """Return the impacts of a motion (`RattlingGear.impacts`). point: the gear's parameter point for kernels."""
-    kind = kind_of(motion)
+    kind = checked_motion_kind(motion)
     require(
         periods is not None or kind in ("quiet", "periodic"),
         f"periods must be given: a {kind} motion has no period of its own",

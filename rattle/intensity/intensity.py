@@ -11,12 +11,12 @@ from rattle.attractors.chaos import BATCHES, T_95
 from rattle.errors import require_number
 from rattle.flight.forcing import mean_contact_force
 from rattle.intensity.forces import spectral_lines_of_force
-from rattle.intensity.impacts import impacts_of
+from rattle.intensity.impacts import impacts_of_motion
 from rattle.intensity.motions import (
     ENDLESS,
     Motion,
+    checked_motion_kind,
     contact_phases_per_period,
-    kind_of,
     observation_periods,
     require_closed_orbit,
     require_full_observation,
@@ -124,14 +124,16 @@ UNDECIDED = Intensity(math.nan, math.nan, math.nan, math.nan, math.nan, math.nan
 
 def intensity(motion: Motion, point: Any, periods: float | None) -> Intensity:
     """Return the intensity of a motion (`RattlingGear.intensity`). point: the gear's parameter point for kernels."""
-    kind = kind_of(motion)
+    kind = checked_motion_kind(motion)
     if kind == "quiet":
         mean = spectral_lines_of_force(point)[0][1].real
         return Intensity(0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.5 * mean)
     if kind == "undecided":
         return UNDECIDED
     if kind == "periodic" and contact_phases_per_period(motion):
-        return _intensity_from_sums(sum_impacts_with_contacts(impacts_of(motion, point, None), motion.m)[None], EXACT)
+        return _intensity_from_sums(
+            sum_impacts_with_contacts(impacts_of_motion(motion, point, None), motion.m)[None], EXACT
+        )
     if kind == "periodic":
         sums = np.zeros((1, COLUMNS))
         status, tau, v, _ = sum_impacts(motion.tau, motion.v, motion.n_plus, math.inf, MOST_IMPACTS, point, sums)

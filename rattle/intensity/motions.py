@@ -43,7 +43,7 @@ class Motion(Protocol):
         """Impacts on Σ⁺ in a period of the motion."""
 
 
-def kind_of(motion: Motion) -> str:
+def checked_motion_kind(motion: Motion) -> str:
     """Return the kind of a motion: quiet, periodic, chaotic or undecided.
 
     Returns

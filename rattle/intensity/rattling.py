@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rattle.intensity.impacts import impacts_of
+from rattle.intensity.impacts import impacts_of_motion
 from rattle.intensity.intensity import Intensity, intensity
 from rattle.intensity.motions import Motion
 from rattle.intensity.sound import sound
@@ -68,7 +68,7 @@ class RattlingGear(ABC):
         Impacts
             Arrays (n,), of length 0 if the motion is quiet.
         """
-        return impacts_of(motion, self._point, periods)
+        return impacts_of_motion(motion, self._point, periods)
 
     def spectrum(self, motion: Motion, highest: float = 32.0, resolution: int = 64) -> SpectralLines | SpectralDensity:
         """Return the order spectrum of the contact force, from order 0 to the highest.

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from rattle.errors import require, require_integer, require_number
 from rattle.flight.forcing import TWO_PI
-from rattle.intensity.impacts import impacts_of
+from rattle.intensity.impacts import impacts_of_motion
 from rattle.intensity.motions import Motion
 from rattle.numerics.compile import kernel
 
@@ -32,7 +32,7 @@ def sound(
         "seconds, or a lower rate",
     )
     turn = 60.0 / rpm
-    impacts = impacts_of(motion, point, seconds / turn)
+    impacts = impacts_of_motion(motion, point, seconds / turn)
     # on rigid walls the force of a contact phase is static and makes no sound
     strikes = impacts.speed + impacts.departure if math.isinf(stiffness) else impacts.impulse
     return np.asarray(

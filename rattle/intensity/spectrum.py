@@ -22,8 +22,8 @@ from rattle.attractors.chaos import BATCHES
 from rattle.errors import RattleError, require, require_integer, require_number
 from rattle.flight.forcing import TWO_PI
 from rattle.intensity.forces import spectral_lines_of_force
-from rattle.intensity.impacts import impacts_of
-from rattle.intensity.motions import Motion, kind_of
+from rattle.intensity.impacts import impacts_of_motion
+from rattle.intensity.motions import Motion, checked_motion_kind
 from rattle.intensity.visit import Impacts
 from rattle.numerics.compile import kernel
 
@@ -66,7 +66,7 @@ def spectrum(
     """Return the order spectrum of the contact force (`RattlingGear.spectrum`). point: the kernels' parameter point."""
     highest = require_number("highest", highest, positive=True)
     resolution = require_integer("resolution", resolution, 4, MOST_ORDERS)
-    kind = kind_of(motion)
+    kind = checked_motion_kind(motion)
     if kind == "undecided":
         raise RattleError(
             "the motion is undecided, so it may be a transient without a spectrum: choose a decided attractor"
@@ -81,12 +81,12 @@ def spectrum(
     order = np.asarray(spacing * np.arange(count), np.float64)
     if kind == "chaotic":
         length = float(resolution)
-        impacts = impacts_of(motion, point, 0.5 * (SEGMENTS + 1) * length)
+        impacts = impacts_of_motion(motion, point, 0.5 * (SEGMENTS + 1) * length)
         return _welch_density(impacts, order, motion.tau, length, point, stiffness)
     if kind == "quiet":
         pressing = _force_line_amplitudes(order, point)
         return SpectralLines(order, np.asarray(-wall_response(order, point.delta, stiffness) * pressing))
-    impacts = impacts_of(motion, point, None)
+    impacts = impacts_of_motion(motion, point, None)
     return SpectralLines(order, np.asarray(fourier_transform_of_force(impacts, order, point, stiffness) / -motion.m))
 
 

@@ -15,7 +15,7 @@ from rattle.flight.law import wrap_phase_difference
 from rattle.intensity.intensity import intensity_fields_from_sums, intensity_half_widths
 from rattle.intensity.motions import CLOSED, ENDLESS, one_period_limits
 from rattle.intensity.runs import collect_impacts_in_cell, sum_impacts_with_contacts
-from rattle.intensity.visit import COLUMNS, FASTEST, TIME, mean_force_at, sum_impacts
+from rattle.intensity.visit import COLUMNS, FASTEST, TIME, mean_contact_force_at_point, sum_impacts
 from rattle.numerics.compile import kernel
 from rattle.orbits.iterates import MOST_IMPACTS
 from rattle.orbits.return_map import point_of_cell
@@ -75,10 +75,10 @@ def write_period_sums(cell, n_plus, tau, v, cells, sums):
 def write_mean_forces(cell, cells, forces):
     """Write the mean contact force of the cells with the numbers `cell` (n,) to `forces` (n,)."""
     for i in range(cell.size):
-        forces[i] = mean_force_at(point_of_cell(cell[i], cells))
+        forces[i] = mean_contact_force_at_point(point_of_cell(cell[i], cells))
 
 
-def _sums_of_contact_motion(table: AttractorTable, row: int, cells: Any) -> Array:
+def _sum_impacts_of_contact_motion(table: AttractorTable, row: int, cells: Any) -> Array:
     """Return the sums (COLUMNS,) over a period of a motion with contact phases.
 
     The sums are NaN if the motion is not back at its first state after the period.
@@ -160,7 +160,7 @@ def intensities_of(table: AttractorTable, cells: Any, stretch: Stretch) -> Inten
     held = np.flatnonzero((table.kind == Outcome.PERIODIC) & (table.contacts > 0))
     if held.size:
         periodic = np.append(periodic, held)
-        around = np.concatenate([around, [_sums_of_contact_motion(table, int(row), cells) for row in held]])
+        around = np.concatenate([around, [_sum_impacts_of_contact_motion(table, int(row), cells) for row in held]])
     found[:VALUE_COUNT, periodic] = intensity_fields_from_sums(around[:, None])
     found[VALUE_COUNT:, periodic] = np.where(np.isnan(around[:, TIME]), np.nan, 0.0)
 

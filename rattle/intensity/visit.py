@@ -1,7 +1,7 @@
 """Follow a motion from impact to impact on either wall, and list or sum its impacts (compiled).
 
-The type of the parameter point selects the gear's `bounce`. For the stiff gear an impact is a contact. For the
-inelastic gear a contact phase counts as the duration of the impact with which it begins.
+The type of the parameter point selects the gear's `follow_to_next_departure`. For the stiff gear an impact is a
+contact. For the inelastic gear a contact phase counts as the duration of the impact with which it begins.
 """
 
 from typing import Any, NamedTuple
@@ -46,7 +46,7 @@ class Impacts(NamedTuple):
     impulse: Any
 
 
-def bounce(wall, tau, w, point):
+def follow_to_next_departure(wall, tau, w, point):
     """Follow a flight from a wall to its impact, and return the flight time, the impact and the next departure.
 
     wall, tau, w: the wall that the flight leaves, and the phase and the velocity of this departure.
@@ -64,13 +64,13 @@ def bounce(wall, tau, w, point):
     raise NotImplementedError("bounce exists inside kernels only: from Python use Gear.impacts")
 
 
-def mean_force_at(point):
+def mean_contact_force_at_point(point):
     """Return the mean contact force at a parameter point, which the impulses of every bounded motion balance."""
-    raise NotImplementedError("mean_force_at exists inside kernels only: from Python use Gear.intensity")
+    raise NotImplementedError("mean_contact_force_at_point exists inside kernels only: from Python use Gear.intensity")
 
 
 @inline
-def add_impact(row, s, wall, speed, duration, impulse):
+def add_impact_to_sums(row, s, wall, speed, duration, impulse):
     """Add an impact to a row of sums. s: time of flight before the impact. duration: time of contact at the impact."""
     row[TIME] += s + duration
     row[ON_PLUS if wall > 0 else ON_MINUS] += 1.0
@@ -96,10 +96,10 @@ def sum_impacts(tau, v, returns, periods, most, point, sums):
     """
     wall, w, now, back, batches = SIGMA_PLUS, -v, 0.0, 0, sums.shape[0]
     for _ in range(most):
-        status, s, wall, speed, duration, impulse, departure = bounce(wall, tau, w, point)
+        status, s, wall, speed, duration, impulse, departure = follow_to_next_departure(wall, tau, w, point)
         if status != OK:
             return status, tau, abs(w), now
-        add_impact(sums[min(int(now / periods * batches), batches - 1)], s, wall, speed, duration, impulse)
+        add_impact_to_sums(sums[min(int(now / periods * batches), batches - 1)], s, wall, speed, duration, impulse)
         tau, w, now = fold_phase(tau + s + duration), -wall * departure, now + s + duration
         back += wall > 0
         if back >= returns or now >= periods:
@@ -122,7 +122,7 @@ def write_impacts_of_motion(tau, v, returns, periods, point, impacts):
     """
     wall, w, start, now, back = SIGMA_PLUS, -v, tau, 0.0, 0
     for i in range(impacts.time.size):
-        status, s, wall, speed, duration, impulse, departure = bounce(wall, tau, w, point)
+        status, s, wall, speed, duration, impulse, departure = follow_to_next_departure(wall, tau, w, point)
         if status != OK:
             return status, tau, abs(w), i
         impacts.time[i], impacts.wall[i], impacts.speed[i] = start + now + s, wall, speed

@@ -49,7 +49,7 @@ class ReducedPair(NamedTuple):
     """Two gears, reduced to one coordinate: x along the line of action between their teeth.
 
     If both gears are equal and a forcing period is one revolution, inertia, drag and radius are those of each gear, and
-    `scale` is the value in `DRIVES`.
+    `phi_per_angle` is the value in `DRIVES`.
 
     Parameters
     ----------
@@ -60,9 +60,9 @@ class ReducedPair(NamedTuple):
         Base radius of the first gear, m.
     speed : float
         2π over the forcing period, rad/s.
-    scale : float
+    phi_per_angle : float
         Ratio of the model's Φ to x/radius.
-    ratio : float
+    radius_ratio : float
         Base radius of the first gear over that of the second.
     rate_difference : float
         (γ₁ − γ₂)²m₁m₂/(m₁ + m₂)² in 1/s², with γ and m as in `reduce_pair`: a measure of the force that the reduction
@@ -75,8 +75,8 @@ class ReducedPair(NamedTuple):
     drag: Any
     radius: Any
     speed: Any
-    scale: Any
-    ratio: Any
+    phi_per_angle: Any
+    radius_ratio: Any
     rate_difference: Any
     drift: Any
 
@@ -100,7 +100,7 @@ def reduce_pair(
         x'' = m₂γ₂V/μ + T₂/(r₂μ) − γx',      γ = (γ₁m₂ + γ₂m₁)/(m₁ + m₂),      1/μ = 1/m₁ + 1/m₂.
 
     An imposed speed means m₁ = ∞. The equation is exact if γ₁ = γ₂. If γ₁ ≠ γ₂, the equation neglects (γ₂ − γ₁)(u − V),
-    where u is the speed of the common motion (`rate_error`).
+    where u is the speed of the common motion (`neglected_force_bound`).
 
     Parameters
     ----------
@@ -140,7 +140,7 @@ def _float_or_array(number: Any) -> Any:
     return float(number) if np.ndim(number) == 0 else number
 
 
-def rate_error(pair: ReducedPair, backlash: Any, forcing: Any, load: Any) -> Any:
+def neglected_force_bound(pair: ReducedPair, backlash: Any, forcing: Any, load: Any) -> Any:
     """Return a bound of the force that the reduction of `reduce_pair` neglects, as a share of the driving force.
 
     The bound holds after transients; m, γ and V are those of `reduce_pair`, and u₁, u₂ the speeds of the base circles.
@@ -167,7 +167,7 @@ def rate_error(pair: ReducedPair, backlash: Any, forcing: Any, load: Any) -> Any
     return _float_or_array(np.where(np.equal(pair.rate_difference, 0.0), 0.0, share))
 
 
-def damping(pair: ReducedPair) -> Any:
+def delta_of_pair(pair: ReducedPair) -> Any:
     """Return the damping δ = 2πc/(IΩ), from the reduced drag c and inertia I and the speed Ω of the forcing."""
     # np.divide, because Python's division raises ZeroDivisionError at speed 0, where δ is infinite
     return np.divide(TWO_PI * pair.drag, pair.inertia * pair.speed)
@@ -175,17 +175,17 @@ def damping(pair: ReducedPair) -> Any:
 
 def epsilon_of_amplitude(length: Any, pair: ReducedPair) -> Any:
     """Return ε from the amplitude of the transmission error along the line of action, `length` in m."""
-    return pair.scale * length / pair.radius
+    return pair.phi_per_angle * length / pair.radius
 
 
 def beta_of_backlash(backlash: Any, pair: ReducedPair) -> Any:
     """Return β from the backlash along the line of action, in m."""
-    return pair.scale * backlash / (2.0 * pair.radius)
+    return pair.phi_per_angle * backlash / (2.0 * pair.radius)
 
 
-def units_of(pair: ReducedPair) -> Units:
+def si_units_of_model(pair: ReducedPair) -> Units:
     """Return the SI sizes of the model's units of length, time, speed, energy, power, force and frequency."""
-    length, time = pair.radius / pair.scale, TWO_PI / pair.speed
+    length, time = pair.radius / pair.phi_per_angle, TWO_PI / pair.speed
     force = _float_or_array(np.divide(0.5 * pair.inertia, pair.radius * time * time))
     energy = force * length
     power, speed, frequency = (_float_or_array(np.divide(each, time)) for each in (energy, length, 1.0))

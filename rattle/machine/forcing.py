@@ -29,23 +29,23 @@ class PairForcing(NamedTuple):
 
     Parameters
     ----------
-    base : float
+    periods_per_revolution : float
         Forcing periods in a revolution of the first gear.
     amplitude : float or ndarray
         Amplitude of the first harmonic in m, or the largest amplitude if there is no first harmonic; it determines ε.
-    total : float or ndarray
+    amplitude_sum : float or ndarray
         Sum of all amplitudes in m, a bound of the error.
     orders : tuple of int
         Orders in the forcing period, rising. They begin with 1, or are empty if there is no transmission error.
-    relative, phase : ndarray, (K, …)
+    relative_amplitudes, phase : ndarray, (K, …)
         Amplitude of each order over `amplitude`, and phase in turns.
     """
 
-    base: float
+    periods_per_revolution: float
     amplitude: Any
-    total: Any
+    amplitude_sum: Any
     orders: tuple[int, ...]
-    relative: NDArray[np.float64]
+    relative_amplitudes: NDArray[np.float64]
     phase: NDArray[np.float64]
 
     def harmonics(self, number: Any = ()) -> tuple[Harmonic, ...]:
@@ -61,7 +61,7 @@ class PairForcing(NamedTuple):
             Order, amplitude over `amplitude`, and phase of each.
         """
         found = []
-        for order, size, phase in zip(self.orders, self.relative, self.phase, strict=True):
+        for order, size, phase in zip(self.orders, self.relative_amplitudes, self.phase, strict=True):
             each = int(order), float(size[number]), float(phase[number])
             if each[1] > 0.0 if order > 1 else each[1:] != (1.0, 0.0):
                 found.append(each)

@@ -105,7 +105,7 @@ def require_plausible_machine(
     )
 
 
-def checked_teeth(name: str, value: Any) -> int | None:
+def check_tooth_number(name: str, value: Any) -> int | None:
     """Return a number of teeth after a check, or None if `value` is None. Raises ParameterError."""
     if value is None:
         return None

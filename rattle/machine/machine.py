@@ -33,7 +33,7 @@ from rattle.machine.given import (
     DRIVEN,
     RPM,
     WIDEST,
-    checked_teeth,
+    check_tooth_number,
     convert_to_si_number,
     is_quantity,
     require_plausible_machine,
@@ -181,9 +181,9 @@ class Machine:
             **numbers,
             **{name: None if value is None else convert_to_si_number(name, value) for name, value in optional.items()},
             "drive": drive,
-            "restitution": _checked_restitution(restitution),
-            "teeth": checked_teeth("teeth", teeth),
-            "driven_teeth": checked_teeth("driven_teeth", driven_teeth),
+            "restitution": _check_restitution(restitution),
+            "teeth": check_tooth_number("teeth", teeth),
+            "driven_teeth": check_tooth_number("driven_teeth", driven_teeth),
             "errors": check_components("errors", errors),
             "driven_errors": check_components("driven_errors", driven_errors),
         }
@@ -195,7 +195,7 @@ class Machine:
 
     def _require_consistent_pair(self) -> None:
         """Raise ParameterError if a number is too large for its unit, or if two numbers exclude each other."""
-        total = self._point.forcing.total
+        total = self._point.forcing.amplitude_sum
         require(
             total <= WIDEST * self.radius,
             f"the amplitudes of the transmission error must be in metres: they add up to {total:g} m, "
@@ -207,7 +207,7 @@ class Machine:
             "order 1 out of errors",
         )
         pair = self._point.pair
-        own = float(pair.radius / pair.ratio)
+        own = float(pair.radius / pair.radius_ratio)
         require_plausible_machine(self.driven_inertia or self.inertia, 0.0, 0.0, own, "driven_")
         require(
             self.stiffness is None or set(self.added) == {"kappa"},
@@ -266,7 +266,7 @@ class Machine:
     @property
     def revolutions(self) -> float:
         """Revolutions of the first gear in a forcing period; 1 if `eccentricity` is the only transmission error."""
-        return 1.0 / self._point.forcing.base
+        return 1.0 / self._point.forcing.periods_per_revolution
 
     @property
     def effective_mass(self) -> float:
@@ -353,7 +353,7 @@ class Machine:
         )
 
 
-def _checked_restitution(value: float | None) -> float | None:
+def _check_restitution(value: float | None) -> float | None:
     """Return a checked coefficient of restitution, or None if `value` is None. Raises ParameterError."""
     if value is None:
         return None

@@ -47,7 +47,9 @@ class MachinePoint(NamedTuple):
         unless the speed is imposed.
         """
         backlash = 2.0 * self.beta * self.units.length
-        return conversion.rate_error(self.pair, backlash, self.forcing.total, self.added.get("load", 0.0))
+        return conversion.neglected_force_bound(
+            self.pair, backlash, self.forcing.amplitude_sum, self.added.get("load", 0.0)
+        )
 
 
 @np.errstate(all="ignore")  # no warning of overflow: numbers that are not finite are refused below, or by the gear
@@ -90,8 +92,8 @@ def machine_point(
     forcing = assemble_forcing(components_of_transmission_error(teeth, driven_teeth, amplitudes, errors, driven_errors))
     drive = given.get("drive", "torque")
     inertia, drag, radius = (given[name] for name in DRIVEN)
-    pair = conversion.reduce_pair(inertia, drag, radius, speed, drive, **driven, base=forcing.base)
-    for number in (pair.inertia, pair.drag, pair.scale, pair.speed):
+    pair = conversion.reduce_pair(inertia, drag, radius, speed, drive, **driven, base=forcing.periods_per_revolution)
+    for number in (pair.inertia, pair.drag, pair.phi_per_angle, pair.speed):
         require(
             bool(np.all(np.isfinite(number) & (np.asarray(number) > 0.0))),
             "the numbers of the two gears are too large, too small or too different for double precision: check "
@@ -108,11 +110,11 @@ def machine_point(
     if np.any(np.not_equal(restitution, 1.0)) or "load" in added or len(forcing.orders) > 1:
         added = {"restitution": restitution, "load": 0.0, **added}
     return MachinePoint(
-        conversion.damping(pair),
+        conversion.delta_of_pair(pair),
         conversion.epsilon_of_amplitude(forcing.amplitude, pair),
         conversion.beta_of_backlash(given["backlash"], pair),
         pair,
         forcing,
         added,
-        conversion.units_of(pair),
+        conversion.si_units_of_model(pair),
     )

@@ -131,7 +131,7 @@ def model_at_point(parameters: Parameters, number: int = 0) -> Model:
     return with_harmonics(model, parameters.harmonics)
 
 
-def gear_at(parameters: Parameters, number: int = 0) -> AnyGear:
+def gear_at_point(parameters: Parameters, number: int = 0) -> AnyGear:
     """Return the gear at one of the points that `parameters` holds; number: the index of the point."""
     return model_at_point(parameters, number).gear(float(parameters.delta[number]), float(parameters.epsilon[number]))
 
@@ -167,7 +167,7 @@ __all__ = [
     "Parameter",
     "Parameters",
     "Stiff",
-    "gear_at",
+    "gear_at_point",
     "missing_capability_error",
     "model_at_point",
     "model_of",

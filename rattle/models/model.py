@@ -232,9 +232,9 @@ class Model(ABC):
         The number of random gears from which the explorer estimates the yield at a point.
     takes_harmonics : bool
         True if the forcing may have harmonics besides the first.
-    one_cosine : frozenset of Capability
+    capabilities_without_harmonics : frozenset of Capability
         The capabilities that the model has only if the forcing has no harmonics besides the first.
-    compiled_at : tuple of float
+    precompilation_epsilons : tuple of float
         Eccentricities of cells at δ = β = 0.6. Computing these cells compiles all kernels of the model.
     """
 
@@ -251,8 +251,8 @@ class Model(ABC):
     cell_milliseconds: ClassVar[float | None] = None
     design_gears: ClassVar[int] = 1024
     takes_harmonics: ClassVar[bool] = False
-    one_cosine: ClassVar[frozenset[Capability]] = frozenset()
-    compiled_at: ClassVar[tuple[float, ...]] = (0.1,)
+    capabilities_without_harmonics: ClassVar[frozenset[Capability]] = frozenset()
+    precompilation_epsilons: ClassVar[tuple[float, ...]] = (0.1,)
 
     def __post_init__(self) -> None:
         """Check and convert the fields."""
@@ -396,7 +396,7 @@ class Model(ABC):
         )
 
     @classmethod
-    def join_rows_of_cells(cls, parameters: Parameters, table: Attractors) -> Rows:
+    def join_row_of_cells(cls, parameters: Parameters, table: Attractors) -> Rows:
         """Join the attractors of n cells into families, with the cells as the one row of a grid.
 
         parameters (n,): the parameters of the cells, in the order of the row. table: the attractors of the cells.

@@ -35,7 +35,7 @@ from llvmlite import binding
 from numba.extending import overload, typeof_impl
 
 from rattle.errors import RattleError
-from rattle.numerics.processes import environment
+from rattle.numerics.processes import child_process_environment
 
 if numba.config.DISABLE_JIT:  # type: ignore[attr-defined]
     raise RattleError("NUMBA_DISABLE_JIT is set, but all computations need Numba's compiler: unset NUMBA_DISABLE_JIT")
@@ -330,7 +330,9 @@ def try_to_lock(file: IO[str]) -> bool:
 def _compile_in_new_process(*arguments: str) -> None:
     pipes: Any = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True}
     said: list[str] = []
-    with subprocess.Popen([sys.executable, "-c", COMPILE, *arguments], env=environment(), **pipes) as process:
+    with subprocess.Popen(
+        [sys.executable, "-c", COMPILE, *arguments], env=child_process_environment(), **pipes
+    ) as process:
         try:
             for line in process.stdout or ():
                 said.append(line)

@@ -19,7 +19,7 @@ def _complex_steps(n: int) -> NDArray[np.complex128]:
     return steps
 
 
-def derivatives(function: Function, x: Array) -> tuple[Array, Array]:
+def value_and_jacobian(function: Function, x: Array) -> tuple[Array, Array]:
     """Return the value and the Jacobian of a real-analytic function (…, N) → (…, M) at x (…, N).
 
     Returns

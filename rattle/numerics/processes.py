@@ -35,7 +35,7 @@ def trusted_import_directories() -> list[str]:
     return list(dict.fromkeys(kept))
 
 
-def environment() -> dict[str, str]:
+def child_process_environment() -> dict[str, str]:
     """Return the environment variables of a process that imports from `trusted_import_directories` only."""
     return {**os.environ, SAFE_PATH: "1", "PYTHONPATH": os.pathsep.join(trusted_import_directories())}
 

@@ -61,7 +61,7 @@ def draw_uniforms(seed: int, stream: int, rows: NDArray[np.int64], columns: int)
         The numbers (n, columns).
     """
     state = np.zeros(rows.size, np.uint64)
-    words: list[NDArray[np.uint64]] = [*_halves_of_seed(seed), np.array([stream], np.uint64), rows.astype(np.uint64)]
+    words: list[NDArray[np.uint64]] = [*_split_seed(seed), np.array([stream], np.uint64), rows.astype(np.uint64)]
     for word in words:
         state = _mix_bits((state ^ word) + GOLDEN_INCREMENT)
     steps = GOLDEN_INCREMENT * np.arange(1, columns + 1, dtype=np.uint64)
@@ -69,7 +69,7 @@ def draw_uniforms(seed: int, stream: int, rows: NDArray[np.int64], columns: int)
     return (drawn >> np.uint64(11)) / 2.0**53
 
 
-def _halves_of_seed(seed: int) -> list[NDArray[np.uint64]]:
+def _split_seed(seed: int) -> list[NDArray[np.uint64]]:
     """Return the lower and the upper 64 bits of a seed of at most 128 bits, each as an array (1,)."""
     return [np.array([half], np.uint64) for half in (seed & (2**64 - 1), seed >> 64)]
 
@@ -77,7 +77,7 @@ def _halves_of_seed(seed: int) -> list[NDArray[np.uint64]]:
 def _random_shifts(seed: int, *parameters: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return two numbers in [0, 1) for each of n cells, (n, 2), from the seed and the cell's parameters (n,) alone."""
     state = np.zeros(parameters[0].size, np.uint64)
-    words: list[NDArray[np.uint64]] = [*_halves_of_seed(seed), *((p + 0.0).view(np.uint64) for p in parameters)]
+    words: list[NDArray[np.uint64]] = [*_split_seed(seed), *((p + 0.0).view(np.uint64) for p in parameters)]
     for word in words:
         state = _mix_bits((state ^ word) + GOLDEN_INCREMENT)
     drawn = np.stack(

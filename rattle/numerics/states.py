@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 Density = Callable[[Array, Array], ArrayLike]
 
 
-def require_state_box(tau: ArrayLike, v: ArrayLike) -> tuple[tuple[float, float], tuple[float, float]]:
+def parse_state_box(tau: ArrayLike, v: ArrayLike) -> tuple[tuple[float, float], tuple[float, float]]:
     """Return the ranges (low, high) of τ and v. Raises ParameterError unless 0 ≤ low < high, and high ≤ 1 for τ."""
     phases, speeds = require_pair("tau", tau), require_pair("v", v)
     require(0.0 <= phases[0] < phases[1] <= 1.0, f"tau must be (low, high) within [0, 1], got {phases}")
@@ -55,7 +55,7 @@ def sampled_states(
     """
     count = require_integer("count", count, 1, MOST_STATES)
     seed = require_integer("seed", seed, 0, (1 << 128) - 1)
-    (t0, t1), (v0, v1) = require_state_box(tau, v)
+    (t0, t1), (v0, v1) = parse_state_box(tau, v)
     points = (sobol_points(count) + np.random.default_rng(seed).random(2)) % 1.0
     x, y = points.T if density is None else _transform_to_density(points, density, (t0, t1), (v0, v1))
     speeds = v0 + (v1 - v0) * y

@@ -8,7 +8,7 @@ from rattle.orbits.return_map import inverse_step, step
 
 
 @kernel
-def images(tau, v, steps, turns, backwards, point):
+def apply_unfolded_map_power(tau, v, steps, turns, backwards, point):
     """Apply Π^steps, or Π^−steps if `backwards`, to flat arrays of n states at one parameter point.
 
     τ is not folded into [0, 1), so that neighbours stay neighbours. From τ after all steps, `turns` forcing periods are

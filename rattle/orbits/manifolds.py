@@ -175,7 +175,9 @@ def manifold(
     unit = require_number("unit", unit, positive=True)
     local = local_manifold(orbit, kind == "stable", unit)
     t = side * local.size * local.multiplier ** np.linspace(-1.0, 0.0, DOMAIN_POINTS)
-    reach = float(abs(t[0]) * np.hypot(*(local.powers[1] / [1.0, unit])) / np.hypot(*local.powers[1]))
+    reach = float(
+        abs(t[0]) * np.hypot(*(local.series_coefficients[1] / [1.0, unit])) / np.hypot(*local.series_coefficients[1])
+    )
     first = np.linspace(0.0, t[0], 2 + int(reach / spacing))[:-1]  # positions between the saddle and the domain
     zero = np.zeros(first.size)
     rows, length = [np.stack([*local.states_at(first), first, zero, zero, zero])], reach

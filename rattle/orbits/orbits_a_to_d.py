@@ -126,7 +126,7 @@ class MissingLimit(NamedTuple):
 SQUARED = 1e150
 
 
-def multipliers_of(trace: ArrayLike, determinant: ArrayLike) -> NDArray[np.complex128]:
+def multipliers_from_trace(trace: ArrayLike, determinant: ArrayLike) -> NDArray[np.complex128]:
     """Return both roots of λ² − trace λ + determinant, the larger modulus first.
 
     The roots are computed without cancellation.

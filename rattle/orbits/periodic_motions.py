@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from rattle.flight import law
 from rattle.flight.impact_law import ELASTIC, ImpactLaw
 from rattle.notebook import Columns, DataFrame, dataframe_of, html_of, motion_label, repr_text
-from rattle.numerics.complex_step import Array, derivatives
-from rattle.orbits.orbits_a_to_d import multipliers_of
+from rattle.numerics.complex_step import Array, value_and_jacobian
+from rattle.orbits.orbits_a_to_d import multipliers_from_trace
 
 
 @dataclass(frozen=True)
@@ -111,7 +111,7 @@ def equivalent_unknowns(itinerary: Equations, start: Array, x: Array) -> Array:
     return found
 
 
-def with_shortest_period(itinerary: Itinerary, x: Array) -> tuple[Itinerary, Array]:
+def shorten_to_least_period(itinerary: Itinerary, x: Array) -> tuple[Itinerary, Array]:
     """Return itinerary and unknowns of the motion x (n + 2,) with its least period.
 
     If the motion repeats after fewer than m forcing periods, the itinerary is shortened to one repetition, and the
@@ -188,7 +188,7 @@ class PeriodicMotion(ABC):
         """
         n = itinerary.n
         determinant = itinerary.law.determinant(x[n], itinerary.m, len(itinerary.walls))
-        large, small = (complex(np.inf), 0j) if np.isinf(trace) else multipliers_of(trace, determinant)
+        large, small = (complex(np.inf), 0j) if np.isinf(trace) else multipliers_from_trace(trace, determinant)
         times, multipliers = x[: len(itinerary.walls)] - np.floor(x[0]), (complex(large), complex(small))
         here = float(x[n]), float(x[n + 1]), itinerary.beta, itinerary.m, itinerary.walls
         return cls(*here, times, speeds, multipliers, admissible, **more)
@@ -272,7 +272,7 @@ def solve_at_parameters(itinerary: Equations, x: Array) -> Array | None:
     """Solve for the unknowns of x = (unknowns (n,), δ, ε) at these δ and ε by Newton's method; None if it fails."""
     n, x = itinerary.n, x.copy()
     for _ in range(MOST_NEWTON):
-        value, jacobian = derivatives(itinerary.residual, x)
+        value, jacobian = value_and_jacobian(itinerary.residual, x)
         if not (np.isfinite(value).all() and np.isfinite(jacobian).all()):
             return None
         try:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from rattle.errors import RattleError, require
 from rattle.flight.law import fold_phase
-from rattle.orbits.images import images
+from rattle.orbits.images import apply_unfolded_map_power
 from rattle.orbits.periodic_motions import PeriodicMotion
 from rattle.orbits.return_map import apply_return_map_power
 
@@ -37,7 +37,7 @@ class LocalManifold:
 
     Attributes
     ----------
-    powers : (DEGREE + 1, 2)
+    series_coefficients : (DEGREE + 1, 2)
         Coefficients of τ and v, the lowest power first.
     multiplier : float
         The multiplier λ of the map F along the manifold.
@@ -53,7 +53,7 @@ class LocalManifold:
 
     orbit: PeriodicMotion
     backwards: bool
-    powers: Array
+    series_coefficients: Array
     size: float
     multiplier: float
     steps: int
@@ -63,7 +63,7 @@ class LocalManifold:
 
     def states_at(self, s: Array) -> Array:
         """Return the states (2, n) of the local manifold at positions s (n,), |s| ≤ size; τ may leave [0, 1)."""
-        return np.asarray(polyval(np.asarray(s) / self.size, self.powers), np.float64)
+        return np.asarray(polyval(np.asarray(s) / self.size, self.series_coefficients), np.float64)
 
     def map(self, states: Array, times: int) -> tuple[NDArray[np.bool_], Array, NDArray[np.int64], NDArray[np.int64]]:
         """Apply the map F of this manifold `times` times to states (2, n).
@@ -76,7 +76,7 @@ class LocalManifold:
         """
         tau, v = (np.ascontiguousarray(x) for x in states)
         steps, turns = times * self.steps, times * self.turns
-        ok, tau, v, word, bounces = images(tau, v, steps, turns, self.backwards, self.orbit.point)
+        ok, tau, v, word, bounces = apply_unfolded_map_power(tau, v, steps, turns, self.backwards, self.orbit.point)
         return ok, np.stack([tau, v]), word, bounces
 
     def image(self, s: Array, times: int) -> tuple[NDArray[np.bool_], Array, NDArray[np.int64], NDArray[np.int64]]:
@@ -173,8 +173,8 @@ def _solve_series(start: LocalManifold, size: float, derivative: Array) -> Local
     solve = np.linalg.pinv(np.vander(x, DEGREE + 1, increasing=True)[:, 2:])
     rates = start.multiplier ** np.arange(2, DEGREE + 1)
     inverse = np.linalg.inv(rates[:, None, None] * np.eye(2) - derivative)
-    powers = start.powers * np.array([1.0, size] + [0.0] * (DEGREE - 1))[:, None]
-    local, last = replace(start, powers=powers, size=size), np.inf
+    powers = start.series_coefficients * np.array([1.0, size] + [0.0] * (DEGREE - 1))[:, None]
+    local, last = replace(start, series_coefficients=powers, size=size), np.inf
     for _ in range(MOST_ITERATIONS):
         before = local.states_at(size * x / local.multiplier)
         if not (before[1] > 0).all():
@@ -184,16 +184,16 @@ def _solve_series(start: LocalManifold, size: float, derivative: Array) -> Local
             return None
         off = states - local.states_at(size * x)
         local = replace(local, residual=float((np.abs(off) / [[1.0], [local.unit]]).max()))
-        new = local.powers.copy()
+        new = local.series_coefficients.copy()
         # `off` is the residual as a function of λs. Its coefficient k times λ^k (`rates`) is therefore coefficient k of
         # the residual as a function of s.
         new[2:] += np.einsum("kij,kj->ki", inverse * rates[:, None, None], solve @ off.T)
-        change = float((np.abs(new - local.powers) / [1.0, local.unit]).max())
+        change = float((np.abs(new - local.series_coefficients) / [1.0, local.unit]).max())
         if change < 1e-16 or (
             local.residual < ROUNDING[start.backwards] * start.orbit.v / start.unit and change >= last
         ):
             break
         if not change < 1.0:
             return None
-        local, last = replace(local, powers=new), change
+        local, last = replace(local, series_coefficients=new), change
     return local

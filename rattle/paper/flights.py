@@ -26,12 +26,12 @@ class ReferenceImpacts(NamedTuple):
     """The impacts during one step of the impact map Π from Σ⁺.
 
     walls, times: the wall of each impact, and its time since the departure, in forcing periods.
-    smallest: the smallest Φ'' during the step.
+    least_acceleration: the smallest Φ'' during the step.
     """
 
     walls: tuple[int, ...]
     times: tuple[float, ...]
-    smallest: float
+    least_acceleration: float
 
 
 def compute_reference_step(delta: float, epsilon: float, tau: float, v: float) -> ReferenceImpacts:
@@ -54,26 +54,30 @@ class SmallestSecondDerivative(NamedTuple):
 
     name: the name of the orbit, A to D.
     smallest, delta, epsilon: the smallest Φ'', and the cell where it occurs.
-    negative: the share of the cells in which Φ'' is negative somewhere on the orbit.
-    first: the smallest ε of the cells with negative Φ'', NaN if there are none.
+    negative_share: the share of the cells in which Φ'' is negative somewhere on the orbit.
+    first_negative_epsilon: the smallest ε of the cells with negative Φ'', NaN if there are none.
     """
 
     name: str
     smallest: float
     delta: float
     epsilon: float
-    negative: float
-    first: float
+    negative_share: float
+    first_negative_epsilon: float
 
 
-def worst_flights(delta: Array, epsilon: Array, orbits: PeriodOne) -> tuple[SmallestSecondDerivative, ...]:
+def find_smallest_accelerations(
+    delta: Array, epsilon: Array, orbits: PeriodOne
+) -> tuple[SmallestSecondDerivative, ...]:
     """Return, for each of the orbits A to D, a record of the flight with the smallest Φ'' over the cells (n,)."""
     found = []
     for k, name in enumerate(NAMES):
         here = np.flatnonzero(orbits.exists[k])
         low = np.array(
             [
-                compute_reference_step(*map(float, (delta[i], epsilon[i], orbits.tau[k, i], orbits.v[k, i]))).smallest
+                compute_reference_step(
+                    *map(float, (delta[i], epsilon[i], orbits.tau[k, i], orbits.v[k, i]))
+                ).least_acceleration
                 for i in here
             ]
         )

@@ -19,13 +19,13 @@ JUMP = (0.4, 0.25, 0.46, 2.8, 2.9)
 def finding_on_convexity() -> Finding:
     """Return the finding on the paper's claim that Φ'' > 0 on all flights, and where the claim fails."""
     delta, epsilon = plane_cell_centres(60, 60)
-    worst = flights.worst_flights(delta, epsilon, rattle.period_one(delta, epsilon))
-    first = min(w.first for w in worst)
+    worst = flights.find_smallest_accelerations(delta, epsilon, rattle.period_one(delta, epsilon))
+    first = min(w.first_negative_epsilon for w in worst)
     column = np.linspace(0.06, 0.3, 241)
     there = np.full(column.size, 0.6)
     up = min(
-        np.nan_to_num(w.first, nan=np.inf)
-        for w in flights.worst_flights(there, column, rattle.period_one(there, column))
+        np.nan_to_num(w.first_negative_epsilon, nan=np.inf)
+        for w in flights.find_smallest_accelerations(there, column, rattle.period_one(there, column))
     )
     low = min(_smallest_random_acceleration(*point) for point in ((0.6, 0.056), (0.6, 0.1), (0.762, 0.0974)))
     return Finding(
@@ -39,7 +39,7 @@ def finding_on_convexity() -> Finding:
             *(
                 FindingEvidence(
                     f"{w.name}: smallest Φ'' {w.smallest:.2f}, at δ = {w.delta:.3f}, ε = {w.epsilon:.4f}; negative in "
-                    f"{w.negative:.1%} of the cells where {w.name} exists",
+                    f"{w.negative_share:.1%} of the cells where {w.name} exists",
                     w.smallest < 0,
                 )
                 for w in worst
@@ -60,7 +60,9 @@ def _smallest_random_acceleration(delta: float, epsilon: float) -> float:
     """Return the smallest Φ'' during one step of Π from 500 random states."""
     random = np.random.default_rng(0)
     states = zip(random.random(500), 7 * random.random(500), strict=True)
-    return min(flights.compute_reference_step(delta, epsilon, float(tau), float(v)).smallest for tau, v in states)
+    return min(
+        flights.compute_reference_step(delta, epsilon, float(tau), float(v)).least_acceleration for tau, v in states
+    )
 
 
 def _find_jump(delta: float, epsilon: float, tau: float, low: float, high: float) -> tuple[float, float, float]:
@@ -174,9 +176,9 @@ def finding_on_factor_three() -> Finding:
         "is conserved, so below the quiet limit v always falls, by e^(−δ/3) per forcing period (energy by e^(−2δ/3)).",
         (
             FindingEvidence(
-                f"error of the printed formula falls as v^{orders.printed:.2f}: its v² term is wrong; with f/3g as "
-                f"v^{orders.third:.2f}",
-                abs(orders.printed - 2) < 0.1 and abs(orders.third - 3) < 0.1,
+                f"error of the printed formula falls as v^{orders.speed_as_printed:.2f}: its v² term is wrong; "
+                f"with f/3g as v^{orders.speed_with_third:.2f}",
+                abs(orders.speed_as_printed - 2) < 0.1 and abs(orders.speed_with_third - 3) < 0.1,
             ),
             FindingEvidence(
                 f"δ = {damping}, ε = {formulas.EPSILON}, 1.5 million exact bounces from v = 0.02, {periods:.1f} "

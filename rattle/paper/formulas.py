@@ -57,14 +57,15 @@ class ErrorOrders(NamedTuple):
 
     displacement, velocity: the orders of (3.6) for Φ and of (3.7) for Φ', as h → 0.
     time: the order of (3.8) for the time to the next impact, as v → 0.
-    printed, third: the orders of v + (f/g) v², as printed, and of v + f/(3g) v² for the speed after a bounce, as v → 0.
+    speed_as_printed, speed_with_third: the orders of v + (f/g) v², as printed, and of v + f/(3g) v² for the speed after
+    a bounce, as v → 0.
     """
 
     displacement: float
     velocity: float
     time: float
-    printed: float
-    third: float
+    speed_as_printed: float
+    speed_with_third: float
 
 
 def measure_error_orders() -> ErrorOrders:

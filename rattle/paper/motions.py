@@ -17,7 +17,7 @@ from rattle.orbits.orbits_a_to_d import PeriodOne
 from rattle.paper.birth import find_birth_of_chaos
 from rattle.paper.chaos import flag_settled_states
 from rattle.paper.numbers import epsilon_on_curve
-from rattle.paper.pictures import DELTA, Panels, basin_fraction, fractions_text, label_of
+from rattle.paper.pictures import DELTA, Panels, attractor_label, basin_fraction, fractions_text
 from rattle.paper.plane import Array, C, D
 from rattle.paper.records import Finding, FindingEvidence
 
@@ -237,7 +237,7 @@ def finding_on_region_one() -> Finding:
     which = np.unique(found.cell[two])
     here, there = Gear(1.0, 0.23), Gear(DELTA, 0.12)
     seen, also = here.attractors(count=1024), there.attractors(count=1024)
-    two_bounces = next(a for a in also if label_of(a) == "P(1,2,0)")
+    two_bounces = next(a for a in also if attractor_label(a) == "P(1,2,0)")
     orbit = periodic_orbit(DELTA, 0.12, two_bounces.tau, two_bounces.v, 2)
     born = next(e.epsilon for e in branch(orbit, "epsilon", (0.09, 0.13)).events if e.kind is EventKind.SADDLE_NODE)
     kinds = ", ".join(sorted({KINDS[k] for k in found.kind[other & ~two]})) or "nothing"
@@ -276,7 +276,7 @@ def finding_on_number_of_attractors(found: Panels) -> Finding:
     counts = [sum(a.fraction >= SEEN for a in attractors) for attractors in found.values()]
     c = [basin_fraction(attractors, "P(1,1,0)") for attractors in found.values()]
     rattling = [1 - basin_fraction(attractors, "quiet") for attractors in found.values()]
-    lone = sorted({label_of(a) for a in found[0.089]})
+    lone = sorted({attractor_label(a) for a in found[0.089]})
     return Finding(
         "number of attractors",
         "The number of attractors does not fall steadily with ε",

@@ -24,7 +24,7 @@ def compute_figure_4_attractors() -> Panels:
     return {epsilon: Gear(DELTA, epsilon).attractors(count=SAMPLES) for epsilon in PANELS}
 
 
-def label_of(attractor: Attractor) -> str:
+def attractor_label(attractor: Attractor) -> str:
     """Return the label P(m,n₊,n₋) of a periodic attractor, or the kind of another attractor."""
     if attractor.kind != "periodic":
         return attractor.kind
@@ -33,12 +33,12 @@ def label_of(attractor: Attractor) -> str:
 
 def fractions_text(attractors: tuple[Attractor, ...]) -> str:
     """Return the labels of all attractors with their basin fractions, as text."""
-    return ", ".join(f"{label_of(a)} {a.fraction:.3f}" for a in attractors)
+    return ", ".join(f"{attractor_label(a)} {a.fraction:.3f}" for a in attractors)
 
 
 def basin_fraction(attractors: tuple[Attractor, ...], label: str) -> float:
     """Return the sum of the basin fractions of the attractors with this label or kind."""
-    return sum(a.fraction for a in attractors if label_of(a) == label)
+    return sum(a.fraction for a in attractors if attractor_label(a) == label)
 
 
 def figure_4_statements(found: Panels) -> tuple[Statement, ...]:
@@ -84,7 +84,7 @@ def figures_5_and_6_statements() -> tuple[Statement, ...]:
     saddles = [
         NAMES[k] for k in (a, b, d) if np.abs(here.multipliers[k]).max() > 1 and not here.multipliers[k].imag.any()
     ]
-    basins = sorted({label_of(x) for x in Gear(DELTA, 0.1).attractors(count=SAMPLES)})
+    basins = sorted({attractor_label(x) for x in Gear(DELTA, 0.1).attractors(count=SAMPLES)})
     return (
         Statement(
             "5.1, Fig. 5",

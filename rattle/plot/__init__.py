@@ -15,12 +15,12 @@ from rattle.plot.basins import MANIFOLDS, gamma_line, manifold_line, panels
 from rattle.plot.colours import KIND_COLOURS, REGION_COLOURS, Palette, colour, legend_name
 from rattle.plot.crisis import crisis_figure
 from rattle.plot.diagram import (
+    admissible_curve_parts,
     branch_figure,
     diagram_figure,
     impact_curves_along_branch,
     impacts_at_event,
     parameter_axis,
-    strokes,
 )
 from rattle.plot.drawing import FORMATS, HALO, Drawing, new_figure, save
 from rattle.plot.paper_figures import (
@@ -65,6 +65,7 @@ __all__ = [
     "PaperFigure",
     "RestitutionPlane",
     "StiffFigureRequest",
+    "admissible_curve_parts",
     "areas_figure",
     "branch_figure",
     "codimension_two_figure",
@@ -91,5 +92,4 @@ __all__ = [
     "save",
     "stiff_figure",
     "stiff_request",
-    "strokes",
 ]

@@ -257,7 +257,7 @@ def impact_curves_along_branch(
         yield ImpactCurve(where, v, tau, stable, admissible, columns[5])
 
 
-def strokes(curve: ImpactCurve) -> Iterator[tuple[bool, slice]]:
+def admissible_curve_parts(curve: ImpactCurve) -> Iterator[tuple[bool, slice]]:
     """Yield the admissible parts of a curve, cut where the stability changes or τ jumps by 1.
 
     Yields
@@ -280,7 +280,7 @@ def strokes(curve: ImpactCurve) -> Iterator[tuple[bool, slice]]:
 
 def _draw_impact_curve(panel: Axes, curve: ImpactCurve, y: Array, named: bool) -> None:
     """Draw the admissible parts of a curve. y: v or τ of its points. named: whether to use the style of A to D."""
-    for stable, part in strokes(curve):
+    for stable, part in admissible_curve_parts(curve):
         width, colour = NAMED if named else OTHER[stable]
         panel.plot(curve.x[part], y[part], color=colour, lw=width, ls=STYLES[stable], zorder=3)
 

@@ -157,12 +157,12 @@ def plane_figure(delta: Range, epsilon: Range, beta: float = BETA) -> Drawing:
             curves[name] = curve
             lines[name] = draw_curve(axes, curve, THICK if name in IN_PAPER else THIN, halo=False)
     axes.set(xlim=delta, ylim=epsilon)
-    marks = _draw_paper_marks(axes) if beta == BETA else {}
+    marks = _mark_ranges_of_paper_figures(axes) if beta == BETA else {}
     axes.set_title(f"half-backlash β = {beta:g}", fontsize=10)
-    _add_width_legend(axes, lines)
+    _add_line_width_legend(axes, lines)
     points = codimension_two(beta)
     covered = _draw_inset(axes, curves, lines, {point.name: point for point in points})
-    taken = [*lines.values(), *marks.values(), *([] if covered is None else _lines_over_box(covered))]
+    taken = [*lines.values(), *marks.values(), *([] if covered is None else _lines_that_fill_box(covered))]
     labels = mark_codimension_two_points(axes, points, taken) or Labels(axes, taken)
     _write_region_names(labels, delta, epsilon, beta, covered)
     for name, line in lines.items():
@@ -173,7 +173,7 @@ def plane_figure(delta: Range, epsilon: Range, beta: float = BETA) -> Drawing:
     return Drawing(figure, tuple(notes))
 
 
-def _add_width_legend(axes: Axes, lines: Mapping[str, Array]) -> None:
+def _add_line_width_legend(axes: Axes, lines: Mapping[str, Array]) -> None:
     """Add a legend below the axes for thick lines (curves of the paper) and thin lines (others), if both are drawn."""
     widths = ((True, THICK, "curves of the paper"), (False, THIN, "other curves"))
     entries = [
@@ -254,13 +254,13 @@ def _draw_inset(
     return left + x * across, left + (x + width) * across, bottom + y * up, bottom + (y + height) * up
 
 
-def _lines_over_box(box: Box) -> list[Array]:
+def _lines_that_fill_box(box: Box) -> list[Array]:
     """Return lines that fill a box. Labels keep clear of lines, and so of the box."""
     left, right, bottom, top = box
     return [np.array([[left, height], [right, height]]) for height in np.linspace(bottom, top, 24)]
 
 
-def _draw_paper_marks(axes: Axes) -> dict[str, Array]:
+def _mark_ranges_of_paper_figures(axes: Axes) -> dict[str, Array]:
     """Mark the ranges of Figures 5, 8 and 9 that are visible in the axes, and return their lines."""
     (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
     marks = {}

@@ -100,7 +100,7 @@ def normal_probabilities(z: Array) -> Array:
     return np.asarray(np.clip(ndtr(z), LEAST, 1.0 - LEAST))
 
 
-def checked_correlation(given: ArrayLike | None, names: tuple[str, ...]) -> Array:
+def check_correlation_matrix(given: ArrayLike | None, names: tuple[str, ...]) -> Array:
     """Return the checked correlation matrix (d, d) of numbers with these names; for None the identity matrix.
 
     Returns

@@ -73,7 +73,7 @@ def compute_gears(plan: PopulationPlan, start: int, stop: int) -> ComputedGears:
             energy[of] = sorted_energies(plan, points.take(of), plan.count, plan.seed + int(each))
     verdict = np.full(rows.size, NOT_ASKED)
     asked = plan.flag_judged_rows(rows)
-    verdict[asked] = verdicts_of(plan, points.take(asked))
+    verdict[asked] = judge_gears(plan, points.take(asked))
     return ComputedGears(part, values, at.delta, at.epsilon, at.beta, energy, verdict)
 
 
@@ -136,7 +136,7 @@ def initial_states(plan: PopulationPlan, points: GearPoints, count: int, seed: i
     """
     at = points.parameters
     if plan.shock is None:
-        return SampleSpec(count, NATURAL, seed).states(at)
+        return SampleSpec(count, NATURAL, seed).draw_states(at)
     first, second = initial_conditions(at.delta, at.epsilon, at.beta, count, 1.0, seed)
     speed = values_at_quantiles(plan.shock.speed, second)
     unit = 1.0 if points.units is None else np.broadcast_to(points.units.velocity, at.shape)[:, None]
@@ -150,7 +150,7 @@ def values_at_quantiles(given: float | str | Distribution, u: Array) -> Array:
     return np.full(u.shape, float(given))
 
 
-def verdicts_of(plan: PopulationPlan, points: GearPoints) -> NDArray[np.int64]:
+def judge_gears(plan: PopulationPlan, points: GearPoints) -> NDArray[np.int64]:
     """Test whether gears (n,) meet the plan's requirement on their margin or on their share of quiet runs.
 
     For the share, samples are added until the verdict is certain at 95 % confidence. The test is made at each number of

@@ -12,11 +12,11 @@ from rattle.attractors.classify import BUDGET
 from rattle.attractors.samples import Outcome
 from rattle.attractors.speeds import LARGEST_BUDGET, NATURAL, highest_sampled_speeds
 from rattle.errors import require, require_integer, require_number, require_one_of, require_pair
-from rattle.flight.forcing import least_damping
+from rattle.flight.forcing import damping_at_quiet_limit
 from rattle.impacting.orbits.limits import quiet_limit
 from rattle.machine.forcing import AMPLITUDES
 from rattle.machine.given import IMPOSSIBLE, RPM, WIDEST
-from rattle.models import MODELS, Capability, Inelastic, gear_at
+from rattle.models import MODELS, Capability, Inelastic, gear_at_point
 from rattle.numerics.sampling import initial_conditions, wilson_interval
 from rattle.parameters import Parameters
 from rattle.populations.gears import follow_gears
@@ -154,7 +154,7 @@ def is_safe_if_small(name: str) -> bool:
 
 def is_beyond_quiet_limit(at: Parameters) -> bool:
     """Return whether the teeth cannot stay in contact, because ε of the gear (1,) is at its quiet limit or above."""
-    return gear_at(at).quiet_limit <= float(at.epsilon[0])
+    return gear_at_point(at).quiet_limit <= float(at.epsilon[0])
 
 
 class ShareExcess(NamedTuple):
@@ -206,9 +206,9 @@ class _LimitSolver:
         require(low > 0.0 or self.starts_at_zero, f"{of} must be above 0: let `between` start above 0")
         even = self.starts_at_zero
         scanned = np.linspace(low, high, SCANNED_VALUES + 1)[1:] if even else np.geomspace(low, high, SCANNED_VALUES)
-        self.scanned = scanned if is_safe_if_small(of) else scanned[::-1]
+        self.scanned_values = scanned if is_safe_if_small(of) else scanned[::-1]
         self._require_plausible_machine()
-        self.known: dict[tuple[float, int | None], ShareExcess] = {}
+        self.known_excesses: dict[tuple[float, int | None], ShareExcess] = {}
 
     def _default_range(self) -> tuple[float, float]:
         """Return the default range of the scan, which goes from a safe end of the range to an unsafe end.
@@ -227,29 +227,31 @@ class _LimitSolver:
             return 0.0, 1.0
         if of in ("load", "load_torque"):
             drag = given["drag"] * given["rpm"] * RPM if of == "load_torque" else 1.0
-            edge = self._last_possible_value(drag)
+            edge = self._last_value_with_contact(drag)
             return (0.99 * edge if self._is_contact_impossible(0.98 * edge) else edge / RANGE_RATIO), edge * RANGE_RATIO
         if of not in OF_ONE_COSINE or self._is_inelastic():
             if of in FROM_ZERO or is_amplitude_with_order(of):
-                unit = self._largest_length() if is_machine({**given, of: 0.0}) else 1.0
-                return 0.0, min(self._last_possible_value(unit), self._largest_length())
+                unit = self._largest_allowed_length() if is_machine({**given, of: 0.0}) else 1.0
+                return 0.0, min(self._last_value_with_contact(unit), self._largest_allowed_length())
             if of in ("rpm", "delta", "drag"):
-                edge = self._last_possible_value(1.0)
+                edge = self._last_value_with_contact(1.0)
                 least, most = edge / RANGE_RATIO, edge * RANGE_RATIO
                 return (least, min(edge, IMPOSSIBLE / (given["radius"] * RPM))) if of == "rpm" else (0.99 * edge, most)
         if of in ("epsilon", "eccentricity"):
             points = gear_points_of_numbers({**given, of: 0.0})
             unit = 1.0 if points.units is None else points.units.length
-            return 0.0, min(float(np.ravel(quiet_limit(points.parameters.delta))[0] * unit), self._largest_length())
+            return 0.0, min(
+                float(np.ravel(quiet_limit(points.parameters.delta))[0] * unit), self._largest_allowed_length()
+            )
         if of in ("beta", "backlash"):
             points = gear_points_of_numbers({**given, of: 1.0})
             unit = 1.0 if points.units is None else 2.0 * points.units.length
             least = float(np.ravel(points.parameters.delta)[0]) * unit / RANGE_RATIO
-            return least, min(least * RANGE_RATIO * RANGE_RATIO, self._largest_length())
+            return least, min(least * RANGE_RATIO * RANGE_RATIO, self._largest_allowed_length())
         points = gear_points_of_numbers({**given, of: 1.0})
         epsilon = float(np.ravel(points.parameters.epsilon)[0])
         require(epsilon > 0.0, "without an eccentricity all motions become quiet: give an eccentricity above 0")
-        end = float(np.ravel(points.parameters.delta)[0]) / least_damping(epsilon)
+        end = float(np.ravel(points.parameters.delta)[0]) / damping_at_quiet_limit(epsilon)
         if of == "rpm":
             return end / RANGE_RATIO, min(end, IMPOSSIBLE / (given["radius"] * RPM))
         return 1.0 / end, RANGE_RATIO / end
@@ -268,7 +270,7 @@ class _LimitSolver:
         ((_, few),) = gear_points_of_numbers({**self.given, self.of: np.array([value])}).group_by_harmonics()
         return is_beyond_quiet_limit(few.parameters)
 
-    def _last_possible_value(self, unit: float) -> float:
+    def _last_value_with_contact(self, unit: float) -> float:
         """Return the value of the sought number beyond which the teeth cannot stay in contact.
 
         unit: a typical value of the number. It is returned if the teeth can stay in contact at all values.
@@ -297,14 +299,14 @@ class _LimitSolver:
             low, high = (low, middle) if self._is_contact_impossible(middle) == safe else (middle, high)
         return high
 
-    def _largest_length(self) -> float:
+    def _largest_allowed_length(self) -> float:
         """Return the largest allowed backlash or amplitude in m if the gear is a machine, else infinity."""
         return float(WIDEST * self.given.get("radius", math.inf))
 
     def _require_plausible_machine(self) -> None:
         """Raise ParameterError if a machine at an end of the scan has a number so large that its unit must be wrong."""
         if is_machine({self.of: 0.0, **self.given}):
-            for value in (self.scanned.min(), self.scanned.max()):
+            for value in (self.scanned_values.min(), self.scanned_values.max()):
                 machine_from_numbers({**self.given, self.of: float(value)})
 
     def count_quiet_and_undecided(self, value: float, count: int) -> tuple[int, int]:
@@ -331,7 +333,7 @@ class _LimitSolver:
         kind = table.kind[row]
         return int((kind == Outcome.QUIET).sum()), int((kind == Outcome.UNDECIDED).sum())
 
-    def excess(self, value: float, count: int | None = None) -> ShareExcess:
+    def share_excess(self, value: float, count: int | None = None) -> ShareExcess:
         """Return the share of quiet runs at a value of the sought number, minus the required share.
 
         count: the number of samples that are followed; None means all samples.
@@ -341,12 +343,12 @@ class _LimitSolver:
         ShareExcess
             The difference with its interval. It is computed once for each value and count.
         """
-        if (known := self.known.get((value, count))) is None:
+        if (known := self.known_excesses.get((value, count))) is None:
             samples = count or self.count
             quiet, undecided = self.count_quiet_and_undecided(value, samples)
             (low, _), (_, high) = wilson_interval(quiet, samples), wilson_interval(quiet + undecided, samples)
             found = np.array([quiet / samples, low, high]) - self.share
-            known = self.known[value, count] = ShareExcess(*map(float, found))
+            known = self.known_excesses[value, count] = ShareExcess(*map(float, found))
         return known
 
     def solve(self) -> Limit:
@@ -370,11 +372,15 @@ class _LimitSolver:
         int
             The index; it is the number of values if all shares are large enough.
         """
-        for i, value in enumerate(self.scanned):
-            few = self.excess(float(value), FIRST_SAMPLES) if self.count > FIRST_SAMPLES else self.excess(float(value))
-            if few.high < 0.0 or (few.value < 0.0 and self.excess(float(value)).value < 0.0):
+        for i, value in enumerate(self.scanned_values):
+            few = (
+                self.share_excess(float(value), FIRST_SAMPLES)
+                if self.count > FIRST_SAMPLES
+                else self.share_excess(float(value))
+            )
+            if few.high < 0.0 or (few.value < 0.0 and self.share_excess(float(value)).value < 0.0):
                 return i
-        return self.scanned.size
+        return self.scanned_values.size
 
     def _bracket_of_crossing(self, which: str, near: int) -> tuple[float, float]:
         """Return two values, at most ACCURACY scan steps apart, between which a field of `ShareExcess` falls below 0.
@@ -394,20 +400,20 @@ class _LimitSolver:
             # its motions become quiet. For an inelastic gear or any other number, nothing is known about the value 0.
             if i < 0:
                 return self.of in ("epsilon", "eccentricity") and not self._is_inelastic()
-            return bool(getattr(self.excess(float(self.scanned[i])), which) >= 0.0)
+            return bool(getattr(self.share_excess(float(self.scanned_values[i])), which) >= 0.0)
 
         after = near
         while after > 0 and not is_nonnegative(after - 1):
             after -= 1
-        while after < self.scanned.size and is_nonnegative(after):
+        while after < self.scanned_values.size and is_nonnegative(after):
             after += 1
-        if after == self.scanned.size or (after == 0 and not is_nonnegative(-1)):
+        if after == self.scanned_values.size or (after == 0 and not is_nonnegative(-1)):
             return math.nan, math.nan
-        inside, outside = float(self.scanned[after - 1]) if after else 0.0, float(self.scanned[after])
+        inside, outside = float(self.scanned_values[after - 1]) if after else 0.0, float(self.scanned_values[after])
         step = abs(outside - inside)
         while abs(outside - inside) > ACCURACY * step:
             middle = 0.5 * (inside + outside)
-            if getattr(self.excess(middle), which) >= 0.0:
+            if getattr(self.share_excess(middle), which) >= 0.0:
                 inside = middle
             else:
                 outside = middle

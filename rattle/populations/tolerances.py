@@ -19,7 +19,7 @@ from rattle.machine.given import MAY_BE_ZERO as MACHINE_MAY_BE_ZERO
 from rattle.machine.point import machine_point
 from rattle.models import ADDED, OTHERS, Inelastic, Model, model_with_parameters
 from rattle.parameters import BETA, Harmonic, Parameters
-from rattle.populations.copula import Copula, checked_correlation, normal_probabilities
+from rattle.populations.copula import Copula, check_correlation_matrix, normal_probabilities
 from rattle.populations.distributions import Distribution, Normal, parse_distribution
 
 #: The numbers of a dimensionless gear by name.
@@ -54,31 +54,36 @@ class GearPoints(NamedTuple):
     """n gears as parameter points of a model.
 
     parameters: the parameters (n,). units: the SI sizes of the model's units for each machine; None if the gears are
-    dimensionless. shapes (n,): the tuple of each gear's harmonics besides the first; None if no gear has any.
+    dimensionless. further_harmonics (n,): the tuple of each gear's harmonics besides the first; None if no gear has
+    any.
     """
 
     parameters: Parameters
     units: Units | None
-    shapes: NDArray[np.object_] | None = None
+    further_harmonics: NDArray[np.object_] | None = None
 
     def take(self, which: Any) -> GearPoints:
         """Return the gears that an index, a slice or a mask selects."""
         shape = self.parameters.shape
         units = None if self.units is None else Units(*(np.broadcast_to(x, shape)[which] for x in self.units))
-        return GearPoints(self.parameters.take(which), units, None if self.shapes is None else self.shapes[which])
+        return GearPoints(
+            self.parameters.take(which),
+            units,
+            None if self.further_harmonics is None else self.further_harmonics[which],
+        )
 
     def group_by_harmonics(self) -> Iterator[tuple[NDArray[np.int64], GearPoints]]:
         """Yield the gears in groups with equal harmonics: the indices and the points of the gears of each group."""
-        if self.shapes is None:
+        if self.further_harmonics is None:
             yield np.arange(self.parameters.size), self
             return
         rows: dict[tuple[Harmonic, ...], list[int]] = {}
-        for row, harmonics in enumerate(self.shapes):
+        for row, harmonics in enumerate(self.further_harmonics):
             rows.setdefault(harmonics, []).append(row)
         for harmonics, which in rows.items():
             index = np.array(which)
             few = self.take(index)
-            yield index, few._replace(parameters=few.parameters.with_harmonics(harmonics), shapes=None)
+            yield index, few._replace(parameters=few.parameters.with_harmonics(harmonics), further_harmonics=None)
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,7 +111,7 @@ class Tolerances:
         read = {name: _read_distribution_or_number(name, given[name]) for name in names}
         object.__setattr__(self, "given", read)
         require(bool(self.names), "nothing varies: give a distribution for at least one number")
-        matrix = checked_correlation(self.correlation, self.names)
+        matrix = check_correlation_matrix(self.correlation, self.names)
         object.__setattr__(self, "correlation", matrix)
         self._require_plausible()
 
@@ -114,7 +119,7 @@ class Tolerances:
         """Raise ParameterError if a value that can be drawn is impossible, or so large that its unit must be wrong."""
         low, high = ({name: ends[i] for name, ends in self._ranges_of_numbers.items()} for i in (0, 1))
         for name, least in low.items():
-            inside = least >= 0.0 if may_be_zero(name) else least > 0.0
+            inside = least >= 0.0 if is_zero_allowed(name) else least > 0.0
             require(inside, self._below_zero_message(name, least))
         if not is_machine(self.given):
             return
@@ -123,7 +128,9 @@ class Tolerances:
 
     def _below_zero_message(self, name: str, least: float) -> str:
         """Return the message for a number whose distribution reaches down to `least`, below the allowed values."""
-        limit, allowed = ("0", "must not be below 0") if may_be_zero(name) else ("a number above 0", "must be above 0")
+        limit, allowed = (
+            ("0", "must not be below 0") if is_zero_allowed(name) else ("a number above 0", "must be above 0")
+        )
         advice = (
             f"cut it off (low={limit}), make its deviation smaller, or give a log-normal one"
             if isinstance(self.given[name], Normal)
@@ -189,7 +196,7 @@ def gear_points_of_numbers(given: Mapping[str, Any]) -> GearPoints:
         )
     errors = [(order, numbers[name], 0.0) for order, name in amplitudes_by_order(numbers, ERROR)]
     at = machine_point(numbers, numbers["rpm"] * RPM, errors)
-    rows = zip(at.forcing.orders, at.forcing.relative, at.forcing.phase, strict=True)
+    rows = zip(at.forcing.orders, at.forcing.relative_amplitudes, at.forcing.phase, strict=True)
     harmonics = {order: (size, phase) for order, size, phase in rows} if len(at.forcing.orders) > 1 else {}
     dimensionless = {"delta": at.delta, "epsilon": at.epsilon, "beta": at.beta, **at.added}
     return _points_of_arrays(dimensionless, at.units, harmonics)
@@ -207,7 +214,7 @@ def amplitudes_by_order(given: Mapping[str, Any], pattern: re.Pattern[str]) -> l
     return sorted((int(found[1]), name) for name in given if (found := pattern.fullmatch(name)))
 
 
-def may_be_zero(name: str) -> bool:
+def is_zero_allowed(name: str) -> bool:
     """Return whether the number of a gear with this name may be 0."""
     return name in MAY_BE_ZERO or bool(HARMONIC.fullmatch(name) or ERROR.fullmatch(name))
 
@@ -294,9 +301,9 @@ def _read_distribution_or_number(name: str, value: Any) -> Distribution | float 
         return value
     if isinstance(value, str):
         try:
-            return require_number(name, float(value), positive=not may_be_zero(name))
+            return require_number(name, float(value), positive=not is_zero_allowed(name))
         except ParameterError:
             raise
         except ValueError:
             return parse_distribution(value)
-    return require_number(name, value, positive=not may_be_zero(name))
+    return require_number(name, value, positive=not is_zero_allowed(name))

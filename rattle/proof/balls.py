@@ -39,7 +39,7 @@ def precision(bits: int = BITS) -> Iterator[None]:
             ctx.cap = before
 
 
-def tight_radius() -> float:
+def negligible_radius() -> float:
     """Return 2^(−0.7 p) at a precision of p bits: balls of smaller radius need not be made narrower."""
     return float(2.0 ** (-0.7 * ctx.prec))
 
@@ -54,7 +54,7 @@ def interval_ball(centre: Fraction, radius: Fraction) -> arb:
     return ball(centre) + arb(0, 1) * ball(radius)
 
 
-def ends(x: arb) -> tuple[Fraction, Fraction]:
+def exact_ends(x: arb) -> tuple[Fraction, Fraction]:
     """Return a lower and an upper bound of a ball as exact numbers."""
     return exact_midpoint(x.lower()), exact_midpoint(x.upper())
 
@@ -80,10 +80,10 @@ __all__ = [
     "arb_mat",
     "arb_series",
     "ball",
-    "ends",
+    "exact_ends",
     "exact_midpoint",
     "interval_ball",
+    "negligible_radius",
     "precision",
     "rounded_midpoint",
-    "tight_radius",
 ]

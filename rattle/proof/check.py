@@ -118,7 +118,7 @@ class CertifiedMotion:
         for p in self.pieces(x):
             (y, v), (c, s, c1, s1) = p.state_after(p.duration), p.tangent(p.duration)
             start, end = p.force(ZERO) - self.delta * p.w, p.force(p.duration) - self.delta * v - p.k * y
-            values += [y - (p.target - p.wall) * self.beta, self.velocity_factor * v - p.next]
+            values += [y - (p.target - p.wall) * self.beta, self.velocity_factor * v - p.next_velocity]
             by_y, by_v = (
                 (-c * p.w - s * start, s, v, ZERO),
                 (-c1 * p.w - s1 * start, s1, end, ZERO - self.velocity_factor),
@@ -155,7 +155,7 @@ class CertifiedMotion:
         for i, p in enumerate(self.pieces(x), 1):
             # sign of the velocity at the start: a contact moves into its wall, a flight away from it
             side = p.wall if p.k != 0 else -p.wall
-            speeds = side * p.w, (-p.wall if p.k != 0 else p.target) * self.velocity_factor * p.next
+            speeds = side * p.w, (-p.wall if p.k != 0 else p.target) * self.velocity_factor * p.next_velocity
             require(
                 is_positive(p.duration, *speeds),
                 f"piece {i} is not proved to take time, and to start and end with velocities that its walls allow",
@@ -183,7 +183,7 @@ class CertifiedMotion:
             a, b, c, d = e * a + f * c, e * b + f * d, g * a + h * c, g * b + h * d
             if self.velocity_factor < 0:
                 # the tangent map of an impact that is reached with velocity v is [[−1, 0], [2g/v, −1]]
-                kick = -2 * p.force(p.duration) / p.next
+                kick = -2 * p.force(p.duration) / p.next_velocity
                 a, b, c, d = -a, -b, kick * a - c, kick * b - d
         return a + d
 
@@ -192,8 +192,10 @@ class MotionPiece:
     """A flight or a contact, from event i of a motion to the next; y = Φ − Φ(start) solves y'' + δy' + ky = g(t).
 
     An event is an impact, or the beginning or the end of a contact; k is 0 in a flight and 2κ in a contact.
-    t, w: time and velocity at the start; next: velocity after the next event; duration: time between the events.
-    unknowns: the indices of t, w, the next time and `next` among the unknowns. wall, target: walls of both events.
+    t, w: time and velocity at the start; next_velocity: velocity after the next event; duration: time between the
+    events.
+    unknowns: the indices of t, w, the next time and `next_velocity` among the unknowns. wall, target: walls of both
+    events.
     cosine, sine: P and Q of the particular solution, (1.12) and (1.13) of docs/proofs.md. y0, v0: the value and the
     derivative of this solution at the start.
     """
@@ -201,7 +203,7 @@ class MotionPiece:
     def __init__(self, motion: CertifiedMotion, i: int, x: Sequence[Interval]) -> None:
         j = (i + 1) % len(motion.walls)
         self.unknowns, self.wall, self.target = (2 * i, 2 * i + 1, 2 * j, 2 * j + 1), motion.walls[i], motion.walls[j]
-        self.t, self.w, t1, self.next = (x[unknown] for unknown in self.unknowns)
+        self.t, self.w, t1, self.next_velocity = (x[unknown] for unknown in self.unknowns)
         self.duration, self.k = t1 + (0 if j else motion.m) - self.t, motion.k[i % len(motion.k)]
         self.delta, self.epsilon, self.beta = motion.delta, motion.epsilon, motion.beta
         stiff, loss = self.k - TWO_PI**2, TWO_PI * self.delta

@@ -19,7 +19,7 @@ from rattle.proof.balls import (
     VERSIONS,
     arb,
     ball,
-    ends,
+    exact_ends,
     exact_midpoint,
     interval_ball,
     precision,
@@ -183,7 +183,7 @@ def widened_ends(x: arb) -> Ends:
         raise NotProvedError(
             "the multipliers are not enclosed: the motion is too long or too unstable for the precision"
         )
-    low, high = ends(x)
+    low, high = exact_ends(x)
     least, unit = max(WIDENING * (high - low), LEAST_UNIT * abs(high)), LEAST_UNIT
     while unit < least:
         unit *= 10

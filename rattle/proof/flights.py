@@ -103,7 +103,7 @@ class FlightEnclosure:
         ), point.drift - point.velocity_amplitude * sine - self.constant * kept
 
 
-def flight(
+def enclose_flight(
     point: ModelPoint, t0: arb, t1: arb, sine_cosine0: tuple[arb, arb], sine_cosine1: tuple[arb, arb], distance: arb
 ) -> FlightEnclosure:
     """Return the flight over a distance between two times, by (1.7) to (1.10) of docs/proofs.md.
@@ -137,7 +137,7 @@ def flight(
     )  # fmt: skip
 
 
-def sign(x: arb) -> int:
+def proved_sign(x: arb) -> int:
     """Return 1 if all numbers of a ball are above 0, −1 if all are below 0, otherwise 0."""
     return UP if x > 0 else DOWN if x < 0 else 0
 
@@ -164,16 +164,16 @@ def require_first_impact(flight: FlightEnclosure, wall: int, target: int, name: 
         raise NotProvedError(
             f"the duration of {name} is not proved to be positive: its times are wrong, or enclosed too widely"
         )
-    if sign(flight.w0) != -wall or sign(flight.w1) != target:
+    if proved_sign(flight.w0) != -wall or proved_sign(flight.w1) != target:
         raise NotProvedError(f"{name} is not proved to start and end inside the walls: it may graze or pass a wall")
     # Φ of both walls minus Φ at the departure
     above, below = flight.point.beta * (1 - wall), -flight.point.beta * (1 + wall)
-    for turn, height in extrema(flight, name):
+    for turn, height in enclose_extrema(flight, name):
         if not (height > below if turn == UP else height < above):
             raise NotProvedError(f"{name} may touch Σ{'⁻' if turn == UP else '⁺'} on its way")
 
 
-def extrema(flight: FlightEnclosure, name: str) -> Iterator[tuple[int, arb]]:
+def enclose_extrema(flight: FlightEnclosure, name: str) -> Iterator[tuple[int, arb]]:
     """Yield all extrema of Φ on a flight.
 
     M = e^(δt) Φ' is monotone between two neighbouring zeros of the contact force g (Lemma 4 of docs/proofs.md). So Φ
@@ -196,7 +196,7 @@ def extrema(flight: FlightEnclosure, name: str) -> Iterator[tuple[int, arb]]:
             places.append(time)
         else:  # the balls of two times overlap, so the order of the times is unknown: Φ' must have one sign over both
             places[-1] = places[-1].union(time)
-    signs = [sign(flight.state_at(place)[1]) for place in places]
+    signs = [proved_sign(flight.state_at(place)[1]) for place in places]
     if not all(signs):
         raise NotProvedError(
             f"the sign of the velocity of {name} is not proved at an end or at a zero of the contact force: an "
@@ -204,7 +204,7 @@ def extrema(flight: FlightEnclosure, name: str) -> Iterator[tuple[int, arb]]:
         )
     for (start, end), (before, after) in zip(pairwise(places), pairwise(signs), strict=True):
         if after != before:
-            yield after, extremum(flight, start, end, name)
+            yield after, enclose_extremum(flight, start, end, name)
 
 
 def force_zero_times(flight: FlightEnclosure) -> list[arb]:
@@ -225,7 +225,7 @@ def force_zero_times(flight: FlightEnclosure) -> list[arb]:
     return sorted(found, key=lambda time: float(time.mid()))
 
 
-def extremum(flight: FlightEnclosure, start: arb, end: arb, name: str) -> arb:
+def enclose_extremum(flight: FlightEnclosure, start: arb, end: arb, name: str) -> arb:
     """Return a ball that contains Φ − Φ(t0) at the only zero t* of Φ' between start and end.
 
     M = e^(δt) Φ' must be monotone between start and end. For any time u between them |M| ≤ |M(u)| from u to t*, so
@@ -251,7 +251,7 @@ def extremum(flight: FlightEnclosure, start: arb, end: arb, name: str) -> arb:
 
 
 def _guess_extremum_time(flight: FlightEnclosure, start: float, end: float) -> float:
-    """Return a guess, in doubles, of the time at which Φ' changes sign. The bound of `extremum` holds for any guess."""
+    """Return a guess, in doubles, of the time at which Φ' changes sign. `enclose_extremum` is right for any guess."""
     delta, epsilon = float(flight.point.delta), float(flight.point.epsilon)
     t0, rest = float(flight.t0), float(flight.constant)
 

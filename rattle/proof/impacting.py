@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from rattle.proof.balls import arb, arb_mat
-from rattle.proof.flights import FlightEnclosure, ModelPoint, flight, require_first_impact
+from rattle.proof.flights import FlightEnclosure, ModelPoint, enclose_flight, require_first_impact
 
 #: Name of this model in certificates.
 MODEL = "impacting"
@@ -80,7 +80,7 @@ class ImpactingSystem:
         """Return the flights between impacts at these times (n,); they form a motion if their residual R is 0."""
         n, turns = len(times), [(2 * time).sin_cos_pi() for time in times]
         flights = [
-            flight(
+            enclose_flight(
                 self.point, times[i], times[i + 1] if i + 1 < n else times[0] + self.m, turns[i], turns[(i + 1) % n],
                 self.point.beta * (self.walls[(i + 1) % n] - self.walls[i]),
             )

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rattle.errors import NotProvedError
-from rattle.proof.balls import arb, arb_mat, ball, interval_ball, rounded_midpoint, tight_radius
+from rattle.proof.balls import arb, arb_mat, ball, interval_ball, negligible_radius, rounded_midpoint
 
 #: Half-widths of the boxes, the largest first, because uniqueness in a larger box says more.
 RADII = tuple(Fraction(1, 10**k) for k in (11, 13, 15, 17, 20))
@@ -74,7 +74,7 @@ def enclose_zero(equations: Equations, start: NDArray[np.float64]) -> ZeroEnclos
     """
     inverse, centre = refine_zero(equations, start)
     x = [ball(each) for each in centre]
-    step, small = inverse * column_vector(equations(x).residual), tight_radius()
+    step, small = inverse * column_vector(equations(x).residual), negligible_radius()
     for radius in RADII:
         limit = ball(radius)
         moved = _krawczyk_image(equations, x, step, inverse, [interval_ball(Fraction(0), radius)] * len(x))

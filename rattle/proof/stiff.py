@@ -12,7 +12,7 @@ from functools import cached_property
 
 from rattle.errors import NotProvedError
 from rattle.proof.balls import PI, arb, arb_mat
-from rattle.proof.flights import FlightEnclosure, ModelPoint, flight, require_first_impact
+from rattle.proof.flights import FlightEnclosure, ModelPoint, enclose_flight, require_first_impact
 
 #: Name of this model in certificates.
 MODEL = "stiff"
@@ -188,7 +188,7 @@ class StiffSystem:
         c, n, point = len(self.itinerary), len(times), self.parameters.point
         turns = [(2 * time).sin_cos_pi() for time in times]
         flights = [
-            flight(
+            enclose_flight(
                 point, times[i], times[i + 1] if i + 1 < n else times[0] + self.m, turns[i], turns[(i + 1) % n],
                 point.beta * (self.itinerary[(i // 2 + 1) % c] - self.itinerary[i // 2]),
             )

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from rattle.errors import RattleError
 from rattle.flight.law import wrap_phase_difference
-from rattle.models import AnyGear, gear_at
+from rattle.models import AnyGear, gear_at_point
 from rattle.parameters import Parameters
 from rattle.resilience.gears import SAME_POINT, speed_unit_of
 
@@ -60,7 +60,7 @@ class OrbitEnd:
 
 def gear_between(start: Parameters, end: Parameters, share: float) -> AnyGear:
     """Return the gear whose parameters are at a share of the way from `start` (share 0) to `end` (share 1)."""
-    return gear_at(start.interpolate(end, share))
+    return gear_at_point(start.interpolate(end, share))
 
 
 def find_orbit_end(start: Parameters, end: Parameters, orbit: TrackedOrbit) -> OrbitEnd:

@@ -76,12 +76,12 @@ class _ArrivalAccumulator:
     """An `Accumulator` of the time of arrival of each sample: the first time at which it is near its attractor.
 
     which: the index of each sample's attractor. points: for each attractor its departures (τ, v) from Σ⁺ (k, 2); no
-    rows for quiet motion, and None for chaotic and undecided motion, at which samples never arrive. near: the distance
-    below which a sample has arrived. unit: the unit of speeds in this distance.
+    rows for quiet motion, and None for chaotic and undecided motion, at which samples never arrive. arrival_distance:
+    the distance below which a sample has arrived. speed_unit: the unit of speeds in this distance.
     """
 
     def __init__(self, which: NDArray[np.int64], points: list[Array | None], near: float, unit: float) -> None:
-        self.which, self.points, self.near, self.unit = which, points, near, unit
+        self.which, self.points, self.arrival_distance, self.speed_unit = which, points, near, unit
         self.time = np.full(which.size, np.nan)
 
     def begin(self, tau: Array, v: Array) -> None:
@@ -98,11 +98,11 @@ class _ArrivalAccumulator:
                 there[mine] = points is None
                 continue
             if not len(points):
-                there[mine] = v[mine] < self.near * self.unit
+                there[mine] = v[mine] < self.arrival_distance * self.speed_unit
             else:
                 x = wrap_phase_difference(tau[mine, None] - points[:, 0])
-                y = (v[mine, None] - points[:, 1]) / self.unit
-                there[mine] = (np.hypot(x, y) < self.near).any(axis=1)
+                y = (v[mine, None] - points[:, 1]) / self.speed_unit
+                there[mine] = (np.hypot(x, y) < self.arrival_distance).any(axis=1)
             fresh = mine[there[mine]]
             self.time[sample[fresh]] = time[fresh]
         return there
@@ -151,13 +151,13 @@ def convergence(
     require(within < 0.5, f"within must be below 0.5, half a forcing period, got {within}")
     tau, v = initial_states_of(gear, count, v_max, seed, states)
     found = gear.reached(tau, v)
-    points = [_departures_of(gear, each) for each in found.attractors]
+    points = [_departures_of_attractor(gear, each) for each in found.attractors]
     arrival = _ArrivalAccumulator(found.which, points, within, speed_unit_of(gear))
     time = accumulated(gear, tau, v, arrival, RELAXATIONS / gear.delta if periods is None else periods)
     return Convergence(found.attractors, found.which, time, within)
 
 
-def _departures_of(gear: AnyGear, attractor: Attractor) -> Array | None:
+def _departures_of_attractor(gear: AnyGear, attractor: Attractor) -> Array | None:
     """Return the departures (k, 2) of a periodic attractor, no rows for quiet motion, and None for other attractors."""
     if attractor.kind == "quiet":
         return np.zeros((0, 2))

@@ -41,7 +41,7 @@ def initial_states_of(
     if states is not None:
         tau, v, _shape = check_and_flatten_states(*states)
         return tau, v
-    phases, speeds = SampleSpec(count, v_max, seed).states(gear.parameters)
+    phases, speeds = SampleSpec(count, v_max, seed).draw_states(gear.parameters)
     return phases[0], speeds[0]
 
 

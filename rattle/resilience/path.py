@@ -16,7 +16,7 @@ from rattle.attractors.speeds import MOST_SAMPLES, SampleSpec, SpeedLimit
 from rattle.attractors.table import KINDS, Attractor, AttractorTable, tabulate_attractors
 from rattle.errors import require
 from rattle.flight.law import wrap_phase_difference
-from rattle.models import MODELS, AnyGear, gear_at, model_of_gear
+from rattle.models import MODELS, AnyGear, gear_at_point, model_of_gear
 from rattle.numerics.sampling import wilson_interval
 from rattle.parameters import Parameters
 from rattle.resilience.accumulate import Make, accumulate_at_parameters
@@ -203,10 +203,10 @@ def global_continuation(
         f"{points.size:,} steps of {count:,} samples exceed the limit of {64 * MOST_SAMPLES:,} samples: use fewer "
         "steps or samples",
     )
-    tau, v = sample.states(points) if given is None else (np.tile(x, (points.size, 1)) for x in given[:2])
+    tau, v = sample.draw_states(points) if given is None else (np.tile(x, (points.size, 1)) for x in given[:2])
     model = MODELS[points.model]
     table, row = tabulate_attractors(model.classify_states(points, tau.copy(), v.copy()), missed=True)
-    attractors, entered, family = model.join_rows_of_cells(points, table)
+    attractors, entered, family = model.join_row_of_cells(points, table)
     which = np.flatnonzero(~entered)[row].reshape(-1, count)
     every = points.repeat(count)
     gathered = {
@@ -270,7 +270,7 @@ class _ChangeFinder:
             The beginning or end, with its cause and its position along the path.
         """
         row, where, away = self._row_with_family(family, step, begins), step + begins, step + 1 - begins
-        kind, gears = self.rows.kind[row], (gear_at(self.points, where), gear_at(self.points, away))
+        kind, gears = self.rows.kind[row], (gear_at_point(self.points, where), gear_at_point(self.points, away))
         end = OrbitEnd(UNKNOWN, 0.0, 1.0)
         if kind == Outcome.QUIET:
             limited = gears[1].epsilon >= gears[1].quiet_limit

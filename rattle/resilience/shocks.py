@@ -132,7 +132,7 @@ def _states_at_phase(gear: AnyGear, attractor: Attractor, phase: float) -> tuple
         moving = gear.trajectory(attractor.tau, attractor.v, wait + i, 2)
         states.append(_StateBeforeShock(phase, float(moving.phi[-1]), float(moving.velocity[-1])))
 
-    def departure(state: _StateBeforeShock, change: float) -> tuple[float, float] | None:
+    def departure_after_shock(state: _StateBeforeShock, change: float) -> tuple[float, float] | None:
         """Return the first departure (τ, v) from Σ⁺ after a shock, v > 0 even after rest; None if it is not found."""
         try:
             tau, v = gear.departure(state.tau, state.position, state.velocity + change)
@@ -140,7 +140,7 @@ def _states_at_phase(gear: AnyGear, attractor: Attractor, phase: float) -> tuple
             return None
         return tau, max(v, AT_REST * speed_unit_of(gear))
 
-    return states, departure
+    return states, departure_after_shock
 
 
 class _ShockSearch:

@@ -18,7 +18,7 @@ from rattle.orbits.iterates import Impact, Iterates, Trajectory
 from rattle.orbits.orbits_a_to_d import Orbit
 from rattle.stiff.attractors.classifier import StiffClassifier
 from rattle.stiff.map import quiet, return_map
-from rattle.stiff.map.departure import CANNOT_FOLLOW, departure
+from rattle.stiff.map.departure import CANNOT_FOLLOW, find_departure
 from rattle.stiff.map.flow import GAP, QUIET, flow
 from rattle.stiff.map.iterate import iterate
 from rattle.stiff.map.trajectory import trajectory
@@ -102,7 +102,7 @@ class StiffGear(SampledGear, RattlingGear):
             If the motion cannot be followed; the message names possible causes.
         """
         position, velocity = require_finite("position", position), require_finite("velocity", velocity)
-        time, tau = require_number("time", time), _require_folded_phase(phase)
+        time, tau = require_number("time", time), _fold_finite_phase(phase)
         require(time <= LONGEST_RUN, f"time must be at most {LONGEST_RUN:g} forcing periods, got {time}")
         wall = GAP
         if abs(position) >= self.beta:
@@ -135,7 +135,7 @@ class StiffGear(SampledGear, RattlingGear):
         """
         v = require_number("v", v, positive=True)
         status, tau1, v1, time, n_minus, *tangent, _ = return_map.step_with_tangent(
-            _require_folded_phase(tau), v, self._point
+            _fold_finite_phase(tau), v, self._point
         )
         if status == QUIET:
             raise RattleError("the motion becomes quiet: its contact with Σ⁺ never ends")
@@ -161,7 +161,7 @@ class StiffGear(SampledGear, RattlingGear):
             If the motion cannot be followed; the message names possible causes.
         """
         position, velocity = require_finite("position", position), require_finite("velocity", velocity)
-        return departure(*self._point, _require_folded_phase(phase), position, velocity)
+        return find_departure(*self._point, _fold_finite_phase(phase), position, velocity)
 
     def iterate(self, tau: ArrayLike, v: ArrayLike, n: ArrayLike) -> Iterates:
         """Apply the return map n times to states (τ, v), as `rattle.stiff.iterate` does. Raises ParameterError."""
@@ -184,7 +184,7 @@ class StiffGear(SampledGear, RattlingGear):
         RattleError
             If the motion cannot be followed; the message names possible causes.
         """
-        return trajectory(*self._point, _require_folded_phase(tau), v, periods, points)
+        return trajectory(*self._point, _fold_finite_phase(tau), v, periods, points)
 
     def orbits(self) -> tuple[Orbit, ...]:
         """Return the admissible counterparts of A to D, each named by its letter, and all other P(1,1,0), named "P"."""
@@ -223,6 +223,6 @@ class StiffGear(SampledGear, RattlingGear):
         return self.kappa
 
 
-def _require_folded_phase(phase: float) -> float:
+def _fold_finite_phase(phase: float) -> float:
     """Return a phase modulo 1, in [0, 1). Raises ParameterError unless it is a finite number."""
     return float(law.fold_phase(require_finite("phase", phase)))

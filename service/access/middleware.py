@@ -155,7 +155,7 @@ class AccessMiddleware:
             require_own_host(headers, self._settings.host, self._settings.allowed_hosts)
             return Caller()
         try:
-            caller = await run_in_threadpool(self._caller_by_key, scope, headers)
+            caller = await run_in_threadpool(self._authenticate_caller, scope, headers)
         except UnauthorizedError:
             if path_without_prefix(scope) in (OPEN_PATHS if method in SAFE_METHODS else LOGIN_PATHS):
                 return None
@@ -169,7 +169,7 @@ class AccessMiddleware:
             )
         return caller
 
-    def _caller_by_key(self, scope: Scope, headers: Headers) -> Caller:
+    def _authenticate_caller(self, scope: Scope, headers: Headers) -> Caller:
         kind, _, token = headers.get("authorization", "").partition(" ")
         database = scope["app"].state.front.database
         if not kind and (session := HTTPConnection(scope).cookies.get(COOKIE)) is not None:

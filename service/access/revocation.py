@@ -49,7 +49,7 @@ class RevocationWatcher:
     @asynccontextmanager
     async def lifespan(self) -> AsyncIterator[None]:
         """Check the callers of open connections during this context, twice a second."""
-        looking = asyncio.create_task(self._check_connections())
+        looking = asyncio.create_task(self._cancel_revoked_connections())
         try:
             yield
         finally:
@@ -57,7 +57,7 @@ class RevocationWatcher:
             with suppress(asyncio.CancelledError):
                 await looking
 
-    async def _check_connections(self) -> None:
+    async def _cancel_revoked_connections(self) -> None:
         while True:
             await self._has_open.wait()
             await asyncio.sleep(CHECK_SECONDS)

@@ -87,7 +87,7 @@ def certify(
     if areas is not None:
         prove_areas(areas, delta, epsilon, beta, columns, processes, figure)
     elif check is not None:
-        _check_certificates_in_store(check)
+        _check_certificates(check)
     elif point is not None and chaos:
         _print_certificates(_horseshoe_certificates(*point, beta))
     elif point is not None:
@@ -131,7 +131,7 @@ def _print_certificates(certificates: Iterable[BifurcationCertificate | Horsesho
         raise typer.Exit(NOT_PROVED)
 
 
-def _check_certificates_in_store(path: Path) -> None:
+def _check_certificates(path: Path) -> None:
     from gear_rattle.workers.certificates import CERTIFICATES
     from rattle.proof import check
     from rattle.proof.areas.checker import check as areas
@@ -211,7 +211,7 @@ def _prove_survey(store: str, out: Path, processes: int, scheduler: str | None, 
             with cluster as client, create_reporter(number, what="motions") as progress:
 
                 def on_done(done: int, _: int) -> None:
-                    progress.show(done)
+                    progress.show_cells_done(done)
 
                 if client is None:
                     found = certify_survey(survey, out, on_done=on_done, should_stop=stop.is_set)

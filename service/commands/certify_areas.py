@@ -36,7 +36,9 @@ def prove_areas(
         half_backlash > 0 and across[0] > 0, f"--beta ({beta}) and the lower end of --delta {delta} must be above 0"
     )
     with catch_stop_signals() as stop, create_reporter(columns, what="columns") as progress:
-        found = certify_areas(out, across, along, half_backlash, columns, processes, progress.show, stop.is_set)
+        found = certify_areas(
+            out, across, along, half_backlash, columns, processes, progress.show_cells_done, stop.is_set
+        )
     for share in shares_of_claims(found, (across[1] - across[0]) * (along[1] - along[0])):
         typer.echo(share)
     if figure is not None:

@@ -39,7 +39,7 @@ def copy(
         def show(done: int, total: int) -> None:
             if not shown:
                 shown.append(stack.enter_context(create_reporter(total, what="files")))
-            shown[0].show(done)
+            shown[0].show_cells_done(done)
 
         copied = copy_store(source, target, show)
     kept = f", {copied.kept:,} of them were there already" if copied.kept else ""

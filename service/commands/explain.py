@@ -56,32 +56,35 @@ def _print_explanation(found: BoundaryExplanation, rows: int) -> None:
     for what, number, of in (
         ("between which a computed curve passes", found.crossed.sum(), len(pairs)),
         ("whose regions differ, explained", found.region_explained.sum(), pairs.region.sum()),
-        ("whose attractors differ by the sample alone", found.sampling.sum(), pairs.attractors.sum()),
+        ("whose attractors differ by the sample alone", found.differ_by_samples_only.sum(), pairs.attractors.sum()),
         (
             "whose attractors differ otherwise, explained",
             found.attractors_explained.sum(),
-            pairs.attractors.sum() - found.sampling.sum(),
+            pairs.attractors.sum() - found.differ_by_samples_only.sum(),
         ),
     ):
         share = f"{100 * number / of:.1f} %" if of else "-"
         console.print(f"  {what}: {number} of {of} ({share})")
-    console.print(f"  of these, by the point of a curve between the two cells alone: {found.met}")
+    console.print(
+        f"  of these, by the point of a curve between the two cells alone: {found.n_pairs_with_followed_bifurcation}"
+    )
     table = Table(
         "curve", "pairs it explains", "pairs it passes between", box=None, title="Curves", title_justify="left"
     )
-    crossing = [item for item in found.known if item.crosses.any()]
+    crossing = [item for item in found.explaining_curves if item.crosses.any()]
     for item in crossing[:rows]:
-        table.add_row(item.curve.name, str(item.explains), str(item.crosses.sum()))
+        table.add_row(item.curve.name, str(item.n_explained_pairs), str(item.crosses.sum()))
     console.print(table)
     if len(crossing) > rows:
         console.print(f"  and {len(crossing) - rows} curves more")
-    if not found.rest:
+    if not found.unexplained_groups:
         return
     table = Table("what changes", "pairs", "why no curve", "for example, (delta, epsilon)", box=None, title="The rest")
     table.title_justify = "left"
-    for rest in found.rest[:rows]:
+    for rest in found.unexplained_groups[:rows]:
         example = " | ".join(f"({delta:.6g}, {epsilon:.6g})" for delta, epsilon in rest.example)
-        table.add_row(rest.change, str(rest.pairs), rest.why, example)
+        table.add_row(rest.change, str(rest.n_pairs), rest.why, example)
     console.print(table)
-    if len(found.rest) > rows:
-        console.print(f"  and {len(found.rest) - rows} kinds more, {sum(x.pairs for x in found.rest[rows:])} pairs")
+    if len(found.unexplained_groups) > rows:
+        others = found.unexplained_groups[rows:]
+        console.print(f"  and {len(others)} kinds more, {sum(x.n_pairs for x in others)} pairs")

@@ -139,7 +139,7 @@ def _compute_tiles(
             done += record.cells
             filled += record.filled_cells
             failed.extend(record.failed_cells)
-            progress.show(done)
+            progress.show_cells_done(done)
 
         began = time.monotonic()
         if client is None:

@@ -99,12 +99,12 @@ def revoke(
 @contextmanager
 def _open_job_database(data: Path | None, database_url: str | None, create: bool = False) -> Iterator[Database]:
     """Yield the job database of a service. create: True to make a missing data directory."""
-    from gear_rattle.service.commands.options import settings_of
+    from gear_rattle.service.commands.options import settings_from_options
     from gear_rattle.service.database import Database
     from gear_rattle.service.errors import DataDirectoryError
     from gear_rattle.service.jobs.directory import DataDirectory
 
-    settings = settings_of(data=data, database_url=database_url)
+    settings = settings_from_options(data=data, database_url=database_url)
     directory = DataDirectory(settings.data)
     if settings.database_url is None:
         if create:

@@ -211,7 +211,7 @@ Scheduler = Annotated[
 ]
 
 
-def settings_of(**given: Any) -> Settings:
+def settings_from_options(**given: Any) -> Settings:
     """Return the settings of a service. A setting with the argument None comes from the environment or is the default.
 
     Raises

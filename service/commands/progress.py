@@ -30,7 +30,7 @@ class ProgressReporter(Protocol):
     ) -> None:
         """End the display."""
 
-    def show(self, cells_done: int) -> None:
+    def show_cells_done(self, cells_done: int) -> None:
         """Show the number of computed cells."""
 
     def show_time_left(self, seconds: float) -> None:
@@ -122,7 +122,7 @@ class _BarReporter:
     ) -> None:
         self._progress.stop()
 
-    def show(self, cells_done: int) -> None:
+    def show_cells_done(self, cells_done: int) -> None:
         self._progress.update(self._task, completed=cells_done)
 
     def show_time_left(self, seconds: float) -> None:
@@ -146,7 +146,7 @@ class _LineReporter:
     ) -> None:
         pass
 
-    def show(self, cells_done: int) -> None:
+    def show_cells_done(self, cells_done: int) -> None:
         now = time.monotonic()
         if cells_done < self._cells and now - self._shown < PLAIN_SECONDS:
             return

@@ -122,7 +122,7 @@ def follow_job(job: Job) -> None:
     of_gears = job.kind == "population"
     cells, done = job.document["cells"], job.document["cells_done"]
     with create_reporter(cells, done, "gears" if of_gears else "cells") as progress:
-        job.wait(progress=lambda event: progress.show(event["cells_done"]))
+        job.wait(progress=lambda event: progress.show_cells_done(event["cells_done"]))
     typer.echo(f"{job.state}: {job.store_url}")
     if of_gears:
         from gear_rattle.service.commands.population_tables import print_population

@@ -57,18 +57,20 @@ def _print_summary(out: str) -> None:
     import zarr  # used instead of xarray, which takes half a second to load
 
     from gear_rattle.workers.storage.location import place_of
-    from gear_rattle.workers.storage.store import read_bands
+    from gear_rattle.workers.storage.store import read_variable_in_bands
     from gear_rattle.workers.survey.refined.audit import AUDIT_ATTRIBUTES
     from gear_rattle.workers.survey.values.evaluate import FAILED
 
     place = place_of(out)
     told = zarr.open_group(place.zarr(), mode="r")
     cells, n_failed = np.sum(
-        [(band.size, (band == FAILED).sum()) for band in read_bands(place, "status")], axis=0
+        [(band.size, (band == FAILED).sum()) for band in read_variable_in_bands(place, "status")], axis=0
     ).tolist()
     summary = f"{cells} cells, {n_failed} failed"
     if "undecided_fraction" in told and n_failed < cells:
-        both = zip(read_bands(place, "undecided_fraction"), read_bands(place, "status"), strict=True)
+        both = zip(
+            read_variable_in_bands(place, "undecided_fraction"), read_variable_in_bands(place, "status"), strict=True
+        )
         shares = (band[status != FAILED] for band, status in both)
         undecided = sum(float(np.sum(each, dtype=float)) for each in shares) / (cells - n_failed)
         summary += f", {100 * undecided:.3f} % of samples undecided"

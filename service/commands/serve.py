@@ -46,13 +46,13 @@ def serve(
     """
     from gear_rattle.service.access.origins import is_loopback
     from gear_rattle.service.app import create_app
-    from gear_rattle.service.commands.options import settings_of
+    from gear_rattle.service.commands.options import settings_from_options
     from gear_rattle.service.commands.signals import catch_stop_signals
     from gear_rattle.service.jobs.opening import open_service_data
     from gear_rattle.service.observability.logs import log_config
     from gear_rattle.service.web.server import run_server
 
-    settings = settings_of(
+    settings = settings_from_options(
         host=host,
         port=port,
         data=data,

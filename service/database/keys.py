@@ -65,7 +65,7 @@ class AccessKeys(Transactions):
 
     def keys(self) -> Sequence[KeyRow]:
         """Return every key, oldest first, including revoked ones."""
-        with self._read() as session:
+        with self._begin_read_transaction() as session:
             return session.scalars(select(KeyRow).order_by(KeyRow.created, KeyRow.id)).all()
 
     def revoke_key(self, key_id: str) -> KeyRow:
@@ -80,7 +80,7 @@ class AccessKeys(Transactions):
 
     def key_by_hash(self, key_hash: str) -> KeyRow | None:
         """Return the key with this hash; None if there is none, or it was revoked."""
-        with self._read() as session:
+        with self._begin_read_transaction() as session:
             return session.scalars(
                 select(KeyRow).where(KeyRow.hash == key_hash, KeyRow.revoked.is_(None))
             ).one_or_none()
@@ -99,7 +99,7 @@ class AccessKeys(Transactions):
 
     def find_key_of_login_session(self, session_hash: str) -> KeyRow | None:
         """Return the key of a browser's session; None if the session has ended or expired, or the key was revoked."""
-        with self._read() as session:
+        with self._begin_read_transaction() as session:
             return session.scalars(
                 _restrict_to_live_logins(select(KeyRow)).where(SessionRow.hash == session_hash)
             ).one_or_none()
@@ -113,7 +113,7 @@ class AccessKeys(Transactions):
         """Return the identities whose keys are not revoked and whose sessions have neither ended nor expired."""
         keys = {key for key, _ in identities}
         hashes = {session_hash for _, session_hash in identities if session_hash is not None}
-        with self._read() as session:
+        with self._begin_read_transaction() as session:
             live: set[str | None] = set(
                 session.scalars(select(KeyRow.id).where(KeyRow.id.in_(keys), KeyRow.revoked.is_(None)))
             )

@@ -63,7 +63,7 @@ class Surveys(Transactions):
     The argument `survey_id` is the id of a survey or of a population.
     """
 
-    def accept(self, new: NewJob, max_jobs: int, has_results: Callable[[str], bool] | None = None) -> JobRow:
+    def add_or_find_job(self, new: NewJob, max_jobs: int, has_results: Callable[[str], bool] | None = None) -> JobRow:
         """Add a survey or population, or return the existing job with the same idempotency key or the same content.
 
         Parameters
@@ -105,7 +105,7 @@ class Surveys(Transactions):
             _adjust_job_count(service, job, 1)
             session.flush()
             _add_state_event(session, job)
-        self._estimate_cost_later(job.id)
+        self._on_change(job.id)
         return job
 
     def job(self, survey_id: str, kind: JobKind | None = None) -> JobRow:
@@ -121,7 +121,7 @@ class Surveys(Transactions):
         UnknownSurveyError
             There is no job with this id, or it is not a job of this kind.
         """
-        with self._read() as session:
+        with self._begin_read_transaction() as session:
             job = _find_job(session, survey_id, kind)
         if kind not in (None, job.kind):
             raise UnknownSurveyError(survey_id, str(kind))
@@ -149,7 +149,7 @@ class Surveys(Transactions):
         newest_first = select(JobRow).where(JobRow.kind == kind).order_by(JobRow.number.desc()).limit(limit)
         if before is not None:
             newest_first = newest_first.where(JobRow.number < before)
-        with self._read() as session:
+        with self._begin_read_transaction() as session:
             counted = ServiceRow.surveys if kind == JobKind.SURVEY else ServiceRow.populations
             total = session.scalars(select(counted)).one()
             return session.scalars(newest_first).all(), total
@@ -157,7 +157,7 @@ class Surveys(Transactions):
     def existing_ids(self, survey_ids: Collection[str]) -> set[str]:
         """Return the ids among `survey_ids` for which a survey or population exists."""
         ids, found = sorted(survey_ids), set[str]()
-        with self._read() as session:
+        with self._begin_read_transaction() as session:
             for start in range(0, len(ids), MOST_IN_LIST):
                 found.update(session.scalars(select(JobRow.id).where(JobRow.id.in_(ids[start : start + MOST_IN_LIST]))))
         return found
@@ -165,7 +165,7 @@ class Surveys(Transactions):
     def active_surveys(self) -> list[ActiveSurvey]:
         """Return all surveys that wait or run, including interrupted surveys, oldest first."""
         remaining_cells = JobRow.n_cells - JobRow.cells_done
-        with self._read() as session:
+        with self._begin_read_transaction() as session:
             found = session.execute(
                 select(JobRow.id, JobRow.owner, remaining_cells).where(IS_ACTIVE).order_by(JobRow.number)
             )
@@ -182,11 +182,11 @@ class Surveys(Transactions):
             session.execute(others.values(message=_wait_message(job)), execution_options={"synchronize_session": False})
             if job.message.startswith(WAITS_FOR_TURN):
                 job.message = ""
-        self._estimate_cost_later(survey_id)
+        self._on_change(survey_id)
 
     def running_surveys(self) -> list[tuple[str, str]]:
         """Return the id and content hash of each survey that runs, or that ran when an earlier service ended."""
-        with self._read() as session:
+        with self._begin_read_transaction() as session:
             found = session.execute(select(JobRow.id, JobRow.content_hash).where(JobRow.state == State.RUNNING))
             return [(survey_id, content_hash) for survey_id, content_hash in found]
 
@@ -196,16 +196,16 @@ class Surveys(Transactions):
             if job := _find_active_job(session, survey_id):
                 job.content_hash = content_hash
 
-    def job_totals(self) -> dict[State, tuple[int, int, int]]:
+    def count_jobs_and_tiles(self) -> dict[State, tuple[int, int, int]]:
         """Return {state: (number of jobs in this state, number of tiles of these jobs, number of finished tiles)}."""
         numbers = func.count(), func.sum(JobRow.n_tiles), func.sum(JobRow.tiles_done)
-        with self._read() as session:
+        with self._begin_read_transaction() as session:
             found = session.execute(select(JobRow.state, *numbers).group_by(JobRow.state))
             return {State(state): (count, int(tiles), int(done)) for state, count, tiles, done in found}
 
     def count_jobs(self, state: State) -> int:
         """Return the number of jobs in a state."""
-        with self._read() as session:
+        with self._begin_read_transaction() as session:
             return session.scalar(select(func.count()).select_from(JobRow).where(JobRow.state == state)) or 0
 
     def set_state(self, survey_id: str, state: State, message: str = "") -> bool:
@@ -220,7 +220,7 @@ class Surveys(Transactions):
             if state.is_final:
                 job.finished = timestamp()
             _add_state_event(session, job)
-        self._estimate_cost_later(survey_id)
+        self._on_change(survey_id)
         return True
 
     def describe(self, survey_id: str, name: str | None, notes: str | None) -> JobRow:
@@ -229,7 +229,7 @@ class Surveys(Transactions):
             job = _find_job(session, survey_id)
             job.name = job.name if name is None else _replace_unstorable_characters(name)
             job.notes = job.notes if notes is None else _replace_unstorable_characters(notes)
-        self._estimate_cost_later(survey_id)
+        self._on_change(survey_id)
         return job
 
     def queue_again(self, survey_id: str, owner: str | None, max_jobs: int) -> JobRow:
@@ -268,7 +268,7 @@ class Surveys(Transactions):
             _require_within_quota(session, owner, 0, max_jobs)
             job.state, job.message, job.finished = State.ACCEPTED, "", None
             _add_state_event(session, job)
-        self._estimate_cost_later(survey_id)
+        self._on_change(survey_id)
         return job
 
     def add_tile(self, survey_id: str, tile: DoneTile) -> None:
@@ -283,21 +283,21 @@ class Surveys(Transactions):
             job.cells_failed += tile.failed
             data = {"tile": tile.index, "seconds": round(tile.seconds, 4), "failed": tile.failed}
             _add_event(session, job, "tile", data | _progress_fields(job))
-        self._estimate_cost_later(survey_id)
+        self._on_change(survey_id)
 
-    def tiles_done(self, survey_id: str) -> set[int]:
+    def recorded_tile_indices(self, survey_id: str) -> set[int]:
         """Return the indices of the tiles that are recorded as written."""
-        with self._read() as session:
+        with self._begin_read_transaction() as session:
             return set(session.scalars(select(TileRow.index).where(TileRow.job == _job_number(session, survey_id))))
 
     def has_tile(self, survey_id: str, index: int) -> bool:
         """Return whether a tile is recorded as written."""
-        with self._read() as session:
+        with self._begin_read_transaction() as session:
             return session.get(TileRow, (_job_number(session, survey_id), index)) is not None
 
     def total_tile_seconds(self, survey_id: str) -> float:
         """Return the total computing time of a survey's tiles in seconds."""
-        with self._read() as session:
+        with self._begin_read_transaction() as session:
             total = select(func.sum(TileRow.seconds)).where(TileRow.job == _job_number(session, survey_id))
             return session.scalar(total) or 0.0
 
@@ -326,12 +326,12 @@ class Surveys(Transactions):
                 job.message = f"{tiles} lost or damaged, and computed again"
                 _add_state_event(session, job)
         if lost:
-            self._estimate_cost_later(survey_id)
+            self._on_change(survey_id)
         return len(lost)
 
     def failures(self, survey_id: str, limit: int) -> list[dict[str, Any]]:
         """Return the indices and messages of the first failed cells of a survey, at most `limit` of them."""
-        with self._read() as session:
+        with self._begin_read_transaction() as session:
             # Literal SQL, because with a bound parameter the database would not use the partial index ix_tiles_failed.
             has_failed = text("tiles.failed > 0")
             failed = select(TileRow.failures).where(TileRow.job == _job_number(session, survey_id), has_failed)
@@ -341,7 +341,7 @@ class Surveys(Transactions):
 
     def events(self, survey_id: str, after: int, limit: int = 500) -> Sequence[EventRow]:
         """Return the first ``limit`` events after number ``after``. Raises UnknownSurveyError for a deleted survey."""
-        with self._read() as session:
+        with self._begin_read_transaction() as session:
             number = _job_number(session, survey_id)
             later = select(EventRow).where(EventRow.job == number, EventRow.id > after)
             return session.scalars(later.order_by(EventRow.id).limit(limit)).all()
@@ -358,11 +358,11 @@ class Surveys(Transactions):
             job = _find_ended_job(session, survey_id)
             job.state, job.message = State.DISMISSED, BEING_DELETED
             _add_state_event(session, job)
-        self._estimate_cost_later(survey_id)
+        self._on_change(survey_id)
 
     def surveys_being_deleted(self) -> list[str]:
         """Return the ids of surveys whose deletion has begun."""
-        with self._read() as session:
+        with self._begin_read_transaction() as session:
             begun = JobRow.state == State.DISMISSED, JobRow.message == BEING_DELETED
             return list(session.scalars(select(JobRow.id).where(*begun)))
 
@@ -378,7 +378,7 @@ class Surveys(Transactions):
             job = _find_ended_job(session, survey_id)
             session.execute(delete(JobRow).where(JobRow.number == job.number))
             _adjust_job_count(service, job, -1)
-        self._estimate_cost_later(survey_id)
+        self._on_change(survey_id)
 
 
 def _adjust_job_count(service: ServiceRow, job: JobRow, change: int) -> None:

@@ -35,7 +35,7 @@ class Transactions:
     def __init__(
         self, engine: Engine, on_change: Callable[[str], None], require: Callable[[], None] | None = None
     ) -> None:
-        self._estimate_cost_later = on_change
+        self._on_change = on_change
         self._require = require or (lambda: None)
         self._reader = engine
         self._set_writer(engine)
@@ -47,7 +47,7 @@ class Transactions:
         self._writer = engine.execution_options(writes=True)
 
     @contextmanager
-    def _read(self) -> Iterator[Session]:
+    def _begin_read_transaction(self) -> Iterator[Session]:
         """Yield a session for one transaction that only reads."""
         self._require()
         with Session(self._reader, expire_on_commit=False) as session:
@@ -90,7 +90,7 @@ class Transactions:
 
     def directory_identity(self) -> str | None:
         """Return the identity of the data directory that has the stores; None if no service recorded it."""
-        with self._read() as session:
+        with self._begin_read_transaction() as session:
             return session.scalar(select(ServiceRow.directory))
 
     def record_directory_identity(self, identity: str) -> None:

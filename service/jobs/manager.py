@@ -375,7 +375,7 @@ class JobManager:
         if job.content_hash != request.content_hash():
             self._database.set_content_hash(job.id, request.content_hash())
         # A tile counts as done only if the database has its failures and the store has its values.
-        done = self._database.tiles_done(job.id) & tiles_done(request, path, self._is_interrupted)
+        done = self._database.recorded_tile_indices(job.id) & tiles_done(request, path, self._is_interrupted)
         lost = self._database.keep_only_tiles(job.id, done)
         return {tile.index: tile for tile in tiles_of(request) if tile.index not in done}, bool(lost)
 

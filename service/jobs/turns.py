@@ -16,11 +16,11 @@ TURN_SECONDS = 3.0  # duration of a turn; running tasks end within two seconds a
 class _KeyTurns:
     """The turns of an API key.
 
-    last: number of its last turn among the turns of all keys; 0 before its first turn. is_smallest_next: True if its
-    next turn goes to its survey with the fewest remaining cells, False if to the survey that has waited longest.
+    last_turn: number of its last turn among the turns of all keys; 0 before its first turn. is_smallest_next: True if
+    its next turn goes to its survey with the fewest remaining cells, False if to the survey that has waited longest.
     """
 
-    last: int = 0
+    last_turn: int = 0
     is_smallest_next: bool = True
 
 
@@ -53,7 +53,7 @@ class TurnScheduler:
         self._waits_since = {each.id: since.get(each.id, self._count) for each in active}
         if not active:
             return None
-        owner = min(active, key=lambda each: self._turns_of_key(each.owner).last).owner
+        owner = min(active, key=lambda each: self._turns_of_key(each.owner).last_turn).owner
         mine = [each for each in active if each.owner == owner]
         if self._turns_of_key(owner).is_smallest_next:
             return min(mine, key=lambda each: each.remaining_cells or math.inf)
@@ -63,7 +63,7 @@ class TurnScheduler:
         """Record that a turn of a survey begins now."""
         self._count += 1
         key = self._turns_of_key(survey.owner)
-        key.last, key.is_smallest_next = self._count, not key.is_smallest_next
+        key.last_turn, key.is_smallest_next = self._count, not key.is_smallest_next
         self._waits_since[survey.id] = self._count
         self._began = self._clock()
 

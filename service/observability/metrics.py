@@ -81,7 +81,7 @@ class _ScrapedValues(Collector):
         return []
 
     def collect(self) -> Iterator[Metric]:
-        totals = self._database.job_totals()
+        totals = self._database.count_jobs_and_tiles()
         surveys = GaugeMetricFamily("rattle_surveys", "Surveys by state.", labels=["state"])
         tiles = GaugeMetricFamily("rattle_survey_tiles", "Tiles of all surveys by state.", labels=["state"])
         waiting = 0

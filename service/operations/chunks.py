@@ -9,7 +9,7 @@ from pathlib import Path
 from gear_rattle.service.database.tables import State
 from gear_rattle.service.state import ApplicationState
 from gear_rattle.workers import StoreInBucket, place_of
-from gear_rattle.workers.storage.manifest import manifest_of
+from gear_rattle.workers.storage.manifest import read_manifest
 from gear_rattle.workers.survey.manifest import MANIFEST, ROOT, Manifest
 
 
@@ -51,6 +51,6 @@ def _cached_manifest(store: Path | StoreInBucket, has_ended: bool) -> Manifest: 
     LookupError
         The store has no manifest that this version can read.
     """
-    if (manifest := manifest_of(place_of(store))) is None:
+    if (manifest := read_manifest(place_of(store))) is None:
         raise LookupError
     return replace(manifest, tiles={})

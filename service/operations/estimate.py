@@ -43,7 +43,7 @@ class CostEstimate:
     is_upper_bound: bool = False
 
 
-async def estimate(front: ApplicationState, request: AnyRequest) -> CostEstimate:
+async def estimate_cost(front: ApplicationState, request: AnyRequest) -> CostEstimate:
     """Estimate the cost of a survey from a similar survey among the newest ones, or by computing nine requested cells.
 
     The cost of a population is estimated by computing nine of its gears.

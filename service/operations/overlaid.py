@@ -12,7 +12,14 @@ from gear_rattle.service.operations.design_limits import DesignLimits
 from gear_rattle.service.operations.windows import WindowCache, clip_to_plane, has_too_coarse_cells
 from gear_rattle.service.state import ApplicationState
 from gear_rattle.workers import ClusterLostError, SurveyError, SurveyRequest
-from gear_rattle.workers.pictures.look import CRISIS, LIMIT, FinerCells, OverlayData, PictureLook, needs_whole_survey
+from gear_rattle.workers.pictures.look import (
+    CRISIS,
+    LIMIT,
+    FinerCells,
+    MapPictureOptions,
+    OverlayData,
+    needs_whole_survey,
+)
 from gear_rattle.workers.pictures.planes import values_to_draw
 from rattle import RattleError
 from rattle.models import Model
@@ -33,7 +40,7 @@ class PictureOptions:
     variable: str
     index: int
     slice: int | None
-    look: PictureLook
+    look: MapPictureOptions
     share: float
     pixels: tuple[int, int] | None
     has_caption: bool
@@ -77,7 +84,7 @@ class Overlays:
         span = request.delta.start, request.delta.stop
         found = [each async for each in self.limits.limits_over_damping(request.gear_model, span, share)]
         delta, limits = found[-1]  # the last result has all dampings
-        return design_limit_line(delta, limits), limit_band(delta, limits)
+        return design_limit_line(delta, limits), design_limit_band(delta, limits)
 
     async def _compute_finer_window(self, request: SurveyRequest, options: PictureOptions) -> FinerCells | None:
         look, pixels = options.look, options.pixels
@@ -114,7 +121,7 @@ def design_limit_line(delta: np.ndarray, limits: np.ndarray) -> Line:
     return np.column_stack([np.where(np.isnan(limits[0]), np.nan, delta), limits[0]])
 
 
-def limit_band(delta: np.ndarray, limits: np.ndarray) -> Band:
+def design_limit_band(delta: np.ndarray, limits: np.ndarray) -> Band:
     """Return the 95 % intervals of design limits as a band over damping.
 
     Returns

@@ -88,7 +88,7 @@ def orbits_document(gear: AnyGear) -> dict[str, Any]:
     }
 
 
-def intensities(
+def compute_intensities(
     gear: AnyGear, count: int, v_max: SpeedLimit, seed: int, budget: int
 ) -> list[tuple[Attractor, Intensity]]:
     """Return each attractor of a gear together with its intensity."""

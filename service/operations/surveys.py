@@ -57,7 +57,7 @@ def submit_survey(
     Raises
     ------
     ConflictError, QueueFullError, QuotaError, UnauthorizedError
-        See `gear_rattle.service.database.Surveys.accept`.
+        See `gear_rattle.service.database.Surveys.add_or_find_job`.
     LimitError
         The request exceeds a limit of this service.
     DirectoryMissingError
@@ -65,7 +65,7 @@ def submit_survey(
     """
     require_within_service_limits(request, front.settings)
     front.directory.require_present()
-    job = front.database.accept(
+    job = front.database.add_or_find_job(
         NewJob(
             name=request.name,
             request=request.model_dump(mode="json"),
@@ -120,7 +120,7 @@ def first_failures(front: ApplicationState, job: JobRow) -> list[dict[str, Any]]
 
 def written_tiles(front: ApplicationState, survey_id: str) -> set[int]:
     """Return the indices of the tiles that are written. Raises UnknownSurveyError if there is no such survey."""
-    return front.database.tiles_done(survey_id)
+    return front.database.recorded_tile_indices(survey_id)
 
 
 def remove_survey(

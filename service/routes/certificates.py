@@ -53,7 +53,7 @@ def show_certificates(request: Request, front: FrontState, survey_id: SurveyId) 
 
     Both numbers are 0 until all tiles are computed, and grow afterwards.
     """
-    job, out = _certificate_store(front, survey_id)
+    job, out = _find_job_and_certificates(front, survey_id)
     here = f"{path_of_job(survey_id)}/certificates"
     links = CertificateLinks(
         self=here,
@@ -83,7 +83,7 @@ async def read_certificates(
     Certificates appear one by one as attractors are proved. The variables of the store are complete when the proof of
     every attractor has been attempted.
     """
-    job, out = await run_in_threadpool(_certificate_store, front, survey_id)
+    job, out = await run_in_threadpool(_find_job_and_certificates, front, survey_id)
     if not KEY.fullmatch(key):
         raise MissingPartError(f"The certificates of survey {survey_id} have no key {key!r}.")
     is_unchanging = job.state == State.SUCCESSFUL
@@ -95,8 +95,8 @@ async def read_certificates(
     return response
 
 
-def _certificate_store(front: ApplicationState, survey_id: str) -> tuple[JobRow, pathlib.Path]:
-    job, store = front.job_and_store(survey_id)
+def _find_job_and_certificates(front: ApplicationState, survey_id: str) -> tuple[JobRow, pathlib.Path]:
+    job, store = front.find_job_and_store(survey_id)
     if not job.is_readable:
         raise ConflictError(UNREADABLE)
     if not job.request.get("certify"):

@@ -17,7 +17,7 @@ from gear_rattle.service.routes.model.machine import (
     DRIVE,
     ECCENTRICITY,
     INERTIA,
-    annotate_positive_query,
+    declare_positive_query,
 )
 from gear_rattle.service.routes.model.points import MostImpacts, SampleSeed, require_few_samples
 from gear_rattle.service.state import FrontState
@@ -87,15 +87,15 @@ class LimitsDocument(BaseModel):
 
 @with_query_parameters(ADDED_QUERIES)
 async def numbers_of_query(
-    delta: Annotated[float | None, annotate_positive_query("damping", 0.6)] = None,
-    epsilon: Annotated[float | None, annotate_positive_query("eccentricity", zero=True)] = None,
-    beta: Annotated[float | None, annotate_positive_query("half-backlash, by default 0.6")] = None,
-    inertia: Annotated[float | None, annotate_positive_query(f"a machine instead: {INERTIA}")] = None,
-    drag: Annotated[float | None, annotate_positive_query(DRAG)] = None,
-    backlash: Annotated[float | None, annotate_positive_query(ALONG_LINE_OF_ACTION)] = None,
-    eccentricity: Annotated[float | None, annotate_positive_query(ECCENTRICITY, zero=True)] = None,
-    radius: Annotated[float | None, annotate_positive_query("m, of the base circle")] = None,
-    rpm: Annotated[float | None, annotate_positive_query("revolutions per minute")] = None,
+    delta: Annotated[float | None, declare_positive_query("damping", 0.6)] = None,
+    epsilon: Annotated[float | None, declare_positive_query("eccentricity", zero=True)] = None,
+    beta: Annotated[float | None, declare_positive_query("half-backlash, by default 0.6")] = None,
+    inertia: Annotated[float | None, declare_positive_query(f"a machine instead: {INERTIA}")] = None,
+    drag: Annotated[float | None, declare_positive_query(DRAG)] = None,
+    backlash: Annotated[float | None, declare_positive_query(ALONG_LINE_OF_ACTION)] = None,
+    eccentricity: Annotated[float | None, declare_positive_query(ECCENTRICITY, zero=True)] = None,
+    radius: Annotated[float | None, declare_positive_query("m, of the base circle")] = None,
+    rpm: Annotated[float | None, declare_positive_query("revolutions per minute")] = None,
     drive: Annotated[Literal["torque", "speed"] | None, Query(description=DRIVE)] = None,
     **more: float | None,
 ) -> dict[str, Any]:
@@ -123,8 +123,8 @@ async def limits(
         list[Annotated[float, Field(gt=0, allow_inf_nan=False)]] | None,
         Query(max_length=MOST_VALUES, description="values of that number; repeat the parameter for each"),
     ] = None,
-    low: Annotated[float | None, annotate_positive_query("least searched value", zero=True)] = None,
-    high: Annotated[float | None, annotate_positive_query("largest searched value")] = None,
+    low: Annotated[float | None, declare_positive_query("least searched value", zero=True)] = None,
+    high: Annotated[float | None, declare_positive_query("largest searched value")] = None,
     count: Annotated[int, Query(ge=1, description="initial conditions", examples=[64])] = 1024,
     budget: MostImpacts = BUDGET,
     seed: SampleSeed = 0,

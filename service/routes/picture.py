@@ -31,9 +31,9 @@ from gear_rattle.workers.pictures.look import (
     SHARE,
     USUAL_SHARE,
     Form,
+    MapPictureOptions,
     OverlayData,
     Pair,
-    PictureLook,
     Span,
 )
 from gear_rattle.workers.storage.store import has_added_node
@@ -62,7 +62,7 @@ WindowEnd = Annotated[
 ColourEnd = Annotated[float | None, Query(ge=-LARGEST_END, le=LARGEST_END, description="an end of the colours' range")]
 
 
-async def parse_look(
+async def picture_look_of_query(
     delta_min: WindowEnd = None,
     delta_max: WindowEnd = None,
     epsilon_min: WindowEnd = None,
@@ -84,7 +84,7 @@ async def parse_look(
     family: Annotated[
         int | None, Query(ge=0, le=10**9, description="number of a family; cells without it are dimmed")
     ] = None,
-) -> PictureLook:
+) -> MapPictureOptions:
     """Return the window, colours and lines of a picture that a query describes. Raises LimitError for wrong values."""
     chosen = None if lines is None else tuple(name for name in lines.split(",") if name)
     if unknown := set(chosen or ()) - set(LINES):
@@ -92,7 +92,7 @@ async def parse_look(
     if log and low is not None and 0 < low < 1 / LARGEST_END:
         least = 1 / LARGEST_END
         raise LimitError("query.low", f"for logarithmic colours, low must be at most 0, or at least {least:g}.")
-    return PictureLook(
+    return MapPictureOptions(
         _range_of_query("delta", delta_min, delta_max),
         _range_of_query("epsilon", epsilon_min, epsilon_max),
         _range_of_query("colours", low, high, ("low", "high")) or span,
@@ -144,7 +144,7 @@ Pixels = Annotated[
 
 
 async def options_of_query(
-    look: Annotated[PictureLook, Depends(parse_look)],
+    look: Annotated[MapPictureOptions, Depends(picture_look_of_query)],
     variable: Annotated[str, Query(max_length=64, json_schema_extra={"enum": MAPS})] = "region",
     index: Index = 0,
     slice_: Annotated[

@@ -13,7 +13,7 @@ from starlette.concurrency import run_in_threadpool
 from gear_rattle.service.access.middleware import CallerState
 from gear_rattle.service.database.tables import JobKind, JobRow, State
 from gear_rattle.service.errors import MissingPartError
-from gear_rattle.service.operations.estimate import estimate
+from gear_rattle.service.operations.estimate import estimate_cost
 from gear_rattle.service.operations.surveys import find_job, first_failures, remove_survey, submit_survey, verify_survey
 from gear_rattle.service.routes.documents import path_of_job
 from gear_rattle.service.routes.events import LARGEST_ID, event_stream
@@ -86,7 +86,7 @@ def submit_population(
 )
 async def estimate_population(front: FrontState, body: PopulationBody) -> EstimateDocument:
     """Return the estimated computing time of a population in seconds, measured on a few of its gears."""
-    found = await estimate(front, body)
+    found = await estimate_cost(front, body)
     return EstimateDocument(seconds=found.seconds, workers=found.workers, basis=found.basis)
 
 
@@ -195,7 +195,7 @@ async def read_population(
 )
 async def answers(request: Request, front: FrontState, population_id: PopulationId) -> Response:
     """Return the probability of quiet running, yield, quantiles of the intensity, Sobol indices and the worst gears."""
-    job, store = await run_in_threadpool(front.job_and_store, population_id, KIND)
+    job, store = await run_in_threadpool(front.find_job_and_store, population_id, KIND)
     if job.state != State.SUCCESSFUL:
         raise MissingPartError(f"Population {population_id} is {job.state}: only a successful population has answers.")
     headers = {"ETag": weak_etag(job.id, job.last_event, "answers"), "Cache-Control": REVALIDATE}

@@ -77,7 +77,7 @@ async def answer_with_stored_file(
     Raises MissingPartError or HTTPException (404) if there is no such file, DamageError if a written file cannot be
     read.
     """
-    job, store = await run_in_threadpool(front.job_and_store, survey_id, kind)
+    job, store = await run_in_threadpool(front.find_job_and_store, survey_id, kind)
     if not KEY.fullmatch(key) or key.endswith(".partial"):
         raise MissingPartError(f"The store of {kind} {survey_id} has no key {key!r}.")
     is_unchanging = job.state == State.SUCCESSFUL

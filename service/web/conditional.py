@@ -35,7 +35,7 @@ NOT_MODIFIED: dict[int | str, dict[str, Any]] = {
 KEPT_BY_304 = frozenset({"etag", "cache-control", "last-modified", "expires", "vary", "content-location", "date"})
 
 
-class AnyTagMiddleware:
+class IfNoneMatchAnyMiddleware:
     """Middleware that answers `If-None-Match: *` with 304 if the resource exists: if its answer has an ETag."""
 
     def __init__(self, app: ASGIApp) -> None:

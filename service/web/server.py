@@ -82,7 +82,7 @@ def run_server(app: FastAPI, settings: Settings, log_config: dict[str, Any], ask
     )
 
     def on_start() -> None:
-        _end_with_signals(app)
+        _cancel_work_on_signals(app)
         if asked_to_stop.is_set():
             server.should_exit = True
             return
@@ -94,7 +94,7 @@ def run_server(app: FastAPI, settings: Settings, log_config: dict[str, Any], ask
         if settings.preload:
             app.state.front.kernels.start_compiling()  # so that the first requests need not wait for kernels
         if explorer := app.state.explorer:  # prepare the explorer before somebody opens it
-            app.state.preparing = asyncio.ensure_future(explorer.prepare())  # the reference keeps the task alive
+            app.state.preparing = asyncio.ensure_future(explorer.preload_page())  # the reference keeps the task alive
 
     app.state.on_start = on_start
     server.run(sockets)
@@ -141,7 +141,7 @@ def bind_sockets(host: str, port: int) -> list[socket.socket]:
     return bound
 
 
-def _end_with_signals(app: FastAPI) -> None:
+def _cancel_work_on_signals(app: FastAPI) -> None:
     """Make SIGINT and SIGTERM end surveys and requests at once, not only when uvicorn has closed its connections.
 
     This function must be called inside the lifespan, when uvicorn has installed its signal handlers. The new handlers

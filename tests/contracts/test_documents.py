@@ -143,7 +143,7 @@ QUICK = [
     Claim(
         "restitution.md",
         "r = 0.9 SN1 is # and the flip #",
-        lambda: [f(0.6, 0.9, 4 * np.pi) for f in (inelastic.saddle_node, inelastic.flip_of_c)],
+        lambda: [f(0.6, 0.9, 4 * np.pi) for f in (inelastic.epsilon_of_saddle_node, inelastic.epsilon_of_flip_of_c)],
     ),
     Claim(
         "restitution.md",

@@ -72,7 +72,7 @@ from service_support import BODY, IN_A_THREAD, compute, front_end, front_of, no_
 from waiting import HANG, eventually
 from gear_rattle.service.app import create_app
 from gear_rattle.service.commands.survey_options import OPTIONS, request_from_options
-from gear_rattle.service.explorer.common.address import View, pin_of
+from gear_rattle.service.explorer.common.address import View, create_pin
 from gear_rattle.service.explorer.places.example import REQUEST
 from gear_rattle.service.explorer.point import parts
 from gear_rattle.service.explorer.point.panel import PointPanel
@@ -118,7 +118,7 @@ with front_end(data, points=IN_A_THREAD) as client:
 assert "wear" in OPTIONS
 options = {"delta": "0.4:0.5:2", "epsilon": "0.1:0.2:2", "wear": "0.1:0.5:3"}
 assert (request_from_options(options).model, request_from_options(options).third_axis_name) == ("worn", "wear")
-pin = pin_of(0.4, 0.1, model)
+pin = create_pin(0.4, 0.1, model)
 assert "wear" in View(pins=(pin,)).query() and pin.model == model
 
 
@@ -134,8 +134,8 @@ async def shown():
 
         view.work.compute = here
         assert "bearings of wear w = 0.5" in view.panel.where.html
-        await eventually(lambda: "quiet" in view.panel.likely.html and "only" in view.panel.safe.html)
-        assert "only for the impacting model, not of the worn one" in view.panel.safe.html
+        await eventually(lambda: "quiet" in view.panel.likelihood_text.html and "only" in view.panel.margin_text.html)
+        assert "only for the impacting model, not of the worn one" in view.panel.margin_text.html
         view.stop()
 
 

@@ -119,7 +119,7 @@ IN_PROCESS = """
         async def nothing(self, worker):
             pass
         cluster.SpecCluster, cluster.KernelLoader.setup = start, nothing
-        cluster._WorkerProcesses._run = lambda self: self._over.wait()
+        cluster._WorkerProcesses._run_nanny_process = lambda self: self._over.wait()
 """
 
 #: A survey of 9 tiles that has to meet a bound. With FEW_AUDITED, its tiles go through a further round.

@@ -25,7 +25,7 @@ from gear_rattle.service.database import Database, DoneTile, NewJob
 from gear_rattle.service.database.tables import State
 database = Database(sys.argv[1])
 while True:
-    survey_id = database.accept(NewJob("", {}, "c", "b", 60, 10), 10**6).id
+    survey_id = database.add_or_find_job(NewJob("", {}, "c", "b", 60, 10), 10**6).id
     print("accepted", survey_id, flush=True)
     database.set_state(survey_id, State.RUNNING)
     for tile in range(10):
@@ -106,11 +106,15 @@ def test_what_was_committed_outlives_sigkill_at_any_instant(database_url: str, t
     for word, survey_id, *tile in committed:
         assert survey_id in known
         if word == "tile":
-            assert int(tile[0]) in database.tiles_done(survey_id)
+            assert int(tile[0]) in database.recorded_tile_indices(survey_id)
         if word == "successful":
             assert known[survey_id].state == "successful"
     for job in surveys:
         events = database.events(job.id, 0)
         assert [event.id for event in events] == list(range(1, job.last_event + 1))
-        assert job.tiles_done == len(database.tiles_done(job.id)) == sum(event.kind == "tile" for event in events)
+        assert (
+            job.tiles_done
+            == len(database.recorded_tile_indices(job.id))
+            == sum(event.kind == "tile" for event in events)
+        )
     database.close()

@@ -234,12 +234,12 @@ def test_nothing_is_measured_before_the_tangent_vector_is_aligned():
     """A witness that makes no more impacts than alignment takes leaves nothing in its batches; one more look does."""
     one = np.ones(1)
     for impacts, measured in ((samples.ALIGNMENT - 1, False), (4 * samples.ALIGNMENT, True)):
-        cells = classifier.elastic_cells(0.6 * one, 0.25 * one, 0.6 * one, 0.0 * one)
+        cells = classifier.make_elastic_cells(0.6 * one, 0.25 * one, 0.6 * one, 0.0 * one)
         followed = classifier.ImpactingClassifier(cells, np.array([[0.3]]), np.array([[4.0]]))
         followed.samples.limit[:] = impacts
         sums, prints = np.zeros((1, chaos.BATCHES, 3)), np.zeros((1, samples.GRID), np.uint64)
         which = np.zeros(1, np.int64)
-        settle.follow_probes(
+        settle.follow_probes_in_lanes(
             followed._block,
             which,
             np.full(1, 2000.0),

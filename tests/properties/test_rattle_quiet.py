@@ -20,7 +20,7 @@ def history(delta, epsilon, beta, tau, v, periods, most=200_000):
     """I e^(δt) relative to its start at every impact, the final speed, and whether Σ⁻ was ever touched."""
     start, t, ratios, touched = v**3 / contact_force(tau, delta, epsilon), 0.0, [], False
     for _ in range(most):
-        status, tau, v, s, below = impact_map.impact(tau, v, delta, epsilon, beta, DRIFT)
+        status, tau, v, s, below = impact_map.apply_impact_map(tau, v, delta, epsilon, beta, DRIFT)
         assert status == 0
         t += s
         touched |= below > 0
@@ -54,7 +54,7 @@ def test_the_speed_falls_by_a_third_of_the_damping_per_period():
     speeds = []
     v, t = 0.05, 0.0
     while t < 9.5:
-        _, tau, v, s, _ = impact_map.impact(tau, v, delta, epsilon, 0.6, DRIFT)
+        _, tau, v, s, _ = impact_map.apply_impact_map(tau, v, delta, epsilon, 0.6, DRIFT)
         if int(t + s) > int(t):
             speeds.append(v / contact_force(tau, delta, epsilon) ** (1 / 3))
         t += s

@@ -27,7 +27,7 @@ from rattle.attractors.table import tabulate_attractors
 from rattle.flight.forcing import DRIFT, contact_force
 from rattle.flight.law import natural_speed
 from rattle.impacting.attractors.classifier import ImpactingClassifier
-from rattle.impacting.map.impact_map import impact
+from rattle.impacting.map.impact_map import apply_impact_map
 from rattle.impacting.map.quiet import capture_invariant_limit
 from rattle.impacting.orbits.limits import quiet_limit
 from rattle.numerics.compile import kernel
@@ -81,7 +81,7 @@ def cells(law, n, seed):
 def settled(tau, v, impacts, delta, epsilon, beta, unit, invariant):
     """Return whether a state is at rest or periodic after so many impacts: plain iteration, then a search."""
     for _ in range(impacts):
-        status, tau, v, _time, _below = impact(tau, v, delta, epsilon, beta, DRIFT)
+        status, tau, v, _time, _below = apply_impact_map(tau, v, delta, epsilon, beta, DRIFT)
         if status != 0:
             return False
         angle = 2.0 * np.pi * tau
@@ -89,7 +89,7 @@ def settled(tau, v, impacts, delta, epsilon, beta, unit, invariant):
             return True
     t, w = tau, v
     for _ in range(LONGEST_PERIOD):
-        status, t, w, _time, _below = impact(t, w, delta, epsilon, beta, DRIFT)
+        status, t, w, _time, _below = apply_impact_map(t, w, delta, epsilon, beta, DRIFT)
         apart = abs(t - tau)
         if status != 0 or (min(apart, 1.0 - apart) < CLOSE and abs(w - v) < CLOSE * unit):
             return status == 0

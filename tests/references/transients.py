@@ -5,7 +5,7 @@ from scipy.optimize import least_squares
 
 from rattle.flight.first_impact import OK
 from rattle.flight.forcing import DRIFT
-from rattle.impacting.map.impact_map import impact
+from rattle.impacting.map.impact_map import apply_impact_map
 from rattle.impacting.map.iterate import iterate
 from rattle.impacting.orbits.period_one import orbits_at
 from rattle.numerics.compile import kernel
@@ -22,7 +22,7 @@ def escapes(tau, v, low, most, delta, epsilon, beta):
     for i in range(tau.size):
         t, w = tau[i], v[i]
         for j in range(most):
-            status, t, w, _, _ = impact(t, w, delta, epsilon, beta, DRIFT)
+            status, t, w, _, _ = apply_impact_map(t, w, delta, epsilon, beta, DRIFT)
             if w < low or status != OK:
                 out[i] = j + 1
                 break

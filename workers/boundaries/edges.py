@@ -15,27 +15,27 @@ from rattle.families import CellRectangle
 class FamilyEdges(NamedTuple):
     """Edges of families. An edge is a pair of neighbouring cells of which exactly one has the family.
 
-    names: the names of the bifurcation curves. number (families,): how many edges each family has.
-    on (families, curves): at how many of these edges each curve passes between the two cells; 0 for a curve that
-    neither makes nor ends motions of the family's label.
+    names: the names of the bifurcation curves. n_edges (families,): how many edges each family has.
+    n_edges_on_curve (families, curves): at how many of these edges each curve passes between the two cells; 0 for a
+    curve that neither makes nor ends motions of the family's label.
     """
 
     names: tuple[str, ...]
-    number: np.ndarray
-    on: np.ndarray
+    n_edges: np.ndarray
+    n_edges_on_curve: np.ndarray
 
 
 class ComponentEdges(NamedTuple):
     """Edges of components (connected parts of families) in a part of a grid.
 
     An edge is a pair of neighbouring cells of which exactly one has the component. component (k,): the numbers of the
-    components in the part. number (k,): how many edges each component has.
-    on (k, curves): at how many of these edges each curve passes between the two cells.
+    components in the part. n_edges (k,): how many edges each component has.
+    n_edges_on_curve (k, curves): at how many of these edges each curve passes between the two cells.
     """
 
     component: np.ndarray
-    number: np.ndarray
-    on: np.ndarray
+    n_edges: np.ndarray
+    n_edges_on_curve: np.ndarray
 
 
 def find_edges_in_part(
@@ -98,8 +98,8 @@ def count_edges(
     n = table.cells.size
     number, on = np.zeros(n, np.int64), np.zeros((n, len(names)), np.int64)
     for part in parts:
-        np.add.at(number, family[part.component], part.number)
-        np.add.at(on, family[part.component], part.on)
+        np.add.at(number, family[part.component], part.n_edges)
+        np.add.at(on, family[part.component], part.n_edges_on_curve)
     concerned = np.array([_families_with_label_of_curve(table, name) for name in names]).reshape(len(names), n)
     return FamilyEdges(tuple(names), number, np.where(concerned.T, on, 0))
 

@@ -53,28 +53,28 @@ class ExplainingCurve:
     """A bifurcation curve, and the pairs of neighbouring cells that it explains.
 
     labels: the labels of the attractors that the curve may make or end. bounds_regions: whether the curve divides
-    regions. crosses (n,): for each pair, whether the curve passes between its cells. explains: how many of the crossed
-    pairs differ by an attractor with one of these labels, or by a region that the curve bounds.
+    regions. crosses (n,): for each pair, whether the curve passes between its cells. n_explained_pairs: how many of the
+    crossed pairs differ by an attractor with one of these labels, or by a region that the curve bounds.
     """
 
     curve: Curve
     labels: frozenset[Label]
     bounds_regions: bool
     crosses: np.ndarray
-    explains: int = 0
+    n_explained_pairs: int = 0
 
 
 @dataclass(frozen=True)
 class UnexplainedPairs:
     """The pairs that no curve explains, grouped by what changes between the two cells and by the reason.
 
-    change: the difference between the two cells, in words. why: the reason why no curve explains the difference. pairs:
-    how many pairs the group has. example: (δ, ε) of both cells of one pair.
+    change: the difference between the two cells, in words. why: the reason why no curve explains the difference.
+    n_pairs: how many pairs the group has. example: (δ, ε) of both cells of one pair.
     """
 
     change: str
     why: str
-    pairs: int
+    n_pairs: int
     example: tuple[tuple[float, float], tuple[float, float]]
 
 
@@ -82,22 +82,24 @@ class UnexplainedPairs:
 class BoundaryExplanation:
     """The explanation of a survey's boundaries.
 
-    pairs: the n pairs of neighbouring cells that differ. known: the curves, sorted by the number of pairs that each
-    explains, largest first. region_explained (n,): whether the cells of a pair differ in their region, and a curve
-    between them explains it. attractors_explained (n,): the same for their attractors. sampling (n,): whether the cells
-    of a pair have the same families, so that they differ only because samples of one cell missed an attractor.
-    met: the number of pairs without a known curve between their cells, but with a bifurcation: a motion that was
-    followed from one cell to the other met this bifurcation. rest: the unexplained pairs, in groups. crossed (n,):
-    whether a known curve or such a bifurcation lies between the cells of a pair.
+    pairs: the n pairs of neighbouring cells that differ. explaining_curves: the curves, sorted by the number of pairs
+    that each explains, largest first. region_explained (n,): whether the cells of a pair differ in their region, and a
+    curve between them explains it. attractors_explained (n,): the same for their attractors. differ_by_samples_only
+    (n,): whether the cells of a pair have the same families, so that they differ only because samples of one cell
+    missed an attractor.
+    n_pairs_with_followed_bifurcation: the number of pairs without a known curve between their cells, but with a
+    bifurcation: a motion that was followed from one cell to the other met this bifurcation. unexplained_groups: the
+    unexplained pairs, in groups. crossed (n,): whether a known curve or such a bifurcation lies between the cells of a
+    pair.
     """
 
     pairs: DifferingPairs
-    known: tuple[ExplainingCurve, ...]
+    explaining_curves: tuple[ExplainingCurve, ...]
     region_explained: np.ndarray
     attractors_explained: np.ndarray
-    sampling: np.ndarray
-    met: int
-    rest: tuple[UnexplainedPairs, ...]
+    differ_by_samples_only: np.ndarray
+    n_pairs_with_followed_bifurcation: int
+    unexplained_groups: tuple[UnexplainedPairs, ...]
     crossed: np.ndarray
 
 
@@ -132,13 +134,13 @@ def explain(
     every = range(len(search.pairs))
     sampling = np.array([not search.changes[n] for n in every], bool) & search.pairs.attractors
     attractors = np.array([not search.unexplained_labels(n) for n in every], bool) & search.pairs.attractors & ~sampling
-    crossing = np.any([item.crosses for item in search.known], axis=0)
-    met = np.array(sorted(search.met), np.int64)
+    crossing = np.any([item.crosses for item in search.explaining_curves], axis=0)
+    met = np.array(sorted(search.bifurcating_labels), np.int64)
     met = met[~crossing[met]]
     crossing[met] = True
     return BoundaryExplanation(
         search.pairs,
-        tuple(sorted(search.curves_with_counts(), key=lambda item: -item.explains)),
+        tuple(sorted(search.curves_with_counts(), key=lambda item: -item.n_explained_pairs)),
         region,
         attractors,
         sampling,
@@ -152,14 +154,15 @@ def explain(
 class _CurveSearch:
     """The search for curves between the differing cells of a survey.
 
-    met: {number of a pair: labels of motions that bifurcate between its cells}, for motions that were followed.
+    bifurcating_labels: {number of a pair: labels of motions that bifurcate between its cells}, for motions that were
+    followed.
     """
 
     grid: CellGrid
     most_curves: int
     pairs: DifferingPairs = field(init=False)
-    known: list[ExplainingCurve] = field(default_factory=list)
-    met: dict[int, frozenset[Label]] = field(default_factory=dict)
+    explaining_curves: list[ExplainingCurve] = field(default_factory=list)
+    bifurcating_labels: dict[int, frozenset[Label]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         self.pairs = self.grid.differing_pairs()
@@ -167,7 +170,7 @@ class _CurveSearch:
             curve = curves.trace(name, self.grid.beta, *self.window)
             self._add_curve(curve, labels_changed_at_curve(name), name not in ("PDC", "quiet_limit"))
         self.changes = [_changed_labels(self.grid, self.pairs, n) for n in range(len(self.pairs))]
-        self.often = Counter(label for n in range(len(self.pairs)) for label in self.unexplained_labels(n))
+        self.n_pairs_by_label = Counter(label for n in range(len(self.pairs)) for label in self.unexplained_labels(n))
 
     @property
     def window(self) -> tuple[tuple[float, float], tuple[float, float]]:
@@ -190,15 +193,15 @@ class _CurveSearch:
 
     def curves_with_counts(self) -> Iterator[ExplainingCurve]:
         """Yield the curves, each with the number of pairs that it explains."""
-        for item in self.known:
+        for item in self.explaining_curves:
             here = np.flatnonzero(item.crosses)
             own = np.array([bool(item.labels.intersection(self.changes[n])) for n in here], bool)
             region = self.pairs.region[here] & item.bounds_regions
-            yield replace(item, explains=int(np.sum(own | region)))
+            yield replace(item, n_explained_pairs=int(np.sum(own | region)))
 
     def pairs_with_explained_regions(self) -> np.ndarray:
         """Return for each pair (n,) whether its cells' regions differ and a curve between the cells bounds regions."""
-        bounds = [item.crosses for item in self.known if item.bounds_regions]
+        bounds = [item.crosses for item in self.explaining_curves if item.bounds_regions]
         return self.pairs.region & np.any(bounds, axis=0)
 
     def unexplained_labels(self, n: int) -> list[Label]:
@@ -215,7 +218,9 @@ class _CurveSearch:
             Empty if curves explain all differences.
         """
         changed = self.changes[n]
-        here = [item.labels for item in self.known if item.crosses[n]] + [self.met.get(n, frozenset())]
+        here = [item.labels for item in self.explaining_curves if item.crosses[n]] + [
+            self.bifurcating_labels.get(n, frozenset())
+        ]
         left = [label for label in changed if label[0] != CHAOTIC and not any(label in labels for labels in here)]
         chaos = [label for label in changed if label[0] == CHAOTIC]
         return left + chaos if left or len(chaos) == len(changed) else []
@@ -242,7 +247,9 @@ class _CurveSearch:
             start = periodic_orbit(*self.grid.point(here), attractor.tau, attractor.v, label[2], self.grid.beta)
         except RattleError:
             return "the motion could not be solved for"
-        found = self._follow_motion(n, start, self.grid.point(there), self.often[label] >= LEAST_PAIRS_FOR_CURVE)
+        found = self._follow_motion(
+            n, start, self.grid.point(there), self.n_pairs_by_label[label] >= LEAST_PAIRS_FOR_CURVE
+        )
         if isinstance(found, PeriodicOrbit):
             return "the motion attracts on both sides: its basin fraction is small, and samples missed it"
         if found is None:
@@ -304,15 +311,15 @@ class _CurveSearch:
         """
         found = continue_to(orbit, *target)
         if isinstance(found, Event):
-            self.met[n] = self.met.get(n, frozenset()) | _labels_at_event(found)
+            self.bifurcating_labels[n] = self.bifurcating_labels.get(n, frozenset()) | _labels_at_event(found)
             should_trace = should_trace and found.itinerary.n <= LONGEST_TRACED
-            if should_trace and len(self.known) < len(curves.NAMES) + self.most_curves:
+            if should_trace and len(self.explaining_curves) < len(curves.NAMES) + self.most_curves:
                 curve = curves.bifurcation_curve(found, *self.window, CURVE_POINTS_ACROSS)
                 self._add_curve(curve, _labels_at_event(found), found.itinerary.m == 1)
         return found
 
     def _add_curve(self, curve: Curve, labels: frozenset[Label], bounds_regions: bool) -> None:
-        self.known.append(
+        self.explaining_curves.append(
             ExplainingCurve(curve, labels, bounds_regions, are_pairs_crossed(curve, self.grid, self.pairs))
         )
 
@@ -367,4 +374,4 @@ def _group_unexplained_pairs(
         )
         for (change, reason), members in groups.items()
     ]
-    return tuple(sorted(found, key=lambda rest: (-rest.pairs, rest.change)))
+    return tuple(sorted(found, key=lambda rest: (-rest.n_pairs, rest.change)))

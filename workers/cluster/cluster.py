@@ -30,7 +30,7 @@ import rattle
 from gear_rattle.workers.cluster import nannies
 from gear_rattle.workers.cluster.scratch import scratch_directory
 from gear_rattle.workers.errors import ClusterLostError, SurveyError
-from rattle.numerics import environment
+from rattle.numerics import child_process_environment
 
 MEMORY_LIMIT = 2 * 2**30
 CONNECT_SECONDS = 10
@@ -219,12 +219,12 @@ class _WorkerProcesses:
 
     def _keep_nanny_process_running(self) -> None:
         while not self._over.is_set():
-            self._run()
+            self._run_nanny_process()
             if not self.started.is_set() or self._cluster.status != Status.running:
                 self._over.set()
             self._over.wait(WATCH_SECONDS)
 
-    def _run(self) -> None:
+    def _run_nanny_process(self) -> None:
         """Start the process of the nannies, wait until it ends or `_over` is set, then kill it and its descendants."""
         command = [sys.executable, "-m", nannies.__name__]
         # The process has a session of its own, so a terminal's Ctrl-C does not reach it. It ends when its stdin closes.
@@ -246,7 +246,7 @@ class _WorkerProcesses:
 def _environment() -> dict[str, str]:
     """Return this process's environment variables, changed for workers: one thread each, no semaphore warnings."""
     ignored = ",".join(filter(None, [os.environ.get("PYTHONWARNINGS"), "ignore:resource_tracker:UserWarning"]))
-    return {**environment(), **ONE_THREAD, "PYTHONWARNINGS": ignored}
+    return {**child_process_environment(), **ONE_THREAD, "PYTHONWARNINGS": ignored}
 
 
 @contextmanager
@@ -339,7 +339,7 @@ def connect(url: str) -> Iterator[Client]:
     SurveyError
         The workers cannot be prepared, or have other versions.
     """
-    url = _address_of(url)
+    url = _scheduler_address(url)
     with ExitStack() as stack:
         # The client would log every lost connection with a traceback; the exception below reports it in one sentence.
         stack.enter_context(silence_logging_cmgr(logging.CRITICAL))
@@ -418,7 +418,7 @@ def _workers_in_words(addresses: list[str]) -> str:
     )
 
 
-def _address_of(url: str) -> str:
+def _scheduler_address(url: str) -> str:
     """Return a scheduler's address, given this address or the path of its scheduler file. Raises ClusterLostError."""
     if not url.endswith(".json"):
         return url

@@ -40,8 +40,8 @@ class RunState:
     _cells_per_tile: int = 1  # number of cells to measure in each tile that is measured
     _expected: dict[int, float] = field(default_factory=dict)  # predicted seconds of each remaining tile, by index
     _remaining: float = 0.0  # predicted seconds of all remaining tiles
-    _ended: float = 0.0  # predicted seconds of all finished tiles
-    _spent: float = 0.0  # measured seconds of all finished tiles
+    _predicted_finished_seconds: float = 0.0  # predicted seconds of all finished tiles
+    _measured_finished_seconds: float = 0.0  # measured seconds of all finished tiles
 
     def tiles_to_measure(self, tiles: Sequence[AnyTile], columns: int) -> list[AnyTile]:
         """Return tiles, spread over the plane, of which some cells are to be computed first, to predict costs.
@@ -74,8 +74,8 @@ class RunState:
         """Record the measured cost of a finished tile."""
         seconds = self._expected.pop(record.index)
         self._remaining -= seconds
-        self._ended += seconds
-        self._spent += record.seconds
+        self._predicted_finished_seconds += seconds
+        self._measured_finished_seconds += record.seconds
 
     def predict_costs(self, tiles: Sequence[AnyTile], columns: int) -> None:
         """Predict the cost of each remaining tile from the measured tiles near it. tiles: all remaining tiles.
@@ -117,10 +117,12 @@ class RunState:
 
     def seconds_left(self, threads: int) -> float | None:
         """Return the seconds until all tiles have ended; None without threads, or before a cell or tile is measured."""
-        trusted = PREDICTION_WEIGHT * (self._ended + self._remaining) if self.seconds_per_cell else 0.0
-        if not threads or not self._ended + trusted:
+        trusted = (
+            PREDICTION_WEIGHT * (self._predicted_finished_seconds + self._remaining) if self.seconds_per_cell else 0.0
+        )
+        if not threads or not self._predicted_finished_seconds + trusted:
             return None
-        pace = (self._spent + trusted) / (self._ended + trusted)
+        pace = (self._measured_finished_seconds + trusted) / (self._predicted_finished_seconds + trusted)
         # The tiles with the highest predictions begin first, and many of these predictions are too high. So a ratio of
         # measured to predicted seconds below 1 in the finished tiles must not be extrapolated to the other tiles.
         if self.seconds_per_cell:
@@ -132,7 +134,7 @@ class RunState:
             if done < MOST_PER_TILE:
                 lefts.append(max(pace * seconds - part.record.seconds, 0.0))
             else:  # the tile's own computed cells predict better than its neighbours
-                lefts.append(part.record.seconds / done * (part.done.size - done))
+                lefts.append(part.record.seconds / done * (part.is_computed.size - done))
         others = pace * max(self._remaining - begun, 0.0)
         return max((others + math.fsum(lefts)) / threads, max(lefts, default=0.0))
 

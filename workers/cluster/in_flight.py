@@ -27,11 +27,11 @@ Result = TypeVar("Result")
 
 @dataclass(frozen=True)
 class ClusterTask(Generic[Work]):
-    """A submitted task. work: item that the task computes, such as a tile. began: time.monotonic() at submission."""
+    """A submitted task. work: the item to compute, such as a tile. submitted_at: time.monotonic() at submission."""
 
     future: Future
     work: Work
-    began: float
+    submitted_at: float
 
 
 class SubmittedTasks(ABC, Generic[Work, Result]):

@@ -16,7 +16,7 @@ from typing import IO
 
 from gear_rattle.workers.kinds import AnyRequest, AnyTile, compute_tile, evaluate_cells_one_by_one
 from gear_rattle.workers.survey.tiles import CellOutcome, TileArrays, TileRecord
-from rattle.numerics import environment
+from rattle.numerics import child_process_environment
 
 #: A cell fails after this many deaths of its process, because a single death may have another cause.
 ATTEMPTS = 2
@@ -48,7 +48,10 @@ def _compute_outcomes(request: AnyRequest, tile: AnyTile, memory: int | None) ->
     first, deaths = 0, 0
     while first < tile.n_cells:
         child = subprocess.Popen(
-            [sys.executable, "-c", _START], stdin=subprocess.PIPE, stdout=subprocess.PIPE, env=environment()
+            [sys.executable, "-c", _START],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            env=child_process_environment(),
         )
         assert child.stdin is not None
         assert child.stdout is not None

@@ -24,19 +24,20 @@ class PartialTile:
     """A partly computed tile.
 
     values: arrays of the whole tile, 0 in cells that are not computed.
-    done (rows, columns): flags of the computed cells; the gears of a population are one row.
-    record: sums over the computed cells. slowest: seconds per cell of the slowest group of cells so far.
+    is_computed (rows, columns): flags of the computed cells; the gears of a population are one row.
+    record: sums over the computed cells. slowest_seconds_per_cell: seconds per cell of the slowest group of cells so
+    far.
     """
 
     values: TileArrays
-    done: np.ndarray
+    is_computed: np.ndarray
     record: TileRecord
-    slowest: float
+    slowest_seconds_per_cell: float
 
     @property
     def is_whole(self) -> bool:
         """True if all cells are computed."""
-        return bool(self.done.all())
+        return bool(self.is_computed.all())
 
 
 def is_tile_divisible(request: AnyRequest, cells: int) -> bool:
@@ -83,12 +84,16 @@ def compute_tile_partly(
     """
     began = time.perf_counter()
     part = before or _create_empty_part(tile)
-    if before is None and expected * part.done.size < QUICK_SHARE * seconds:
-        return _compute_group_of_cells(part, request, tile, *(slice(0, size) for size in part.done.shape))
+    if before is None and expected * part.is_computed.size < QUICK_SHARE * seconds:
+        return _compute_group_of_cells(part, request, tile, *(slice(0, size) for size in part.is_computed.shape))
     while True:
         left = max(seconds - (time.perf_counter() - began), 0.0)
-        most = int(min(max(left / part.slowest, 1.0), part.done.size)) if part.slowest else 1
-        part = _compute_group_of_cells(part, request, tile, *_next_group_of_cells(part.done, most))
+        most = (
+            int(min(max(left / part.slowest_seconds_per_cell, 1.0), part.is_computed.size))
+            if part.slowest_seconds_per_cell
+            else 1
+        )
+        part = _compute_group_of_cells(part, request, tile, *_next_group_of_cells(part.is_computed, most))
         if part.is_whole or time.perf_counter() - began >= seconds:
             return part
 
@@ -119,8 +124,8 @@ def _compute_group_of_cells(
 ) -> PartialTile:
     began = time.perf_counter()
     values, record = compute_tile(request, _subtile(tile, rows, columns))
-    slowest = max((time.perf_counter() - began) / record.cells, part.slowest)
-    arrays, done = {name: array.copy() for name, array in part.values.items()}, part.done.copy()
+    slowest = max((time.perf_counter() - began) / record.cells, part.slowest_seconds_per_cell)
+    arrays, done = {name: array.copy() for name, array in part.values.items()}, part.is_computed.copy()
     for name, value in values.items():
         at: tuple[Any, ...] = (..., rows, columns) if isinstance(tile, Tile) else (columns, ...)
         if name not in arrays:

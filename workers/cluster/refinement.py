@@ -60,10 +60,12 @@ def refined_frames(
     try:
         for level in grid.levels:
             shown = time.monotonic()
-            parts = work.parts(grid, level, FIRST_CELLS if len(grid.levels) > 1 else SINGLE_LEVEL_CELLS)
+            parts = work.divide_level_into_parts(
+                grid, level, FIRST_CELLS if len(grid.levels) > 1 else SINGLE_LEVEL_CELLS
+            )
             unseen = True
-            for part, values in work.run(parts, should_stop):
-                grid.put(part, values)
+            for part, values in work.compute_parts(parts, should_stop):
+                grid.store_part(part, values)
                 unseen = True
                 if level != grid.levels[0] and time.monotonic() - shown > FRAME_SECONDS and not grid.known.all():
                     shown, unseen = time.monotonic(), False
@@ -85,7 +87,7 @@ class _WindowTasks(SubmittedTasks[WindowPart, WindowPartValues]):
         self._delta, self._epsilon = survey.delta.values(), survey.epsilon.values()
         self._cells, self._seconds = 0, 0.0
 
-    def parts(self, grid: WindowGrid, level: int, first_cells: int) -> Iterator[WindowPart]:
+    def divide_level_into_parts(self, grid: WindowGrid, level: int, first_cells: int) -> Iterator[WindowPart]:
         """Divide a level into parts that take about PART_SECONDS each.
 
         The time of a cell is known from the next coarser level. On the coarsest level parts have `first_cells` cells.
@@ -96,10 +98,10 @@ class _WindowTasks(SubmittedTasks[WindowPart, WindowPartValues]):
             A part; together the parts have all cells of the level that no coarser level has.
         """
         cells = max(1, int(PART_SECONDS * self._cells / self._seconds)) if self._seconds else first_cells
-        for block in grid.blocks(level):
-            yield from grid.parts(block, cells)
+        for block in grid.parts_of_level(level):
+            yield from grid.divide_into_parts(block, cells)
 
-    def run(
+    def compute_parts(
         self, parts: Iterator[WindowPart], should_stop: Callable[[], bool]
     ) -> Iterator[tuple[WindowPart, WindowPartValues]]:
         """Compute parts on the cluster, and yield each part with its values as soon as its task ends."""

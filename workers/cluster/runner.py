@@ -290,22 +290,26 @@ def run_tiles(
                         if run_state.record_measured_cell(tile):
                             measuring.append(tile)
 
-                    submission.seconds = 0.0  # with 0 seconds, a task computes just one cell
+                    submission.task_seconds = 0.0  # with 0 seconds, a task computes just one cell
                     _run_submission(submission, measuring, on_ended, *asked, on_measured)
-                    submission.seconds = PART_SECONDS
+                    submission.task_seconds = PART_SECONDS
                     run_state.predict_costs(list(left.values()), columns)
                     report_time_left()
                 waiting = deque(run_state.sort_by_cost(list(left.values()), columns))
 
-                def on_part(tile: AnyTile) -> None:
+                def requeue_partial_tile(tile: AnyTile) -> None:
                     waiting.appendleft(tile)
                     report_time_left()
 
                 if not should_stop():
-                    _run_submission(submission, waiting, on_ended, *asked, on_part)
-                if submission.superseded and isinstance(request, SurveyRequest) and request.has_wrong_share_bound:
+                    _run_submission(submission, waiting, on_ended, *asked, requeue_partial_tile)
+                if (
+                    submission.superseded_futures
+                    and isinstance(request, SurveyRequest)
+                    and request.has_wrong_share_bound
+                ):
                     # Later rounds of audits write some tiles again; an old attempt still running would overwrite them.
-                    end_tasks_and_wait(client, submission.superseded)
+                    end_tasks_and_wait(client, submission.superseded_futures)
             finally:
                 submission.cancel()
 

@@ -65,12 +65,12 @@ class SubmittedTiles(SubmittedTasks[TileAttempt, TileResult]):
         self._task, self._request, self._path = task, request, path
         self._partial = {} if partial is None else partial
         self._slowest = 0.0  # seconds per cell of the slowest part so far
-        self.seconds = PART_SECONDS  # intended duration of a task
+        self.task_seconds = PART_SECONDS  # intended duration of a task
         self.n_threads = 0
         self._longest = 0.0
         self._next_end = 0.0
         #: Futures that may still run although another attempt at the same tile has ended.
-        self.superseded: list[Future] = []
+        self.superseded_futures: list[Future] = []
 
     def count_free_threads(self) -> int:
         """Return the number of threads that have no tile, and so the number of tiles that may be submitted.
@@ -87,7 +87,7 @@ class SubmittedTiles(SubmittedTasks[TileAttempt, TileResult]):
 
     def submit(self, tile: AnyTile, isolated: bool = False, workers: Iterable[str] | None = None) -> None:
         """Submit a tile. isolated: compute it in a process of its own. workers: addresses of allowed workers."""
-        known = self._partial.get(tile.index), self._slowest or math.inf, self.seconds
+        known = self._partial.get(tile.index), self._slowest or math.inf, self.task_seconds
         self.submit_task(
             TileAttempt(tile, isolated), self._task, self._request, self._path, tile, isolated, *known, workers=workers
         )
@@ -109,7 +109,9 @@ class SubmittedTiles(SubmittedTasks[TileAttempt, TileResult]):
         attempts = Counter(each.work.tile.index for each in self.in_flight.values())
         latest = {each.work.tile.index: each for each in self.in_flight.values()}
         late = [
-            each.work for index, each in latest.items() if each.began < late_since and (again or attempts[index] == 1)
+            each.work
+            for index, each in latest.items()
+            if each.submitted_at < late_since and (again or attempts[index] == 1)
         ]
         before = len(self.in_flight)
         if late:
@@ -128,7 +130,7 @@ class SubmittedTiles(SubmittedTasks[TileAttempt, TileResult]):
         endless = (
             each
             for each in self.in_flight.values()
-            if not each.work.isolated and now - each.began > _allowed_seconds(each)
+            if not each.work.isolated and now - each.submitted_at > _allowed_seconds(each)
         )
         if now >= self._next_end and (task := next(endless, None)):
             self._next_end = now + RESTART_SECONDS
@@ -148,12 +150,12 @@ class SubmittedTiles(SubmittedTasks[TileAttempt, TileResult]):
             return None
         task, found = ended
         tile = task.work.tile
-        self._longest = max(self._longest, time.monotonic() - task.began)
+        self._longest = max(self._longest, time.monotonic() - task.submitted_at)
         attempts = [each for each in self.in_flight.values() if each.work.tile.index == tile.index]
-        self.superseded += [each.future for each in attempts if each is not task]
+        self.superseded_futures += [each.future for each in attempts if each is not task]
         self._forget_tile(tile)
         if isinstance(found, PartialTile):
-            self._slowest = max(self._slowest, found.slowest)
+            self._slowest = max(self._slowest, found.slowest_seconds_per_cell)
             self._partial[tile.index] = found
             return tile
         self._slowest = max(self._slowest, found.seconds / max(found.cells, 1))

@@ -134,7 +134,7 @@ class WindowGrid:
         at_once = survey.has_closed_forms and quantity.group in CLOSED_FORM
         self.levels = (0,) if at_once else tuple(range(halvings, -1, -1))
 
-    def blocks(self, level: int) -> tuple[WindowPart, ...]:
+    def parts_of_level(self, level: int) -> tuple[WindowPart, ...]:
         """Return the parts with the cells of a level that no coarser level has: one at the coarsest level, else two."""
         step = 2**level
         if level == self.levels[0]:
@@ -142,7 +142,7 @@ class WindowGrid:
         odd, even, every = (slice(start, None, by) for start, by in ((step, 2 * step), (0, 2 * step), (0, step)))
         return WindowPart(odd, every), WindowPart(even, odd)
 
-    def parts(self, block: WindowPart, cells: int) -> Iterator[WindowPart]:
+    def divide_into_parts(self, block: WindowPart, cells: int) -> Iterator[WindowPart]:
         """Divide the cells `block` into parts of about `cells` cells each: several whole rows, or a part of one row."""
         rows, columns = range(self.epsilon.size)[block.epsilon], range(self.delta.size)[block.delta]
         band = max(1, cells // max(len(columns), 1))
@@ -151,7 +151,7 @@ class WindowGrid:
             for j in range(0, len(columns), piece):
                 yield WindowPart(*(_slice_of_range(each) for each in (rows[i : i + band], columns[j : j + piece])))
 
-    def put(self, part: WindowPart, computed: WindowPartValues) -> None:
+    def store_part(self, part: WindowPart, computed: WindowPartValues) -> None:
         """Store the computed values of a part of the window, and add up the failed cells."""
         self.values[part] = computed.values
         self.known[part] = True

@@ -35,19 +35,19 @@ SLOTS_OF_BLOCK = 1 << 19
 class FamilyBlock:
     """A rectangle of cells whose attractors one task joins to families; a chunk of the array of family numbers.
 
-    row, column: the position of the block among all blocks. cells: the ranges of its rows and columns of cells. side:
-    the number of cells along a side of a block; blocks at the ends of the axes may be smaller. along: the index of
-    the slice that contains the block; () without a third axis.
+    row, column: the position of the block among all blocks. cells: the ranges of its rows and columns of cells.
+    cells_per_side: the number of cells along a side of a block; blocks at the ends of the axes may be smaller. along:
+    the index of the slice that contains the block; () without a third axis.
     """
 
     row: int
     column: int
     cells: CellRectangle
-    side: int
+    cells_per_side: int
     along: Along = ()
 
     @property
-    def chunk(self) -> str:
+    def chunk_key(self) -> str:
         """The key of the chunk with the family numbers of the block's slots."""
         return "/".join([FAMILY, "c", *map(str, (*self.along, 0, self.row, self.column))])
 
@@ -102,7 +102,7 @@ def renumber_cells_in_rectangle(table: Attractors, cells: CellRectangle, columns
     return table.replace(cell=(row - cells.top) * (cells.right - cells.left) + column - cells.left)
 
 
-def renumber_in_grid(table: Attractors, cells: CellRectangle, columns: int) -> Attractors:
+def renumber_cells_in_grid(table: Attractors, cells: CellRectangle, columns: int) -> Attractors:
     """Return attractors with the numbers of their cells in the grid, instead of the numbers in a rectangle."""
     row, column = np.divmod(table.cell, cells.right - cells.left)
     return table.replace(cell=(row + cells.top) * columns + column + cells.left)
@@ -127,7 +127,7 @@ def read_attractors(request: SurveyRequest, place: Place, cells: CellRectangle, 
             name: np.asarray(zarr.open_array(place.zarr(), path=name, mode="r")[at]) for name in ATTRACTOR_VARIABLES
         }
     found = attractors_in_slots(values, request.initial_conditions.count)
-    return found._replace(attractors=renumber_in_grid(found.attractors, cells, request.shape[1]))
+    return found._replace(attractors=renumber_cells_in_grid(found.attractors, cells, request.shape[1]))
 
 
 def read_components(place: Place, block: FamilyBlock) -> np.ndarray:
@@ -145,7 +145,7 @@ def read_components(place: Place, block: FamilyBlock) -> np.ndarray:
         return np.frombuffer(place.read(block.temporary_key(COMPONENTS)), np.int32).astype(np.int64)
 
 
-def intersection(one: CellRectangle, other: CellRectangle) -> CellRectangle:
+def intersect_rectangles(one: CellRectangle, other: CellRectangle) -> CellRectangle:
     """Return the intersection of two rectangles; an empty intersection has bottom ≤ top or right ≤ left."""
     return CellRectangle(
         max(one.top, other.top),
@@ -170,7 +170,7 @@ def read_target_slots(
     """
     found = np.empty((request.n_slots, cells.bottom - cells.top, cells.right - cells.left), np.int8)
     for block in blocks:
-        of, both = block.cells, intersection(block.cells, cells)
+        of, both = block.cells, intersect_rectangles(block.cells, cells)
         with report_damage(f"a temporary file of {place}"):
             kept = np.frombuffer(place.read(block.temporary_key(TARGETS)), np.int8)
         kept = kept.reshape(request.n_slots, of.bottom - of.top, of.right - of.left)

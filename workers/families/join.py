@@ -34,7 +34,7 @@ from gear_rattle.workers.storage.added import RunForEach, run_in_this_process
 from gear_rattle.workers.storage.location import Place, place_of
 from gear_rattle.workers.storage.manifest import read_required_manifest, tile_recorder
 from gear_rattle.workers.storage.store import add_to_store, has_added_node
-from gear_rattle.workers.survey.crossings import CurveCrossings, Polyline, crossings_of
+from gear_rattle.workers.survey.crossings import CurveCrossings, Polyline, find_curve_crossings
 from gear_rattle.workers.survey.manifest import group_path
 from gear_rattle.workers.survey.request import Along, SurveyRequest
 from gear_rattle.workers.survey.stored_families import (
@@ -49,10 +49,10 @@ from rattle import Attractors
 from rattle.families import (
     NO_FAMILY,
     QUIET_FAMILY,
-    add_sums,
     argsort_attractors,
     assign_family_numbers,
     concat_tables,
+    merge_component_sums,
     no_attractors,
     tabulate_families,
 )
@@ -94,7 +94,9 @@ def join_attractors_of_survey(
     joins = [_FamilyJoiner(request, place, each, at_once, along) for along in request.slices]
     try:
         found = {join.along: join.run() for join in joins}
-        files = files_of_families(request, joins[0].blocks[0].side, {along: x[:2] for along, x in found.items()})
+        files = files_of_families(
+            request, joins[0].blocks[0].cells_per_side, {along: x[:2] for along, x in found.items()}
+        )
         add_to_store(place, files, {key: of for _, _, chunks in found.values() for key, of in chunks.items()})
         place.remove(
             [block.temporary_key(what) for join in joins for block in join.blocks for what in (COMPONENTS, TARGETS)]
@@ -132,7 +134,7 @@ class _FamilyJoiner:
         )
         component = self._connect_components(parts)
         summaries = self._summarize_blocks(entered, parts, component, curves)
-        sums = add_sums(each.sums for each in summaries)
+        sums = merge_component_sums(each.sums for each in summaries)
         family = assign_family_numbers(sums)
         delta, epsilon = self._request.delta.values(), self._request.epsilon.values()
         table = tabulate_families(delta, epsilon, self._request.initial_conditions.count, sums)
@@ -140,7 +142,9 @@ class _FamilyJoiner:
         chunks = self._write_families(entered, [family[each] for each in component], slots)
         orbits = concat_tables(*entered)
         order = argsort_attractors(orbits)
-        numbers = np.concatenate([family[of[part.entered]] for of, part in zip(component, parts, strict=True)])
+        numbers = np.concatenate(
+            [family[of[part.components_of_continued]] for of, part in zip(component, parts, strict=True)]
+        )
         joined = JoinedFamilies(table, orbits.take(order), numbers[order], self._columns)
         edges = count_edges((each.edges for each in summaries), family, table, list(curves))
         return joined, edges, chunks
@@ -178,7 +182,7 @@ class _FamilyJoiner:
 
     def _blocks_of_tile(self, tile: Tile) -> list[FamilyBlock]:
         """Return the blocks that cover a tile."""
-        side = self.blocks[0].side
+        side = self.blocks[0].cells_per_side
         rows, columns = (range(span.start // side, (span.stop - 1) // side + 1) for span in tile.spans)
         return [self.blocks[self._number[at]] for at in product(rows, columns)]
 
@@ -226,9 +230,9 @@ class _FamilyJoiner:
         from scipy.sparse import coo_array  # imported here: loading it takes an eighth of a second
         from scipy.sparse.csgraph import connected_components
 
-        begin = np.cumsum([0, *(part.number for part in parts)])
-        first = _concatenate_borders([part.first for part in parts], begin)
-        beyond = _concatenate_borders([part.beyond for part in parts], begin)
+        begin = np.cumsum([0, *(part.n_components for part in parts)])
+        first = _concatenate_borders([part.first_border for part in parts], begin)
+        beyond = _concatenate_borders([part.outer_border for part in parts], begin)
         order = np.argsort(first.key)
         other = first.component[order[np.searchsorted(first.key[order], beyond.key)]]
         graph = coo_array((np.ones(other.size, np.int8), (beyond.component, other)), (int(begin[-1]),) * 2)
@@ -252,7 +256,7 @@ class _FamilyJoiner:
             exactly one has the component), and the pairs of components that share a cell.
         """
         delta, epsilon = self._request.delta.values(), self._request.epsilon.values()
-        crossings = [crossings_of(curve, delta, epsilon) for curve in curves.values()]
+        crossings = [find_curve_crossings(curve, delta, epsilon) for curve in curves.values()]
         passed = [
             [
                 CurveCrossings._make(x[are_cells_in_rectangle(x, block.cells, self._columns)] for x in each)
@@ -261,7 +265,8 @@ class _FamilyJoiner:
             for block in self.blocks
         ]
         first = [
-            part.first.replace(component=of[part.first.component]) for part, of in zip(parts, component, strict=True)
+            part.first_border.replace(component=of[part.first_border.component])
+            for part, of in zip(parts, component, strict=True)
         ]
         return self._run_on_blocks(
             summarize_block, zip(entered, component, self._attractors_beyond_blocks(first), passed, strict=True)
@@ -278,7 +283,7 @@ class _FamilyJoiner:
         """
         if not self._request.slots_follow_families:
             return np.full(families + 1, -1, np.int8)
-        pairs = np.unique(np.sort(np.concatenate([family[each.pairs] for each in summaries]), axis=1), axis=0)
+        pairs = np.unique(np.sort(np.concatenate([family[each.component_pairs] for each in summaries]), axis=1), axis=0)
         return np.append(assign_slots_to_families(pairs, families, self._request.n_slots), np.int8(-1))
 
     def _write_families(
@@ -290,7 +295,7 @@ class _FamilyJoiner:
         )
         if self._request.slots_follow_families:
             self._move_attractors_of_tiles()
-        return {block.chunk: digest for block, digest in zip(self.blocks, found, strict=True)}
+        return {block.chunk_key: digest for block, digest in zip(self.blocks, found, strict=True)}
 
     def _move_attractors_of_tiles(self) -> None:
         """Move the attractors of all tiles to their slots.

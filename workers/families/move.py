@@ -11,7 +11,7 @@ from gear_rattle.workers.kinds import compute_tile
 from gear_rattle.workers.storage.location import Place, place_of
 from gear_rattle.workers.storage.store import read_tile, write_tile
 from gear_rattle.workers.survey.request import SurveyRequest
-from gear_rattle.workers.survey.stored_families import attractors_in_slots, complete_sources
+from gear_rattle.workers.survey.stored_families import attractors_in_slots, complete_slot_sources
 from gear_rattle.workers.survey.tiles import Tile, TileArrays
 from gear_rattle.workers.survey.values.schema import SLOT
 from rattle.families import CellRectangle
@@ -69,4 +69,4 @@ def _source_slots(
     cell = found.attractors.cell
     source = np.full(target.shape, -1, np.int8)
     source[target[ranks_within_cells(cell), cell], cell] = found.slot
-    return complete_sources(source.reshape(request.n_slots, cells.bottom - cells.top, -1))
+    return complete_slot_sources(source.reshape(request.n_slots, cells.bottom - cells.top, -1))

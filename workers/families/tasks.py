@@ -24,8 +24,8 @@ from gear_rattle.workers.families.blocks import (
     ranks_within_cells,
     read_attractors,
     read_components,
+    renumber_cells_in_grid,
     renumber_cells_in_rectangle,
-    renumber_in_grid,
 )
 from gear_rattle.workers.storage.location import Place, place_of
 from gear_rattle.workers.survey.crossings import CurveCrossings
@@ -71,27 +71,29 @@ class BorderAttractors(StructOfArrays):
 class BlockComponents(NamedTuple):
     """The components (connected parts of families) of a block.
 
-    number: how many components the block has; component 0 is quiet running. first: the attractors in the block's first
-    row and first column. beyond: the attractors in the cells just after the block's last row and column that belong
-    to a component of the block. entered: the component of each orbit that was continued into the block.
+    n_components: how many components the block has; component 0 is quiet running. first_border: the attractors in the
+    block's first row and first column. outer_border: the attractors in the cells just after the block's last row and
+    column that belong to a component of the block. components_of_continued: the component of each orbit that was
+    continued into the block.
     """
 
-    number: int
-    first: BorderAttractors
-    beyond: BorderAttractors
-    entered: np.ndarray
+    n_components: int
+    first_border: BorderAttractors
+    outer_border: BorderAttractors
+    components_of_continued: np.ndarray
 
 
 class BlockSummary(NamedTuple):
     """Summary of the components (connected parts of families) in a block.
 
     sums: properties of the components in this block, to be added up over all blocks. edges: the edges of the components
-    (see `ComponentEdges`). pairs (k, 2): in each row the numbers of two components that are in slots of the same cell.
+    (see `ComponentEdges`). component_pairs (k, 2): in each row the numbers of two components that are in slots of the
+    same cell.
     """
 
     sums: ComponentSums
     edges: ComponentEdges
-    pairs: np.ndarray
+    component_pairs: np.ndarray
 
 
 def continue_orbits_into_block(
@@ -120,7 +122,7 @@ def continue_orbits_into_block(
     top, left = frame.top, frame.left
     piece = CellRectangle(cells.top - top, cells.bottom - top, cells.left - left, cells.right - left)
     new = continue_into_piece(here, there, tried, frame.right - left, piece, _kernel_cells(request, frame))
-    return renumber_in_grid(new, frame, columns)
+    return renumber_cells_in_grid(new, frame, columns)
 
 
 def connect_attractors_of_block(
@@ -226,12 +228,12 @@ def write_families(
     numbers[target, cell], targets[ranks_within_cells(cell), cell] = here, target
     place.put(block.temporary_key(TARGETS), targets.tobytes())
     kept: dict[str, Buffer] = {}
-    array = create_family_array(zarr.create_group(MemoryStore(kept), zarr_format=3), request, block.side)
+    array = create_family_array(zarr.create_group(MemoryStore(kept), zarr_format=3), request, block.cells_per_side)
     array[:, cells.top : cells.bottom, cells.left : cells.right] = numbers.reshape(shape)
     # The array in memory has no third axis, so its chunk has another key than the chunk in the store, but the same
     # bytes.
-    content = kept[replace(block, along=()).chunk].to_bytes()
-    place.put(block.chunk, content)
+    content = kept[replace(block, along=()).chunk_key].to_bytes()
+    place.put(block.chunk_key, content)
     return digest(content)
 
 

@@ -40,29 +40,29 @@ OpenGroup = Callable[[str], xr.Dataset | None]
 class DisplayedCells:
     """The cells (epsilon, delta) that a picture displays, each of which stands for several cells of the survey.
 
-    values: float32. status: the status of each displayed cell. shares: for a map of codes, the share of each code among
-    the survey's cells. without: for a map of numbers, the share of the survey's cells that have no number; None if this
-    share is not known.
+    values: float32. status: the status of each displayed cell. code_shares: for a map of codes, the share of each code
+    among the survey's cells. share_without_number: for a map of numbers, the share of the survey's cells that have no
+    number; None if this share is not known.
     """
 
     values: np.ndarray
     status: np.ndarray
-    shares: Mapping[int, float] = field(default_factory=dict)
-    without: float | None = None
+    code_shares: Mapping[int, float] = field(default_factory=dict)
+    share_without_number: float | None = None
 
 
 @dataclass(frozen=True)
 class LevelPart:
     """A rectangle of the cells of a pyramid level.
 
-    level: the level, or None for the full map. at: the rows and the columns of the rectangle on this level.
+    level: the level, or None for the full map. spans: the rows and the columns of the rectangle on this level.
     """
 
     level: PyramidLevel | None
-    at: tuple[slice, slice]
+    spans: tuple[slice, slice]
 
 
-def finest_level_part(levels: Sequence[PyramidLevel], first: Pair, end: Pair, room: Pair) -> LevelPart:
+def choose_level_for_window(levels: Sequence[PyramidLevel], first: Pair, end: Pair, room: Pair) -> LevelPart:
     """Return the finest pyramid level on which a window has at most `room` cells along (epsilon, delta).
 
     first, end: the first cell of the window, and the cell after the last one, as (row, column) of the map. If no level
@@ -74,7 +74,7 @@ def finest_level_part(levels: Sequence[PyramidLevel], first: Pair, end: Pair, ro
         The level, and the cells of the window on this level.
     """
     for level in (None, *levels):
-        cells = level.cells if level else (1, 1)
+        cells = level.covered_cells if level else (1, 1)
         rows, columns = (slice(a // each, -(-b // each)) for a, b, each in zip(first, end, cells, strict=True))
         found = LevelPart(level, (rows, columns))
         if rows.stop - rows.start <= room[0] and columns.stop - columns.start <= room[1]:
@@ -84,17 +84,20 @@ def finest_level_part(levels: Sequence[PyramidLevel], first: Pair, end: Pair, ro
 
 def reduce_cells(plane: xr.DataArray, values: np.ndarray, status: np.ndarray, level: PyramidLevel) -> DisplayedCells:
     """Reduce a map to a pyramid level. values: the map's values, from `values_to_draw`. status: each cell's status."""
-    steps = [_halving_factors(level.cells, number) for number in range(max(level.cells).bit_length() - 1)]
-    states = _reduce_codes(status, status > 0, steps, FAILED + 1, level.cells[0])
+    steps = [
+        _halving_factors(level.covered_cells, number) for number in range(max(level.covered_cells).bit_length() - 1)
+    ]
+    states = _reduce_codes(status, status > 0, steps, FAILED + 1, level.covered_cells[0])
     known = (status > 0) & (status != FAILED)
     if count := _number_of_codes(plane):
-        found = _reduce_codes(values, known, steps, count, level.cells[0])
+        found = _reduce_codes(values, known, steps, count, level.covered_cells[0])
         everything = slice(None)
         sizes = (
-            _covered_cell_counts(size, cells, everything) for size, cells in zip(values.shape, level.cells, strict=True)
+            _covered_cell_counts(size, cells, everything)
+            for size, cells in zip(values.shape, level.covered_cells, strict=True)
         )
         return _choose_displayed_codes(found, states, *sizes)
-    *_, statistics = (reduce.reduced_phases if is_phase(str(plane.name)) else reduce.reduced_numbers)(
+    *_, statistics = (reduce.reduce_phases_by_level if is_phase(str(plane.name)) else reduce.reduce_numbers_by_level)(
         values, known, steps
     )
     return _choose_displayed_numbers(plane, statistics, states)
@@ -118,7 +121,7 @@ def _reduce_codes(
     parts = []
     for begin in range(0, values.shape[0], together):
         band = slice(begin, begin + together)
-        *_, last = reduce.reduced_codes(np.nan_to_num(values[band]).astype(np.int8), known[band], steps, number)
+        *_, last = reduce.reduce_codes_by_level(np.nan_to_num(values[band]).astype(np.int8), known[band], steps, number)
         parts.append(last)
     return reduce.LevelCodes(*(np.concatenate(each) for each in zip(*parts, strict=True)))
 
@@ -140,7 +143,9 @@ def read_displayed_level_cells(
         if _number_of_codes(plane):
             found = reduce.LevelCodes(*(read_part(name + end) for end in ("", SHARE, OCCURS)))
             return _choose_displayed_codes(
-                found, states, *(_covered_cell_counts(*each) for each in zip(plane.shape, level.cells, at, strict=True))
+                found,
+                states,
+                *(_covered_cell_counts(*each) for each in zip(plane.shape, level.covered_cells, at, strict=True)),
             )
         return _choose_displayed_numbers(plane, read_part(name), states)
 
@@ -166,18 +171,19 @@ def reduce_map(dataset: xr.Dataset, variable: str, index: int, room: Pair, opene
     """
     plane = map_of_variable(dataset, variable, index)
     shape = plane.shape[0], plane.shape[1]
-    part = finest_level_part(possible_levels(shape), (0, 0), shape, room)
+    part = choose_level_for_window(possible_levels(shape), (0, 0), shape, room)
     if (level := part.level) is None:
         return dataset
     stored = opened(level.path) if opened and level in stored_levels_of_shape(shape) else None
     if stored is not None and variable in stored:  # maps of families have no stored levels
-        seen = read_displayed_level_cells(plane, stored, index, level, part.at)
+        seen = read_displayed_level_cells(plane, stored, index, level, part.spans)
     else:
         with report_damage(f"the map of {variable}"):
             cells = values_to_draw(mask_nonperiodic(dataset, plane.load(), index))
             seen = reduce_cells(plane, cells, np.asarray(dataset["status"]), level)
     axes = {
-        name: centres_of_level_cells(dataset[name].values, cells) for name, cells in zip(CELL, level.cells, strict=True)
+        name: centres_of_level_cells(dataset[name].values, cells)
+        for name, cells in zip(CELL, level.covered_cells, strict=True)
     }
     modulus = {"long_name": f"|{plane.attrs.get('long_name', variable)}|"} if np.iscomplexobj(plane) else {}
     whole = np.issubdtype(plane.dtype, np.integer) or plane.dtype == bool
@@ -223,8 +229,8 @@ def _number_of_codes(plane: xr.DataArray) -> int:
 
 def _reduced_status(states: reduce.LevelCodes) -> np.ndarray:
     """Return the status of each reduced cell: failed if one of its cells failed, else the most frequent status."""
-    failed = (states.occurs >> FAILED & 1).astype(bool)
-    found: np.ndarray = np.where(failed, np.int8(FAILED), states.most).astype(np.int8)
+    failed = (states.occurrence_mask >> FAILED & 1).astype(bool)
+    found: np.ndarray = np.where(failed, np.int8(FAILED), states.most_frequent).astype(np.int8)
     return found
 
 
@@ -251,14 +257,16 @@ def _choose_displayed_codes(
     DisplayedCells
         The codes as float32; and for each code, its share of the survey's cells.
     """
-    values = found.most.astype(np.int64)
-    others = found.occurs & ~(found.occurs.dtype.type(1) << found.most.astype(found.occurs.dtype))
+    values = found.most_frequent.astype(np.int64)
+    others = found.occurrence_mask & ~(
+        found.occurrence_mask.dtype.type(1) << found.most_frequent.astype(found.occurrence_mask.dtype)
+    )
     cells = {
-        code: (found.occurs >> code & 1).astype(bool)
-        for code in range(8 * found.occurs.itemsize)
-        if (found.occurs >> code & 1).any()
+        code: (found.occurrence_mask >> code & 1).astype(bool)
+        for code in range(8 * found.occurrence_mask.itemsize)
+        if (found.occurrence_mask >> code & 1).any()
     }
-    shown = np.where(found.share > 0.5, others, found.occurs)
+    shown = np.where(found.share > 0.5, others, found.occurrence_mask)
     fewest = np.full(values.shape, np.iinfo(np.int64).max)
     for code in sorted(cells, key=lambda code: int(cells[code].sum())):
         around = _count_flagged_neighbours(cells[code])
@@ -299,10 +307,10 @@ def _code_shares(
     dict[int, float]
         Shares by code.
     """
-    known = sizes[found.occurs > 0].sum()
+    known = sizes[found.occurrence_mask > 0].sum()
     each = (1 - found.share) / np.maximum(np.bitwise_count(others), 1)
     return {
-        code: float((sizes * np.where(found.most == code, found.share, each))[there].sum() / known)
+        code: float((sizes * np.where(found.most_frequent == code, found.share, each))[there].sum() / known)
         for code, there in cells.items()
     }
 
@@ -336,4 +344,4 @@ def _choose_displayed_numbers(plane: xr.DataArray, statistics: np.ndarray, state
         values = np.where(((share < 1) & (share > 0.5)) | (share == 0), lacking, values)
     known = np.isfinite(share)
     without = None if infinite.any() or not known.any() else float(1 - share[known].mean())
-    return DisplayedCells(values.astype(np.float32), _reduced_status(states), without=without)
+    return DisplayedCells(values.astype(np.float32), _reduced_status(states), share_without_number=without)

@@ -57,7 +57,7 @@ def replace_periods_with_revolutions(text: str) -> str:
 
 
 @dataclass(frozen=True)
-class PictureLook:
+class MapPictureOptions:
     """Options of a picture.
 
     delta, epsilon: (low, high) of the window, None for all cells. span: the range of the colours: "auto" (the usual
@@ -79,11 +79,11 @@ class PictureLook:
         windows = {"delta": self.delta, "epsilon": self.epsilon}
         return dataset.isel({axis: _cells_around(dataset[axis].values, *at) for axis, at in windows.items() if at})
 
-    def with_caption(self, caption: str) -> PictureLook:
+    def with_caption(self, caption: str) -> MapPictureOptions:
         """Return a copy with another caption."""
         return replace(self, caption=caption)
 
-    def norm(self, usual: Normalize, values: np.ndarray) -> Normalize:
+    def colour_norm(self, usual: Normalize, values: np.ndarray) -> Normalize:
         """Return matplotlib's norm (range of colours) for these values. usual: the usual norm of the variable."""
         from matplotlib.colors import LogNorm, Normalize
 
@@ -94,7 +94,7 @@ class PictureLook:
         return (LogNorm if log else Normalize)(low, high)
 
 
-USUAL_LOOK = PictureLook()
+USUAL_LOOK = MapPictureOptions()
 
 
 @dataclass(frozen=True)
@@ -110,14 +110,14 @@ class FinerCells:
 class OverlayData:
     """Overlays of a map. They are computed before the map is drawn, because the computation takes long.
 
-    lines: points (k, 2) of the lines CRISIS and LIMIT, by name, with NaN between pieces. band: dampings (n,), and the
-    lower and the upper ends (n,) of the design limit's 95 % interval there; None for no interval. finer: cells of finer
-    resolution, which are drawn where they have a value, or None.
+    lines: points (k, 2) of the lines CRISIS and LIMIT, by name, with NaN between pieces. limit_interval: dampings (n,),
+    and the lower and the upper ends (n,) of the design limit's 95 % interval there; None for no interval. finer_cells:
+    cells of finer resolution, which are drawn where they have a value, or None.
     """
 
     lines: Mapping[str, np.ndarray] = field(default_factory=dict)
-    band: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
-    finer: FinerCells | None = None
+    limit_interval: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
+    finer_cells: FinerCells | None = None
 
 
 NO_OVERLAYS = OverlayData()
@@ -138,7 +138,7 @@ def _cells_around(axis: np.ndarray, low: float, high: float) -> slice:
 def colour_limits(shown: np.ndarray, auto: Pair, span: Span | Pair) -> tuple[float, float, str]:
     """Return the range (low, high) of the colours for the shown values, and a note for the viewer, "" for no note.
 
-    auto: the usual range of the variable. span: as in `PictureLook`.
+    auto: the usual range of the variable. span: as in `MapPictureOptions`.
 
     Returns
     -------

@@ -19,7 +19,7 @@ from matplotlib.figure import Figure
 
 from gear_rattle.workers.errors import SurveyError, report_damage
 from gear_rattle.workers.pictures.largest import FLAG_COLOURS
-from gear_rattle.workers.pictures.levels import OpenGroup, finest_level_part, reduce_map
+from gear_rattle.workers.pictures.levels import OpenGroup, choose_level_for_window, reduce_map
 from gear_rattle.workers.pictures.look import (
     AMONG,
     COVERED,
@@ -31,8 +31,8 @@ from gear_rattle.workers.pictures.look import (
     WHICH,
     FinerCells,
     Form,
+    MapPictureOptions,
     OverlayData,
-    PictureLook,
     replace_periods_with_revolutions,
     variable_in_words,
 )
@@ -110,7 +110,7 @@ def render_map_picture(
     variable: str,
     index: int = 0,
     opened: OpenGroup | None = None,
-    look: PictureLook = USUAL_LOOK,
+    look: MapPictureOptions = USUAL_LOOK,
     form: Form = "png",
     over: OverlayData = NO_OVERLAYS,
 ) -> bytes:
@@ -142,7 +142,7 @@ def draw_map_figure(
     variable: str,
     index: int = 0,
     opened: OpenGroup | None = None,
-    look: PictureLook = USUAL_LOOK,
+    look: MapPictureOptions = USUAL_LOOK,
     over: OverlayData = NO_OVERLAYS,
 ) -> Figure:
     """Draw a variable of an open survey, finished or not.
@@ -184,7 +184,7 @@ def draw_map_figure(
         shown["status"].load()
     figure = new_figure(7.0, 5.2)
     axes = figure.add_subplot()
-    draw_map(axes, shown, plane, look=look, finer=over.finer)
+    draw_map(axes, shown, plane, look=look, finer=over.finer_cells)
     is_machine = draw_machine_axes(axes, dataset)
     if look.family is not None:
         _dim_cells_without_family(axes, dataset, look.family)
@@ -260,7 +260,7 @@ def draw_map(
     dataset: xr.Dataset,
     plane: xr.DataArray,
     nothing: str = "",
-    look: PictureLook = USUAL_LOOK,
+    look: MapPictureOptions = USUAL_LOOK,
     finer: FinerCells | None = None,
 ) -> None:
     """Draw a map with its colour bar.
@@ -300,7 +300,7 @@ def draw_map(
         seen = np.append(seen, finer.values[np.isfinite(finer.values)])
     cmap, norm, ticks, labels = colour_scale_of(plane, seen)
     if not labels and (look.log or look.span != "auto"):
-        norm = look.norm(norm, seen)
+        norm = look.colour_norm(norm, seen)
     if isinstance(norm, LogNorm) and (hidden := ~valueless & (values <= 0)).any():
         layers["zero or below"] = hidden, ZERO
         valueless = valueless | hidden
@@ -366,8 +366,8 @@ def _dim_cells_without_family(axes: Axes, dataset: xr.Dataset, family: int) -> N
     with report_damage(f"the map of {SHARE}"):
         values = values_to_draw(share)
     shape = values.shape[0], values.shape[1]
-    level = finest_level_part(possible_levels(shape), (0, 0), shape, MOST_DRAWN_CELLS).level
-    along, across = level.cells if level else (1, 1)
+    level = choose_level_for_window(possible_levels(shape), (0, 0), shape, MOST_DRAWN_CELLS).level
+    along, across = level.covered_cells if level else (1, 1)
     shown = FinerCells(
         centres_of_level_cells(dataset["delta"].values, across),
         centres_of_level_cells(dataset["epsilon"].values, along),

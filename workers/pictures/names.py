@@ -29,11 +29,11 @@ LEADER_POSITIONS = np.linspace(0.1, 1.0, 24)[:, None]  # tested points along a l
 class PlacedName(NamedTuple):
     """The position of a name on a picture, in pixels.
 
-    centre: the middle of the name. leader: where the line from the mark ends at the name; None without such a line.
+    centre: the middle of the name. leader_end: where the line from the mark ends at the name; None without such a line.
     """
 
     centre: tuple[float, float]
-    leader: tuple[float, float] | None
+    leader_end: tuple[float, float] | None
 
 
 def arrange_names(
@@ -72,7 +72,7 @@ def arrange_names(
         placed.append(found)
         if found is not None:
             boxes.append(box_about(found.centre, size))
-            leaders.append(_leader_points(np.array(mark), found.leader))
+            leaders.append(_leader_points(np.array(mark), found.leader_end))
     return placed
 
 

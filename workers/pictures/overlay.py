@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 
 from gear_rattle.workers.pictures.look import LIMIT, NO_OVERLAYS, OPACITY, OWN_STYLES, OverlayData
 from gear_rattle.workers.survey.axes import Window
-from gear_rattle.workers.survey.plane_curves import MissingCurve, traced_curve, window_around
+from gear_rattle.workers.survey.plane_curves import MissingCurve, trace_curve_in_window, window_around
 from gear_rattle.workers.survey.slices import surveyed_model
 from rattle import plot
 from rattle.curves import NAMES
@@ -30,10 +30,10 @@ def draw_curves(
     """Draw the lines `names` over a map, and return the points (k, 2) of each drawn line, with NaN between pieces."""
     model, window, drawn = surveyed_model(dataset), _survey_window(dataset), []
     limits = {"xlim": axes.get_xlim(), "ylim": axes.get_ylim()}
-    if LIMIT in names and over.band is not None:
-        axes.fill_between(*over.band, color=OWN_STYLES[LIMIT][0], alpha=OPACITY, linewidth=0)
+    if LIMIT in names and over.limit_interval is not None:
+        axes.fill_between(*over.limit_interval, color=OWN_STYLES[LIMIT][0], alpha=OPACITY, linewidth=0)
     for name in (name for name in names if name in model.curve_names):
-        curve = traced_curve(name, model, window)
+        curve = trace_curve_in_window(name, model, window)
         if not isinstance(curve, MissingCurve) and len(curve):
             drawn.append(plot.draw_curve(axes, curve))
     for name in (name for name in names if name in over.lines):

@@ -121,7 +121,7 @@ class GearNumbers(_Numbers):
     drive: Literal["torque", "speed"] | None = None
 
     @property
-    def library_distribution(self) -> dict[str, Any]:
+    def library_numbers(self) -> dict[str, Any]:
         """{name: value} of the given numbers, each as `to_library_form` returns it. Raises ParameterError."""
         given = {name: getattr(self, name) for name in type(self).model_fields}
         return {name: to_library_form(value) for name, value in given.items() if value is not None}

@@ -96,7 +96,7 @@ class PopulationRequest(StrictRecord):
         if self.shock is not None:
             phase = {} if self.shock.phase is None else {"phase": to_library_form(self.shock.phase)}
             shock = Shock(to_library_form(self.shock.speed), **phase)
-        tolerances = Tolerances(self.gear.library_distribution, self.correlation)
+        tolerances = Tolerances(self.gear.library_numbers, self.correlation)
         asked = self.gears, self.count, self.share, self.margin, shock, self.judged, self.pairs
         return PopulationPlan(tolerances, *asked, self.seed, self.budget)
 

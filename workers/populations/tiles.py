@@ -120,10 +120,10 @@ def tile_name(request: PopulationRequest, tile: GearTile) -> str:
 
 def _evaluate_gears(request: PopulationRequest, rows: slice) -> TileArrays:
     found = compute_gears(request.plan, rows.start, rows.stop)
-    return {each.name: _variable_values(each, request, found) for each in variables_of_population(request)}
+    return {each.name: _evaluate_variable(each, request, found) for each in variables_of_population(request)}
 
 
-def _variable_values(variable: PopulationVariable, request: PopulationRequest, found: ComputedGears) -> np.ndarray:
+def _evaluate_variable(variable: PopulationVariable, request: PopulationRequest, found: ComputedGears) -> np.ndarray:
     return np.asarray(variable.evaluate(request, found)).astype(variable.dtype)
 
 

@@ -98,7 +98,7 @@ def copy_store(
     MissingExtraError
         The target is an Icechunk repository, and icechunk is not installed.
     """
-    files = _files_of(source)
+    files = _open_source(source)
     manifest, content = _read_manifest(files)
     if str(target).endswith(ZIP):
         with _translate_write_errors(Path(target)):
@@ -130,7 +130,7 @@ def _translate_write_errors(target: Path | Place) -> Iterator[None]:
         raise refusal from error
 
 
-def _files_of(source: str | Path | Place) -> FileSource:
+def _open_source(source: str | Path | Place) -> FileSource:
     return ZipStore(Path(str(source))) if str(source).endswith(ZIP) else place_of(source)
 
 

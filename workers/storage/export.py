@@ -123,7 +123,7 @@ def _yield_bands_of_slice(dataset: xr.Dataset, form: RowForm) -> Iterator[dict[s
             for name in beside
         }
         if form in OWN_ROWS:
-            yield _table_of_entries(some, list(map(str, some.data_vars)), columns, *OWN_ROWS[form])
+            yield _columns_of_attractors_or_orbits(some, list(map(str, some.data_vars)), columns, *OWN_ROWS[form])
         else:
             yield columns | {str(name): values.values.ravel() for name, values in some.data_vars.items()}
 
@@ -143,7 +143,7 @@ def _repeat_for_cells(values: xr.DataArray, sizes: Mapping[Hashable, int]) -> np
     return np.repeat(values.values, sizes["delta"])
 
 
-def _table_of_entries(
+def _columns_of_attractors_or_orbits(
     dataset: xr.Dataset, names: Sequence[str], cell_columns: Mapping[str, np.ndarray], dimension: str, existence: str
 ) -> dict[str, np.ndarray]:
     """Return the columns of a table with a row for each attractor, or each orbit, of some cells.
@@ -177,7 +177,7 @@ def csv_lines(dataset: xr.Dataset, form: RowForm = RowForm.CELLS) -> Iterator[st
         if number == 0:
             yield ",".join(columns) + "\r\n"
         for first in range(0, next(iter(columns.values())).size, CELLS):
-            texts = [_numbers_as_text(column[first : first + CELLS]) for column in columns.values()]
+            texts = [_convert_numbers_to_text(column[first : first + CELLS]) for column in columns.values()]
             yield "".join(",".join(row) + "\r\n" for row in zip(*texts, strict=True))
 
 
@@ -212,7 +212,7 @@ def write_parquet(dataset: xr.Dataset, form: RowForm = RowForm.CELLS) -> IO[byte
         return path.open("rb")
 
 
-def _numbers_as_text(column: np.ndarray) -> list[str]:
+def _convert_numbers_to_text(column: np.ndarray) -> list[str]:
     """Convert numbers to text that reads back to the same value; NaN becomes empty text."""
     if column.dtype == bool:
         column = column.astype(np.int8)

@@ -20,7 +20,12 @@ from zarr.errors import ZarrUserWarning
 from gear_rattle.workers.apart import CalledProcessError, call_in_subprocess
 from gear_rattle.workers.errors import StoppedError, SurveyError
 from gear_rattle.workers.storage.location import Place, place_of
-from gear_rattle.workers.storage.manifest import manifest_of, read_file, read_unchecked_attributes, read_undamaged_root
+from gear_rattle.workers.storage.manifest import (
+    read_file,
+    read_manifest,
+    read_unchecked_attributes,
+    read_undamaged_root,
+)
 from gear_rattle.workers.survey.manifest import MANIFEST, ROOT, Manifest, digest
 from gear_rattle.workers.survey.version import code_version
 
@@ -90,7 +95,7 @@ def examine(where: str | Path | Place, processes: int = 1) -> StoreIntegrity:
     place = place_of(where)
     if not place.is_occupied():
         raise SurveyError(f"{place} does not exist or is empty: give the path of a store")
-    manifest, attributes = manifest_of(place), read_unchecked_attributes(place)
+    manifest, attributes = read_manifest(place), read_unchecked_attributes(place)
     version, completed = (str(attributes.get(name, "")) for name in ("code_version", COMPLETED))
     if manifest is None and (not version or "content_hash" not in attributes):
         raise SurveyError(
@@ -233,10 +238,10 @@ def _examine_tiles_at(where: str, manifest: Manifest) -> TileFindings:
 def _damaged_variables(place: Place, manifest: Manifest, index: int) -> tuple[str, ...]:
     """Return the variables of a computed tile that are lost or damaged."""
     keys, known = manifest.chunk_keys(index), manifest.digests_of_tile(index)
-    return tuple(name for name, key in keys.items() if not _is_whole(place, key, known.get(key)))
+    return tuple(name for name, key in keys.items() if not _is_file_undamaged(place, key, known.get(key)))
 
 
-def _is_whole(place: Place, key: str, known: str | None) -> bool:
+def _is_file_undamaged(place: Place, key: str, known: str | None) -> bool:
     """Return whether a file of a store exists and has the digest `known`."""
     content = read_file(place, key)
     return content is not None and digest(content) == known
@@ -246,5 +251,7 @@ def find_damaged_template_files(place: Place, manifest: Manifest) -> tuple[str, 
     """Return the keys of lost or damaged files of a store, except the chunks of tiles."""
     lost = [ROOT] if read_undamaged_root(place, manifest) is None else []
     with ThreadPoolExecutor(READERS) as readers:
-        whole = _apply_in_batches(readers, lambda key: _is_whole(place, key, manifest.files[key]), manifest.files)
+        whole = _apply_in_batches(
+            readers, lambda key: _is_file_undamaged(place, key, manifest.files[key]), manifest.files
+        )
         return (*lost, *(key for key, is_whole in zip(manifest.files, whole, strict=True) if not is_whole))

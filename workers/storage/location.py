@@ -139,7 +139,7 @@ def place_of(where: str | Path | Place) -> Place:
         return StoreDirectory(where)
     if not str(where).startswith(SCHEME):
         raise SurveyError(f"{where} is not a location of a store: give a path, or {SCHEME}BUCKET/PREFIX")
-    return _bucket_at(str(where))
+    return _store_in_bucket(str(where))
 
 
 def certificates_path(where: str | Path | Place) -> Path:
@@ -154,5 +154,5 @@ def certificates_path(where: str | Path | Place) -> Path:
 
 
 @lru_cache(maxsize=64)
-def _bucket_at(url: str) -> StoreInBucket:
+def _store_in_bucket(url: str) -> StoreInBucket:
     return StoreInBucket(url)

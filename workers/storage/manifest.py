@@ -60,7 +60,7 @@ def read_file(place: Place, key: str) -> bytes | None:
         return None
 
 
-def manifest_of(place: Place) -> Manifest | None:
+def read_manifest(place: Place) -> Manifest | None:
     """Return the manifest of a store; None if there is no manifest that this version can read.
 
     The result is also None once the deletion of the store has begun.
@@ -100,15 +100,15 @@ def read_required_manifest(place: Place) -> Manifest:
     SurveyError
         There is no survey, or its manifest is damaged.
     """
-    if (manifest := manifest_of(place)) is None:
-        require_store(place)
+    if (manifest := read_manifest(place)) is None:
+        require_existing_store(place)
         if "content_hash" not in read_unchecked_attributes(place):
             raise SurveyError(f"{place} holds something that is not a survey or population: choose another path")
         raise SurveyError(f"{MANIFEST} of {place} is lost or damaged: compute the same request again to repair it")
     return manifest
 
 
-def require_store(place: Place) -> None:
+def require_existing_store(place: Place) -> None:
     """Raise StorageError if a store is gone. Its disk may come back, so the store does not count as damaged."""
     if not place.is_occupied():
         raise StorageError(
@@ -175,7 +175,7 @@ def tile_recorder(place: Place) -> Iterator[RecordTiles]:
         nonlocal waiting
         try:
             if not place.exists():  # writing would recreate a part of a deleted survey
-                require_store(place)
+                require_existing_store(place)
             place.put(MANIFEST, manifest.to_bytes())
         except OSError as error:
             refusal = storage_error(f"{place} cannot be written", error)
@@ -275,6 +275,6 @@ def replace_root_file(place: Place, before: Manifest, root: bytes, after: Manife
 def _read_root(place: Place, manifest: Manifest) -> bytes:
     """Return the content of a store's root. Raises SurveyError if it is damaged, StorageError if the store is gone."""
     if (root := read_undamaged_root(place, manifest)) is None:
-        require_store(place)
+        require_existing_store(place)
         raise SurveyError(f"{ROOT} of {place} is lost or damaged: compute the same request again to repair it")
     return root

@@ -19,15 +19,15 @@ from gear_rattle.workers.storage.encoding import prepare_for_writing
 from gear_rattle.workers.storage.integrity import COMPLETED, STATUS, examine_tiles, find_damaged_template_files
 from gear_rattle.workers.storage.location import Place, place_of
 from gear_rattle.workers.storage.manifest import (
-    manifest_of,
     read_file,
+    read_manifest,
     read_required_manifest,
     read_root_attributes,
     read_unchecked_attributes,
     read_undamaged_root,
     replace_attributes,
     replace_root_file,
-    require_store,
+    require_existing_store,
     set_store_attributes,
     update_metadata,
 )
@@ -108,7 +108,7 @@ def _repair_store(request: AnyRequest, place: Place, make: TemplateMaker) -> Non
     after = Manifest.from_bytes(template[MANIFEST])
     assert after is not None, "a template is whole"
     if manifest is None:
-        for index, files in _decodable_tiles(request, place):
+        for index, files in _digests_of_decodable_tiles(request, place):
             after.record_tile(index, files)
     else:
         after.tiles.update(manifest.tiles)
@@ -117,7 +117,7 @@ def _repair_store(request: AnyRequest, place: Place, make: TemplateMaker) -> Non
     replace_root_file(place, manifest or after, replace_attributes(template[ROOT], attributes | kept), after)
 
 
-def _decodable_tiles(request: AnyRequest, place: Place) -> Iterator[tuple[int, dict[str, str]]]:
+def _digests_of_decodable_tiles(request: AnyRequest, place: Place) -> Iterator[tuple[int, dict[str, str]]]:
     """Yield index and chunk digests of each tile whose chunks decode and which has no uncomputed cell.
 
     From these entries a lost or damaged manifest of a store is written again.
@@ -139,11 +139,11 @@ def _decodable_tiles(request: AnyRequest, place: Place) -> Iterator[tuple[int, d
 
 def _require_same_survey(request: AnyRequest, place: Place) -> Manifest | None:
     """Require that a store belongs to a request. Return its manifest, or None if the manifest is lost or damaged."""
-    manifest = manifest_of(place)
+    manifest = read_manifest(place)
     if manifest is not None and manifest.content_hash == request.content_hash():
         return manifest
     if manifest is None:
-        require_store(place)
+        require_existing_store(place)
     attributes = read_unchecked_attributes(place)
     if manifest is None and "content_hash" not in attributes:
         raise SurveyError(f"{place} holds something that is not a survey or population: choose another path")
@@ -216,7 +216,7 @@ def write_tile(request: AnyRequest, path: str, tile: AnyTile, values: Mapping[st
     written = _encode_tile(request, tile, values)
     for key, content in written.items():
         if not place.exists():  # writing would recreate parts of a deleted survey
-            require_store(place)
+            require_existing_store(place)
             raise StorageError(f"{ROOT} of {place} is gone: compute the same request again to repair it")
         place.put(key, content)
     return file_digests(written)
@@ -330,7 +330,7 @@ def finish_store(where: str | Path | Place) -> None:
 
 def has_added_node(where: str | Path | Place, name: str) -> bool:
     """Return whether the group or variable `name` was added to a survey's store after its tiles."""
-    manifest = manifest_of(place_of(where))
+    manifest = read_manifest(place_of(where))
     return manifest is not None and f"{name}/{ROOT}" in manifest.files
 
 
@@ -367,13 +367,13 @@ def remove_outdated_results(request: AnyRequest, place: Place) -> None:
         if AUDIT_ATTRIBUTES[-1] in read_unchecked_attributes(place):
             set_store_attributes(place, dict.fromkeys(AUDIT_ATTRIBUTES))
         if isinstance(request, SurveyRequest) and request.slots_follow_families and has_added_node(place, FAMILY):
-            update_metadata(place, {}, {}, _is_of_families_or_levels)
+            update_metadata(place, {}, {}, _is_file_of_families_or_levels)
     except OSError as error:
         refusal = storage_error(f"{place} cannot be written", error)
         raise refusal from error
 
 
-def _is_of_families_or_levels(key: str) -> bool:
+def _is_file_of_families_or_levels(key: str) -> bool:
     """Return whether the file with this key belongs to the families or the levels of a survey."""
     return not {FAMILY, FAMILIES, LEVELS}.isdisjoint(key.split("/"))
 
@@ -381,7 +381,9 @@ def _is_of_families_or_levels(key: str) -> bool:
 def _compute_audit_attributes(place: Place) -> dict[str, int | float]:
     """Count the filled, audited and wrong cells of a stored refined survey; return AUDIT_ATTRIBUTES for its root."""
     counts: dict[int, list[int]] = {}
-    for i, (source, audit) in enumerate(zip(read_bands(place, SOURCE_LEVEL), read_bands(place, AUDIT), strict=True)):
+    for i, (source, audit) in enumerate(
+        zip(read_variable_in_bands(place, SOURCE_LEVEL), read_variable_in_bands(place, AUDIT), strict=True)
+    ):
         found = np.bincount(audit.ravel(), minlength=DISAGREED + 1)
         of = counts.setdefault(i if source.ndim > len(CELL) else 0, [0, 0, 0])
         for j, more in enumerate((np.count_nonzero(source), found[AUDITED:].sum(), found[DISAGREED])):
@@ -389,7 +391,7 @@ def _compute_audit_attributes(place: Place) -> dict[str, int | float]:
     return values_of_audit_attributes(list(counts.values()))
 
 
-def read_bands(place: Place, name: str) -> Iterator[np.ndarray]:
+def read_variable_in_bands(place: Place, name: str) -> Iterator[np.ndarray]:
     """Yield the values of a per-cell variable in parts, because all values may not fit in memory.
 
     Yields
@@ -410,7 +412,7 @@ def read_bands(place: Place, name: str) -> Iterator[np.ndarray]:
     except SurveyError:
         raise
     except Exception as error:  # codecs raise errors of several types for damaged chunks
-        require_store(place)
+        require_existing_store(place)
         raise SurveyError(
             f"{name} of {place} cannot be read ({error}): if it is damaged, run the survey again to repair it"
         ) from error

@@ -19,7 +19,7 @@ class CurveCrossings(NamedTuple):
     epsilon: np.ndarray
 
 
-def crossings_of(curve: Polyline, delta: np.ndarray, epsilon: np.ndarray) -> CurveCrossings:
+def find_curve_crossings(curve: Polyline, delta: np.ndarray, epsilon: np.ndarray) -> CurveCrossings:
     """Return the pairs of neighbouring cells of the grid epsilon (m,) × delta (n,) between which a curve passes."""
     row, column = _grid_line_crossings(curve, delta, epsilon)
     line, before = _grid_line_crossings((curve[1], curve[0], curve[2]), epsilon, delta)

@@ -60,16 +60,16 @@ class SurveyedMachine(StrictRecord):
     @property
     def beta(self) -> float:
         """The model's half-backlash β of these gears."""
-        return float(self._reduced_pair.scale * self.backlash / (2.0 * self.radius))
+        return float(self._reduced_pair.phi_per_angle * self.backlash / (2.0 * self.radius))
 
-    def rpm(self, delta: Any) -> Any:
+    def speed_at_damping(self, delta: Any) -> Any:
         """Return the speeds in revolutions per minute at which the gears have the dampings `delta`."""
         pair = self._reduced_pair
         return 2.0 * np.pi * pair.drag / pair.inertia / delta / RPM
 
-    def eccentricity(self, epsilon: Any) -> Any:
+    def eccentricity_in_metres(self, epsilon: Any) -> Any:
         """Return the eccentricities, in metres along the line of action, that correspond to `epsilon`."""
-        return epsilon * self.radius / self._reduced_pair.scale
+        return epsilon * self.radius / self._reduced_pair.phi_per_angle
 
 
 def plane_range_of_axis(machine: SurveyedMachine, name: str, axis: Axis) -> tuple[float, float]:

@@ -74,7 +74,7 @@ class Manifest:
             return None
 
     @property
-    def rows(self) -> int:
+    def tile_rows_per_slice(self) -> int:
         """Number of rows of tiles in a slice."""
         return self.grid[0] // self.slices
 
@@ -86,7 +86,7 @@ class Manifest:
     def chunk_keys(self, index: int) -> dict[str, str]:
         """Return {variable: key of its chunk} for the tile with this index."""
         row, column = divmod(index, self.grid[1])
-        return {name: chunk_key(key, row, column, self.rows) for name, key in self.chunks.items()}
+        return {name: chunk_key(key, row, column, self.tile_rows_per_slice) for name, key in self.chunks.items()}
 
     def record_tile(self, index: int, files: Mapping[str, str]) -> None:
         """Record that a tile is computed. files: {key: digest} of the tile's chunks."""
@@ -105,8 +105,8 @@ class Manifest:
         along, row, column = (places.get(part, "0") for part in (SLICE, "{row}", "{column}"))
         if not all(part.isdecimal() and len(part) < 10 for part in (along, row, column)):
             return None
-        i, j = int(along) * self.rows + int(row), int(column)
-        known = i < self.grid[0] and j < self.grid[1] and chunk_key(pattern, i, j, self.rows) == key
+        i, j = int(along) * self.tile_rows_per_slice + int(row), int(column)
+        known = i < self.grid[0] and j < self.grid[1] and chunk_key(pattern, i, j, self.tile_rows_per_slice) == key
         return i * self.grid[1] + j if known else None
 
 

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from gear_rattle.workers.survey.axes import Axis, Window
-from gear_rattle.workers.survey.crossings import CurveCrossings, Polyline, crossings_of
+from gear_rattle.workers.survey.crossings import CurveCrossings, Polyline, find_curve_crossings
 from gear_rattle.workers.survey.values.quantities import DOI
 from gear_rattle.workers.survey.values.schema import PARTS
 from rattle import RattleError
@@ -40,7 +40,7 @@ class MissingCurve(NamedTuple):
 class CurveVariable:
     """A stored variable of a curve, of the codimension-two points or of the families of a survey.
 
-    In the store each curve has a group of its own, and so have the codimension-two points and the families. values: a
+    In the store each curve has a group of its own, and so have the codimension-two points and the families. evaluate: a
     function of the curve, the points or the families that returns the variable's values. The variables of a
     `MissingCurve` are empty.
     """
@@ -49,7 +49,7 @@ class CurveVariable:
     dims: tuple[str, ...]
     dtype: Any
     long_name: str
-    values: Callable[[Any], Any]
+    evaluate: Callable[[Any], Any]
 
     def stored_values(self, item: Any) -> np.ndarray:
         """Return the values of the variable for `item`, in the stored type.
@@ -63,7 +63,7 @@ class CurveVariable:
         """
         if isinstance(item, MissingCurve):
             return np.empty([2 if dim == "multiplier" else 0 for dim in self.dims], self.dtype)
-        return np.asarray(self.values(item), self.dtype)
+        return np.asarray(self.evaluate(item), self.dtype)
 
     @property
     def parts(self) -> tuple["CurveVariable", ...]:
@@ -71,8 +71,8 @@ class CurveVariable:
         if self.dtype is not complex:
             return (self,)
 
-        def part_values(part: str) -> Callable[[Any], Any]:
-            return lambda item: getattr(np.asarray(self.values(item), complex), part)
+        def part_evaluator(part: str) -> Callable[[Any], Any]:
+            return lambda item: getattr(np.asarray(self.evaluate(item), complex), part)
 
         return tuple(
             replace(
@@ -80,7 +80,7 @@ class CurveVariable:
                 name=f"{self.name}_{part}",
                 dtype=float,
                 long_name=f"{self.long_name}, {words}",
-                values=part_values(part),
+                evaluate=part_evaluator(part),
             )
             for part, words in PARTS.items()
         )
@@ -172,21 +172,27 @@ POINT_VARIABLES: tuple[CurveVariable, ...] = (
         lambda points: [" ".join(each.curves) for each in points],
     ),
     CurveVariable(
-        "pair_point", PAIR, TEXT, "point at which a pair of curves meets", lambda points: _pair_column(points, 0)
+        "pair_point",
+        PAIR,
+        TEXT,
+        "point at which a pair of curves meets",
+        lambda points: _entries_of_curve_pairs(points, 0),
     ),
-    CurveVariable("pair_first", PAIR, TEXT, "one curve of the pair", lambda points: _pair_column(points, 1)),
-    CurveVariable("pair_second", PAIR, TEXT, "the other curve of the pair", lambda points: _pair_column(points, 2)),
+    CurveVariable("pair_first", PAIR, TEXT, "one curve of the pair", lambda points: _entries_of_curve_pairs(points, 1)),
+    CurveVariable(
+        "pair_second", PAIR, TEXT, "the other curve of the pair", lambda points: _entries_of_curve_pairs(points, 2)
+    ),
     CurveVariable(
         "pair_tangency",
         PAIR,
         float,
         "measured order p of |ε₁ − ε₂| ∝ |Δδ|^p of the pair at the point: 1 where they cross, 2 where they touch",
-        lambda points: _pair_column(points, 3),
+        lambda points: _entries_of_curve_pairs(points, 3),
     ),
 )
 
 
-def _pair_column(points: Points, number: int) -> list[Any]:
+def _entries_of_curve_pairs(points: Points, number: int) -> list[Any]:
     """Return entry `number` (0 to 3) of each tuple that `_curve_pairs_at_points` returns."""
     return [pair[number] for pair in _curve_pairs_at_points(points)]
 
@@ -223,7 +229,7 @@ def _widen_range(axis: np.ndarray, scale: float) -> tuple[float, float]:
 
 
 @lru_cache(maxsize=128)
-def traced_curve(name: str, model: Model, window: Window) -> Curve | MissingCurve:
+def trace_curve_in_window(name: str, model: Model, window: Window) -> Curve | MissingCurve:
     """Trace a curve inside a window; a `MissingCurve` gives the reason if that fails. Results are cached.
 
     Pictures of a running survey draw the same curves repeatedly.
@@ -244,8 +250,8 @@ def traced_curve(name: str, model: Model, window: Window) -> Curve | MissingCurv
 def cell_pairs_crossed_by_curves(model: Model, delta: Axis, epsilon: Axis) -> tuple[CurveCrossings, ...]:
     """Return for each curve of a model the pairs of neighbouring cells of a grid between which the curve passes."""
     grid = delta.values(), epsilon.values()
-    found = (traced_curve(name, model, window_around(*grid)) for name in model.curve_names)
-    return tuple(crossings_of(_polyline_of_curve(curve), *grid) for curve in found)
+    found = (trace_curve_in_window(name, model, window_around(*grid)) for name in model.curve_names)
+    return tuple(find_curve_crossings(_polyline_of_curve(curve), *grid) for curve in found)
 
 
 def _polyline_of_curve(curve: Curve | MissingCurve) -> Polyline:

@@ -306,7 +306,8 @@ class SurveyRequest(_ModelFields):
             raise ValueError(f"the gears of this machine have beta {self.machine.beta}: leave beta out")
         for delta in (self.delta.start, self.delta.stop):
             self.machine.machine_at_speed(
-                float(self.machine.rpm(delta)), float(self.machine.eccentricity(self.epsilon.stop))
+                float(self.machine.speed_at_damping(delta)),
+                float(self.machine.eccentricity_in_metres(self.epsilon.stop)),
             )
         return self
 

@@ -166,7 +166,7 @@ def attractors_in_slots(values: Mapping[str, np.ndarray], count: int) -> ListedA
     return ListedAttractors(table.take(order), slot[order])
 
 
-def complete_sources(source: np.ndarray) -> np.ndarray:
+def complete_slot_sources(source: np.ndarray) -> np.ndarray:
     """Complete a rearrangement of the slots of each cell, so that every slot is the source of exactly one slot.
 
     source (slots, m, n): for each slot of a cell its source, which is the slot whose content moves into it, or −1 for

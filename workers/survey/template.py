@@ -22,7 +22,7 @@ from gear_rattle.workers.survey.plane_curves import (
     POINT_VARIABLES,
     CurveVariable,
     curve_attributes,
-    traced_curve,
+    trace_curve_in_window,
     window_around,
 )
 from gear_rattle.workers.survey.request import Along, SurveyRequest
@@ -60,7 +60,7 @@ def template_of(request: SurveyRequest, created: str | None = None) -> Template:
     quantities = request.variables
     _write_coordinates(root, request, {dim for quantity in quantities for dim in quantity.dims} | {"delta"})
     for quantity in quantities:
-        _create_array(root, request, quantity)
+        _create_or_write_variable(root, request, quantity)
     for along, each in request.slices.items():
         _write_curves(create_slice_group(root, request, along), each)
     return complete_template(kept, request, created, _chunk_key_patterns(request, quantities))
@@ -221,8 +221,8 @@ def _write_coordinates(root: zarr.Group, request: SurveyRequest, dims: set[str])
         values = value.values() if isinstance(value, Axis) else np.array(value)
         write_array(root, name, (name,) * values.ndim, values, {"long_name": long_name, "units": "1"})
     if request.machine is not None:
-        rpm = request.machine.rpm(request.delta.values())
-        eccentricity = request.machine.eccentricity(request.epsilon.values())
+        rpm = request.machine.speed_at_damping(request.delta.values())
+        eccentricity = request.machine.eccentricity_in_metres(request.epsilon.values())
         write_array(root, "rpm", ("delta",), rpm, {"long_name": "mean speed", "units": "rpm"})
         described = {"long_name": "amplitude of the transmission error along the line of action", "units": "m"}
         write_array(root, "eccentricity", ("epsilon",), eccentricity, described)
@@ -241,7 +241,7 @@ def encode_coordinate_labels(values: tuple[int, ...] | tuple[str, ...]) -> np.nd
     return np.array(values, dtype=np.dtypes.StringDType() if text else np.int64)
 
 
-def _create_array(root: zarr.Group, request: SurveyRequest, quantity: Quantity) -> None:
+def _create_or_write_variable(root: zarr.Group, request: SurveyRequest, quantity: Quantity) -> None:
     if quantity.is_per_cell:
         _create_cell_array(root, request, quantity)
     else:
@@ -291,7 +291,7 @@ def _write_curves(root: zarr.Group, request: SurveyRequest) -> None:
     write_array(groups, "multiplier", ("multiplier",), encode_coordinate_labels(multiplier.values), described)
     model = request.gear_model
     for name in model.curve_names:
-        curve = traced_curve(name, model, window)
+        curve = trace_curve_in_window(name, model, window)
         group = groups.create_group(name, attributes=curve_attributes(name, model, curve))
         write_variables(group, CURVE_VARIABLES, curve)
     attributes = {"long_name": "codimension-two points, where curves meet", "references": f"https://doi.org/{DOI}"}

@@ -135,7 +135,7 @@ def compute_tile(
         try:
             cells = cells if request.refine is None else _refined_tile_cells(request, tile)
             arrays, failed = _evaluate_cells_of_survey(request, cells), list[FailedCell]()
-            impacts = int(cells.attractors.impacts.sum()) if cells.count else 0
+            impacts = int(cells.attractors.impacts.sum()) if cells.sample_count else 0
         except MACHINE_FAILURES:
             raise
         except Exception:  # the model failed in some cell: compute the cells one by one to find out which
@@ -178,10 +178,10 @@ def first_audit_round(request: SurveyRequest) -> AuditRound:
 
 def _evaluate_cells_of_survey(request: SurveyRequest, cells: Cells) -> TileArrays:
     quantities = [quantity for quantity in request.variables if quantity.is_per_cell]
-    return {each.name: np.asarray(_quantity_values(each, cells)).astype(each.dtype) for each in quantities}
+    return {each.name: np.asarray(_evaluate_quantity(each, cells)).astype(each.dtype) for each in quantities}
 
 
-def _quantity_values(quantity: Quantity, cells: Cells) -> np.ndarray:
+def _evaluate_quantity(quantity: Quantity, cells: Cells) -> np.ndarray:
     return cells.values_of(quantity) if isinstance(cells, RefinedCells) else quantity.evaluate(cells)
 
 

@@ -136,7 +136,12 @@ def put_trajectory_on_lane(b, i, tau, v, delta, epsilon, beta, limit):
         b.parameters_[field, i] = b.parameters[field, i]
     b.t_tangent[i], b.determinant[i] = 1.0, 1.0 / v
     arc = find_negative_force_arc(delta, epsilon)
-    b.arc_exit[i], b.arc_length[i], b.sin_entry[i], b.sin_exit[i] = arc.leave, arc.length, arc.sin_entry, arc.sin_exit
+    b.arc_exit[i], b.arc_length[i], b.sin_entry[i], b.sin_exit[i] = (
+        arc.exit_phase,
+        arc.length,
+        arc.sin_entry,
+        arc.sin_exit,
+    )
     b.no_arc[i] = ZERO if arc.exists else ONE
     b.rough[i] = convert_flag_to_float(has_force_amplitude_above(ROUGHNESS, delta, epsilon))
     # `at_v` is −1: no state is close to a reference state with a negative speed, so this one is never found again.
@@ -218,7 +223,7 @@ def stop_lane_at_limit(b, i):
 
 
 @inline
-def recompute_phases(b, groups):
+def recompute_sines_and_cosines(b, groups):
     """Recompute the sines and cosines of all phases, because updates from flight to flight add rounding errors."""
     for i in range(GROUP * groups):
         b.sin0[i], b.cos0[i] = sine_cosine_at(b.tau[i])
@@ -238,7 +243,7 @@ def prepare_flights(b, groups, is_queue_empty):
     """
     if is_queue_empty:
         groups = move_trajectories_to_front(b)
-    recompute_phases(b, groups)
+    recompute_sines_and_cosines(b, groups)
     return groups
 
 

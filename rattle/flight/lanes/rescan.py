@@ -18,13 +18,18 @@ from rattle.flight.guess import (
     advance_scan,
     estimate_minimum,
     height_at_next_wall,
-    refine_time,
+    refine_time_at_level,
     taylor_coefficients,
     time_step_to_level,
 )
 from rattle.flight.lanes.block import ARCS, GROUP, ONE, ZERO, convert_flag_to_float
 from rattle.flight.law import Flight
-from rattle.flight.proof import clears_the_gap, clears_wall_with_two_minima, has_at_most_one_turn, is_within_one_step
+from rattle.flight.proof import (
+    has_at_most_one_turn,
+    is_certain_to_miss_opposite_wall,
+    is_certain_to_miss_wall_at_both_minima,
+    is_one_final_step_enough,
+)
 from rattle.numerics.compile import inline, kernel
 
 # `paths[SCANNED]` counts the flights that need a scan, `paths[SAFE]` the flights that also need the safe search.
@@ -126,10 +131,10 @@ def locate_impacts(b, n):
         near_turn = turn + time_step_to_level(falls == ZERO, level, series)
         from_turn = (end < ZERO) | (misses & (scanned_fall == ZERO))
         s = near_turn if from_turn else end
-        s, _u, _speed = refine_time(s, level, flight)
-        s, step, speed = refine_time(s, level, flight)
+        s, _u, _speed = refine_time_at_level(s, level, flight)
+        s, step, speed = refine_time_at_level(s, level, flight)
         b.z_s[k], b.z_falls[k], b.z_g[k], b.z_turn[k] = s, falls, minimum.tilt, minimum.time
-        b.z_proved[k] = convert_flag_to_float(is_within_one_step(s, step, speed, flight))
+        b.z_proved[k] = convert_flag_to_float(is_one_final_step_enough(s, step, speed, flight))
 
 
 @inline
@@ -141,7 +146,9 @@ def withdraw_unproved_scans(b, n):
     """
     for k in range(n):
         rising, minimum = b.z_falls[k] == ZERO, FlightMinimum(b.z_f[k], b.z_g[k], b.z_turn[k])
-        clear = clears_the_gap(b.z_wall[k], rising, b.z_s[k], minimum, b.z_gap[k], compacted_flight(b, k))
+        clear = is_certain_to_miss_opposite_wall(
+            b.z_wall[k], rising, b.z_s[k], minimum, b.z_gap[k], compacted_flight(b, k)
+        )
         b.z_proved[k] = b.z_proved[k] if clear else ZERO
 
 
@@ -159,6 +166,6 @@ def withdraw_unproved_scans_with_arcs(b, n):
             FlightMinimum(b.z_f[k], b.z_g[k], b.z_turn[k]),
         )
         once = has_at_most_one_turn(wall, rising, tau, s, minimum.time, flight, arc)
-        once &= clears_the_gap(wall, rising, s, minimum, gap, flight)
-        twice = clears_wall_with_two_minima(wall, rising, tau, s, minimum, gap, flight, arc)
+        once &= is_certain_to_miss_opposite_wall(wall, rising, s, minimum, gap, flight)
+        twice = is_certain_to_miss_wall_at_both_minima(wall, rising, tau, s, minimum, gap, flight, arc)
         b.z_proved[k] = b.z_proved[k] if once | twice else ZERO

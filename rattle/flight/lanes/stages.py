@@ -10,7 +10,7 @@ docs/kernel.md explains the stages.
 import numpy as np
 from numpy import float32 as f32
 
-from rattle.flight.contact_phase import IN_CONTACT, chatter_completes, stays_in_contact
+from rattle.flight.contact_phase import IN_CONTACT, is_chatter_certain_to_complete, stays_in_contact
 from rattle.flight.first_impact import OK, final_step_to_impact, first_impact_by_safe_search, state_after_step
 from rattle.flight.forcing import DRIFT, Q, add_slope32, contact_force
 from rattle.flight.guess import (
@@ -20,7 +20,7 @@ from rattle.flight.guess import (
     guess_time_of_turn_or_arrival,
     height_at_next_wall,
     improve_guess_by_newton_step,
-    refine_time,
+    refine_time_at_level,
     taylor_coefficients,
     time_step_to_level,
 )
@@ -37,7 +37,7 @@ from rattle.flight.lanes.block import (
 )
 from rattle.flight.lanes.rescan import SAFE, rescan_unproved_lanes
 from rattle.flight.law import evaluate_short, fold_phase, second_derivative
-from rattle.flight.proof import clears_the_gap, has_at_most_one_turn, is_within_one_step
+from rattle.flight.proof import has_at_most_one_turn, is_certain_to_miss_opposite_wall, is_one_final_step_enough
 from rattle.flight.tangent import carry_tangent_over_flight
 from rattle.numerics.compile import inline, kernel
 
@@ -117,7 +117,7 @@ def refine_impact_times(b, groups):
     """Refine the time of each impact by a step of fourth order, and keep the step and the speed for the proof."""
     for i in range(GROUP * groups):
         level = height_at_next_wall(b.wall_[i], b.falls[i] > ZERO, b.gap_[i])
-        b.s_[i], b.step[i], b.speed[i] = refine_time(b.s_[i], level, single_precision_flight(b, i))
+        b.s_[i], b.step[i], b.speed[i] = refine_time_at_level(b.s_[i], level, single_precision_flight(b, i))
 
 
 @inline
@@ -126,8 +126,8 @@ def prove_first_impacts(b, groups):
     for i in range(GROUP * groups):
         rising, s, flight = b.falls[i] == ZERO, b.s_[i], single_precision_flight(b, i)
         minimum = FlightMinimum(b.bound[i], b.tilt[i], b.turn[i])
-        clear = clears_the_gap(b.wall_[i], rising, s, minimum, b.gap_[i], flight)
-        b.proved[i] = convert_flag_to_float(clear & is_within_one_step(s, b.step[i], b.speed[i], flight))
+        clear = is_certain_to_miss_opposite_wall(b.wall_[i], rising, s, minimum, b.gap_[i], flight)
+        b.proved[i] = convert_flag_to_float(clear & is_one_final_step_enough(s, b.step[i], b.speed[i], flight))
 
 
 @inline
@@ -263,7 +263,9 @@ def stop_lanes_with_completing_chatter(b, groups):
     """Stop the lanes whose chatter is certain to complete. The caller computes when their motions leave the wall."""
     for i in range(GROUP * groups):
         pressing = b.wall[i] * contact_force(b.sin0[i], b.cos0[i], b.delta[i], b.epsilon[i], DRIFT)
-        stops = chatter_completes(abs(b.w[i]), pressing, b.gap[i], b.capture[i]) & (b.n_plus[i] < b.limit[i])
+        stops = is_chatter_certain_to_complete(abs(b.w[i]), pressing, b.gap[i], b.capture[i]) & (
+            b.n_plus[i] < b.limit[i]
+        )
         b.stuck[i] = select_number(stops, float(IN_CONTACT), b.stuck[i])
         b.limit[i] = select_number(stops, -1.0, b.limit[i])
 

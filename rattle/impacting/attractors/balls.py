@@ -62,7 +62,7 @@ def direction_and_halvings(lane, few):
 
 
 @inline
-def load_cell_of_centre(b, group, i, centres, cells):
+def load_cell_parameters_onto_lanes(b, group, i, centres, cells):
     """Load into all lanes of a group the parameters of the cell in which capture region i of `centres` lies."""
     first, cell = group * GROUP, centres.cell[i]
     put_trajectory_on_lane(b, first, 0.0, 1.0, cells.delta[cell], cells.epsilon[cell], cells.beta[cell], -1.0)
@@ -122,7 +122,7 @@ def advance_lanes_by_flight(memory, work, groups, force, paths):
 
 
 @inline
-def stop_lost_lanes(b, group, most):
+def stop_lanes_with_excess_impacts(b, group, most):
     """Stop the lanes of a group with more than `most` impacts on Σ⁻, and return whether some lane still flies."""
     left = False
     for lane in range(group * GROUP, (group + 1) * GROUP):
@@ -191,7 +191,7 @@ def write_outer_radii(memory, work, centres, cells, paths):
         for group in range(GROUPS):
             i = of[group]
             if i >= 0:
-                if stop_lost_lanes(b, group, centres.n_minus[i]):
+                if stop_lanes_with_excess_impacts(b, group, centres.n_minus[i]):
                     groups = group + 1
                     continue
                 tried = level[group]
@@ -205,7 +205,7 @@ def write_outer_radii(memory, work, centres, cells, paths):
             while of[group] < 0 and fresh < n:
                 if centres.radius[fresh] > 0.0:
                     of[group], level[group], few[group] = fresh, 0, True
-                    load_cell_of_centre(b, group, fresh, centres, cells)
+                    load_cell_parameters_onto_lanes(b, group, fresh, centres, cells)
                 fresh += 1
             if of[group] >= 0:
                 load_states_onto_lanes(b, work, group, of[group], level[group], few[group], centres)

@@ -22,7 +22,7 @@ from rattle.errors import broadcast_parameters, require
 from rattle.flight.first_impact import OK
 from rattle.flight.law import wrap_phase_difference
 from rattle.impacting.attractors.classifier import ImpactingClassifier
-from rattle.impacting.map.impact_map import inverse_impact
+from rattle.impacting.map.impact_map import apply_inverse_impact_map
 from rattle.impacting.map.quiet import LONGEST_REST, becomes_quiet_late, capture_speeds, most_impacts_until_quiet
 from rattle.impacting.orbits.limits import quiet_limit
 from rattle.numerics.compile import kernel
@@ -54,7 +54,7 @@ FIRST_SCALE, LAST_SCALE = 2.0**-4, 2.0**-20
 SHRINK, MOST_LAG = 1.0 / 16.0, 8.0
 MOST_PATTERNS = 60  # most patterns of one search
 # least and largest limit of impacts at strong damping for states after the first set; at weaker damping both limits are
-# `longer` times as large
+# `impact_limit_factor` times as large
 LEAST_IMPACTS, MOST_IMPACTS = 512, 4096
 # States after the first set are followed for at most this factor times the largest number of impacts that a state of
 # the first set took to settle. A state has settled when it has reached a periodic orbit. In cells whose unresolved
@@ -94,14 +94,14 @@ class _QuietCells:
 
     Attributes
     ----------
-    chaos : flags (n,)
+    is_unresolved_chaotic : flags (n,)
         True if the unresolved samples of the cell count as chaotic.
-    most : (n,)
+    impact_limits : (n,)
         Largest number of impacts for which a state is followed.
     tau, v : (n, STARTS)
         The slowest states found that reach an attractor other than quiet motion. If fewer than STARTS are found, the
         other entries of v are inf.
-    undecided : (n,)
+    least_undecided_speed : (n,)
         The least speed of an undecided state.
     """
 
@@ -110,27 +110,33 @@ class _QuietCells:
         usual = highest_sampled_speeds(None, delta, epsilon, beta)
         # least speed of the states that are drawn uniformly in ln v: the capture speed, but at least LOWEST times the
         # natural speed
-        self.floor = np.clip(capture_speeds(delta, epsilon, beta), LOWEST * usual, 0.5 * v_max)
-        self.v_max, self.ceiling = v_max, CEILING * usual
+        self.least_drawn_speeds = np.clip(capture_speeds(delta, epsilon, beta), LOWEST * usual, 0.5 * v_max)
+        self.v_max, self.highest_preimage_speeds = v_max, CEILING * usual
         # factors by which the cells' limits of impacts are larger than at strong damping
-        self.longer = most_impacts_until_quiet(delta) / LONGEST_REST
+        self.impact_limit_factor = most_impacts_until_quiet(delta) / LONGEST_REST
         self.tau, self.v = np.full((n, STARTS), np.nan), np.full((n, STARTS), np.inf)
-        self.balls = np.zeros(n, np.int64)  # number of the cell's capture regions whose preimages are already computed
-        self.sampled = self.draw_first_states(n)
-        tau, v = (each.copy() for each in self.sampled)
+        self.n_used_capture_regions = np.zeros(
+            n, np.int64
+        )  # number of the cell's capture regions whose preimages are already computed
+        self.first_states = self.draw_first_states(n)
+        tau, v = (each.copy() for each in self.first_states)
         at = Parameters(ImpactingClassifier.model, delta, epsilon, beta)
         self.classifier = ImpactingClassifier.classify(at, tau, v)
         status, impacts = self.classifier.status, self.classifier.impacts
-        self.chaos = np.array([cell in self.classifier.chaos for cell in range(n)])
+        self.is_unresolved_chaotic = np.array([cell in self.classifier.chaotic_sets for cell in range(n)])
         settled = np.where((status == Outcome.PERIODIC) | (status == Outcome.QUIET), impacts, 0).max(axis=1)
-        most = MOST_IMPACTS * self.longer
+        most = MOST_IMPACTS * self.impact_limit_factor
         # if LIMIT_MULTIPLE times the impacts that samples take to settle exceed the largest limit, unresolved samples
         # may still become quiet, so they do not count as chaotic
-        self.chaos &= LIMIT_MULTIPLE * settled <= most
+        self.is_unresolved_chaotic &= LIMIT_MULTIPLE * settled <= most
         captured = np.where(status == Outcome.PERIODIC, impacts, 0).max(axis=1)
-        self.most = np.clip(LIMIT_MULTIPLE * np.where(self.chaos, settled, captured), LEAST_IMPACTS * self.longer, most)
-        self.most = self.most.astype(np.int64)
-        self.undecided = np.full(n, np.inf)
+        self.impact_limits = np.clip(
+            LIMIT_MULTIPLE * np.where(self.is_unresolved_chaotic, settled, captured),
+            LEAST_IMPACTS * self.impact_limit_factor,
+            most,
+        )
+        self.impact_limits = self.impact_limits.astype(np.int64)
+        self.least_undecided_speed = np.full(n, np.inf)
 
     def draw_first_states(self, n: int) -> tuple[Array, Array]:
         """Return τ and v (n, 2 · SAMPLED) of the states to classify first: half uniform in ln v, half uniform in v."""
@@ -140,16 +146,16 @@ class _QuietCells:
 
     def keep_first_states(self) -> None:
         """Keep the slowest of the first states that leave quiet motion, and the slowest of their preimages."""
-        (tau, v), status = self.sampled, self.classifier.status
-        away = (status == Outcome.PERIODIC) | ((status == Outcome.UNRESOLVED) & self.chaos[:, None])
-        self.undecided = np.where((status != Outcome.QUIET) & ~away, v, np.inf).min(axis=1)
+        (tau, v), status = self.first_states, self.classifier.status
+        away = (status == Outcome.PERIODIC) | ((status == Outcome.UNRESOLVED) & self.is_unresolved_chaotic[:, None])
+        self.least_undecided_speed = np.where((status != Outcome.QUIET) & ~away, v, np.inf).min(axis=1)
         self.keep_slowest(tau, np.where(away, v, np.inf))
         self.keep_preimages(away, tau, v)
 
     def draw_states_in_strip(self, below: Array, i: int) -> tuple[Array, Array]:
         """Return τ and v (n, SAMPLED) of set number i of states (Sobol points), uniform in τ and in ln v.
 
-        The speeds of each cell lie between the cell's entries of `self.floor` and of `below` (n,).
+        The speeds of each cell lie between the cell's entries of `self.least_drawn_speeds` and of `below` (n,).
 
         Returns
         -------
@@ -157,24 +163,27 @@ class _QuietCells:
             τ and v.
         """
         x, y = sobol_points((i + 1) * SAMPLED)[i * SAMPLED :].T
-        low, high = np.log(self.floor)[:, None], np.log(np.maximum(below, self.floor))[:, None]
+        low, high = (
+            np.log(self.least_drawn_speeds)[:, None],
+            np.log(np.maximum(below, self.least_drawn_speeds))[:, None],
+        )
         return np.repeat(x[None], below.size, axis=0), np.exp(low + (high - low) * y)
 
-    def find_states_leaving_quiet(
+    def flag_states_leaving_quiet(
         self, cell: NDArray[np.int64], tau: Array, v: Array, times: int = 1
     ) -> NDArray[np.bool_]:
         """Return whether states (k,) of these cells (k,) reach an attractor other than quiet motion.
 
         Each state is followed for `times` times the limit of impacts of its cell. A state that reaches no attractor by
-        then counts as chaotic if the cell's entry of `chaos` is True, otherwise as undecided.
+        then counts as chaotic if the cell's entry of `is_unresolved_chaotic` is True, otherwise as undecided.
 
         Returns
         -------
         NDArray[np.bool_]
             (k,), False for states that become quiet or stay undecided.
         """
-        status = self.classifier.outcomes_of_states(cell, tau, v, times * self.most[cell])
-        return (status == Outcome.PERIODIC) | ((status == Outcome.UNRESOLVED) & self.chaos[cell])
+        status = self.classifier.outcomes_of_states(cell, tau, v, times * self.impact_limits[cell])
+        return (status == Outcome.PERIODIC) | ((status == Outcome.UNRESOLVED) & self.is_unresolved_chaotic[cell])
 
     def keep_slowest(self, tau: Array, v: Array) -> None:
         """Add new states (n, k), and keep the STARTS slowest states of each cell whose phases are at least APART apart.
@@ -187,10 +196,12 @@ class _QuietCells:
             self.tau[:, i], self.v[:, i] = tau[each, one], v[each, one]
             v = np.where(np.abs(wrap_phase_difference(tau - self.tau[:, i, None])) < APART, np.inf, v)
 
-    def states_at_new_edges(self) -> tuple[NDArray[np.int64], Array, Array]:
+    def states_at_edges_of_new_regions(self) -> tuple[NDArray[np.int64], Array, Array]:
         """Return states (cell, τ, v) at the edges of the capture regions that were found since the last call."""
         balls = self.classifier.balls
-        cell, p = np.nonzero((np.arange(balls.tau.shape[1]) >= self.balls[:, None]) & (balls.orbit >= 0))
+        cell, p = np.nonzero(
+            (np.arange(balls.tau.shape[1]) >= self.n_used_capture_regions[:, None]) & (balls.orbit >= 0)
+        )
         fresh = p < balls.n[cell]
         cell, p = cell[fresh], p[fresh]
         each = np.clip(EDGES // np.maximum(balls.n[cell], 1), FEWEST_EDGES, MOST_EDGES)
@@ -198,7 +209,7 @@ class _QuietCells:
         tau, v, a, b, d = (np.repeat(x[cell, p], each) for x in (balls.tau, balls.v, balls.c00, balls.c01, balls.c11))
         y = np.sin(angle) / np.sqrt(d - b * b / a)
         x = (np.cos(angle) - b / np.sqrt(a) * y) / np.sqrt(a)
-        self.balls = balls.n.copy()
+        self.n_used_capture_regions = balls.n.copy()
         return np.repeat(cell, each), fold_phases(tau + x), v + y
 
     def keep_preimages(self, away: NDArray[np.bool_], tau: Array, v: Array) -> None:
@@ -216,16 +227,19 @@ class _QuietCells:
         near = sobol_points(1 + COPIES)[:, :, None] * NEAR
         near_tau, near_v = fold_phases(tau.flat[some] + near[:, 0]), v.flat[some] * (1.0 - near[:, 1])
         states = np.tile(some // v.shape[1], 1 + COPIES), near_tau.ravel(), near_v.ravel()
-        cell, tau, v = (np.append(x, y) for x, y in zip(states, self.states_at_new_edges(), strict=True))
+        cell, tau, v = (np.append(x, y) for x, y in zip(states, self.states_at_edges_of_new_regions(), strict=True))
         delta, epsilon, beta = (x[cell] for x in self.classifier.cells[:3])
-        steps, ceiling = (PREIMAGES * self.longer[cell]).astype(np.int64), self.ceiling[cell]
+        steps, ceiling = (
+            (PREIMAGES * self.impact_limit_factor[cell]).astype(np.int64),
+            self.highest_preimage_speeds[cell],
+        )
         tau, v = slowest_preimages(tau, v, steps, ceiling, delta, epsilon, beta)
         order = np.lexsort((tau, v, cell))
         rank = np.arange(cell.size) - np.searchsorted(cell[order], cell[order])
         order, rank = order[rank < TRIED_PREIMAGES], rank[rank < TRIED_PREIMAGES]
         cell, tau, v = cell[order], tau[order], v[order]
         low = v < self.v_max[cell]
-        low[low] = self.find_states_leaving_quiet(cell[low], tau[low], v[low])
+        low[low] = self.flag_states_leaving_quiet(cell[low], tau[low], v[low])
         found_tau, found = np.zeros((len(self.v), TRIED_PREIMAGES)), np.full((len(self.v), TRIED_PREIMAGES), np.inf)
         found_tau[cell, rank], found[cell, rank] = tau, np.where(low, v, np.inf)
         self.keep_slowest(found_tau, found)
@@ -243,7 +257,7 @@ class _QuietCells:
             tau, v = self.draw_states_in_strip(np.minimum(before, self.v_max), i)
             away = np.zeros(v.shape, np.bool_)
             cell = np.repeat(pending, SAMPLED)
-            away[pending] = self.find_states_leaving_quiet(cell, tau[pending].ravel(), v[pending].ravel()).reshape(
+            away[pending] = self.flag_states_leaving_quiet(cell, tau[pending].ravel(), v[pending].ravel()).reshape(
                 -1, SAMPLED
             )
             self.keep_slowest(tau, np.where(away, v, np.inf))
@@ -263,7 +277,7 @@ class _QuietCells:
                 break
             tau = fold_phases(best_tau[hopeful, None] + scale[hopeful, None] * sideways)
             v = best[hopeful, None] * (1.0 - scale[hopeful, None] * down)
-            away = self.find_states_leaving_quiet(np.repeat(cell[hopeful], down.size), tau.ravel(), v.ravel()).reshape(
+            away = self.flag_states_leaving_quiet(np.repeat(cell[hopeful], down.size), tau.ravel(), v.ravel()).reshape(
                 v.shape
             )
             v = np.where(away, v, np.inf)
@@ -274,15 +288,15 @@ class _QuietCells:
         self.tau, self.v = best_tau.reshape(-1, STARTS), best.reshape(-1, STARTS)
 
     def confirm_chaos(self) -> None:
-        """Follow the slowest states, in cells with `chaos`, for CONFIRMING_FACTOR times the cell's limit of impacts.
+        """Follow the slowest states for CONFIRMING_FACTOR times the cell's limit of impacts, if they count as chaotic.
 
         A state that becomes quiet in this longer time is dropped, and its speed counts as that of an undecided state:
         other states that seem chaotic may become quiet, too, if they are followed for longer.
         """
-        row, column = np.nonzero(self.chaos[:, None] & np.isfinite(self.v))
-        transient = ~self.find_states_leaving_quiet(row, self.tau[row, column], self.v[row, column], CONFIRMING_FACTOR)
+        row, column = np.nonzero(self.is_unresolved_chaotic[:, None] & np.isfinite(self.v))
+        transient = ~self.flag_states_leaving_quiet(row, self.tau[row, column], self.v[row, column], CONFIRMING_FACTOR)
         row, column = row[transient], column[transient]
-        np.minimum.at(self.undecided, row, self.v[row, column])
+        np.minimum.at(self.least_undecided_speed, row, self.v[row, column])
         self.v[row, column] = np.inf
 
 
@@ -321,9 +335,9 @@ def boundary_distances(
         cells.confirm_chaos()
         one = np.argmin(cells.v, axis=1)[:, None]
         v = np.take_along_axis(cells.v, one, 1)[:, 0]
-        found.v[quiet] = np.where(np.isfinite(v) | np.isinf(cells.undecided), v, np.nan)
+        found.v[quiet] = np.where(np.isfinite(v) | np.isinf(cells.least_undecided_speed), v, np.nan)
         found.tau[quiet] = np.where(np.isfinite(v), np.take_along_axis(cells.tau, one, 1)[:, 0], np.nan)
-        found.undecided[quiet] = cells.undecided
+        found.undecided[quiet] = cells.least_undecided_speed
     return BoundaryDistance(*(x.reshape(np.shape(broadcast[0])) for x in found))
 
 
@@ -331,8 +345,8 @@ def boundary_distances(
 def slowest_preimages(tau, v, steps, ceiling, delta, epsilon, beta):
     """Return for each state of flat arrays the slowest of its preimages Π⁻ᵏ, 0 ≤ k ≤ steps.
 
-    A state is followed back no further than its first preimage with a speed above `ceiling`. All arguments are arrays
-    of one length.
+    A state is followed back no further than its first preimage with a speed above `highest_preimage_speeds`. All
+    arguments are arrays of one length.
 
     Returns
     -------
@@ -343,7 +357,7 @@ def slowest_preimages(tau, v, steps, ceiling, delta, epsilon, beta):
     for i in range(tau.size):
         t, w = tau[i], v[i]
         for _ in range(steps[i]):
-            status, t, w, _, _ = inverse_impact(t, w, delta[i], epsilon[i], beta[i])
+            status, t, w, _, _ = apply_inverse_impact_map(t, w, delta[i], epsilon[i], beta[i])
             if status != OK or w > ceiling[i]:
                 break
             if w < out_v[i]:

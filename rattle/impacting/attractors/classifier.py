@@ -15,14 +15,20 @@ from rattle.attractors.speeds import SampleSpec, SpeedLimit
 from rattle.attractors.table import AttractorTable, attractors_of_samples
 from rattle.flight.forcing import Forcing
 from rattle.impacting.attractors.balls import find_capture_radii_in_lanes
-from rattle.impacting.attractors.settle import CHUNK, LONG_CHUNK, ImpactingCells, follow_probes, settle
+from rattle.impacting.attractors.settle import (
+    CHUNK,
+    LONG_CHUNK,
+    ImpactingCells,
+    follow_probes_in_lanes,
+    follow_until_outcome,
+)
 from rattle.impacting.map.iterate import iterate, lane_block_of_thread
 from rattle.impacting.map.quiet import capture_invariant_limit, capture_invariant_limits
 from rattle.impacting.orbits.stable import find_stable_orbits
 from rattle.parameters import Parameters
 
 
-def elastic_cells(
+def make_elastic_cells(
     delta: NDArray[np.float64], epsilon: NDArray[np.float64], beta: NDArray[np.float64], quiet: NDArray[np.float64]
 ) -> ImpactingCells:
     """Return n cells with elastic impacts as the record that kernels take.
@@ -41,7 +47,7 @@ def elastic_cells(
 def cells_of(parameters: Parameters) -> ImpactingCells:
     """Return the cells at these parameters (n,) as the record that kernels take."""
     delta, epsilon, beta = parameters.delta, parameters.epsilon, parameters.beta
-    return elastic_cells(delta, epsilon, beta, capture_invariant_limits(delta, epsilon, beta))
+    return make_elastic_cells(delta, epsilon, beta, capture_invariant_limits(delta, epsilon, beta))
 
 
 def relative_force_amplitudes(cells: Any) -> NDArray[np.float64]:
@@ -101,7 +107,7 @@ class ImpactingClassifier(Classifier):
     @classmethod
     def cells_for_orbit_kernels(cls, parameters: Parameters) -> ImpactingCells:
         """Return the record of cells without the limits for quiet motion, which are slow to compute."""
-        return elastic_cells(parameters.delta, parameters.epsilon, parameters.beta, np.zeros(parameters.size))
+        return make_elastic_cells(parameters.delta, parameters.epsilon, parameters.beta, np.zeros(parameters.size))
 
     @staticmethod
     def states_after_returns(
@@ -148,14 +154,16 @@ class ImpactingClassifier(Classifier):
             sort_by_roughness(which, samples, self._roughness),
             (samples.to_kernel_tuple(), self.balls.to_kernel_tuple()),
         )
-        settle(self._block, which, flights, self.cells, *tables, self.paths)
+        follow_until_outcome(self._block, which, flights, self.cells, *tables, self.paths)
 
     def follow_with_tangent(
         self, which: NDArray[np.int64], least: NDArray[np.float64], periods: NDArray[np.float64], seen: ProbeRecord
     ) -> None:
         """Follow samples with a tangent vector (`Classifier.follow_with_tangent`), and write observations to `seen`."""
         tables = self.samples.to_kernel_tuple(), self.balls.to_kernel_tuple()
-        follow_probes(self._block, which, least, periods, self.cells, *tables, seen.sums, seen.prints, self.paths)
+        follow_probes_in_lanes(
+            self._block, which, least, periods, self.cells, *tables, seen.sums, seen.bitmaps, self.paths
+        )
 
 
 def attractors_of(

@@ -185,7 +185,7 @@ def check_lanes(b, groups, fresh, which, cells, samples, balls):
 
 
 @kernel
-def settle(memory, which, flights, cells, samples, balls, paths):
+def follow_until_outcome(memory, which, flights, cells, samples, balls, paths):
     """Follow the samples whose numbers are in `which` until each has an outcome or reaches its limit of impacts.
 
     `flights` flights pass between two checks of the lanes. A sample that reaches its limit without an outcome remains
@@ -215,7 +215,7 @@ def record_tangent_growth(b, i, batches):
         row[2] += contraction
 
 
-class Observation(NamedTuple):
+class ProbeObservation(NamedTuple):
     """The limits of the observation of k probes, and the arrays for its results.
 
     Attributes
@@ -229,8 +229,8 @@ class Observation(NamedTuple):
         Visited-cell bitmap of each probe.
     """
 
-    least: Any
-    periods: Any
+    least_impacts: Any
+    least_periods: Any
     sums: Any
     footprints: Any
 
@@ -252,7 +252,9 @@ def check_probes(b, groups, fresh, which, cells, samples, balls, watch):
         j = b.who[i]
         if j >= 0:
             k = which[j]
-            share = min((b.n_plus[i] - ALIGNMENT) / (watch.least[j] - ALIGNMENT), b.time[i] / watch.periods[j])
+            share = min(
+                (b.n_plus[i] - ALIGNMENT) / (watch.least_impacts[j] - ALIGNMENT), b.time[i] / watch.least_periods[j]
+            )
             share = max(share, b.n_plus[i] / b.limit[i])
             batch = min(int(share * BATCHES), BATCHES - 1) if b.n_plus[i] >= ALIGNMENT else -1
             status, orbit, over = check_outcome_of_lane(b, i, k, cells, samples, balls)
@@ -279,7 +281,7 @@ def mark_visited_cells(b, groups, footprints):
 
 
 @kernel
-def follow_probes(memory, which, least, periods, cells, samples, balls, sums, footprints, paths):
+def follow_probes_in_lanes(memory, which, least, periods, cells, samples, balls, sums, footprints, paths):
     """Follow the probes `which` (k,) in lanes, each with a tangent vector.
 
     Probe j goes on for at least least[j] impacts and periods[j] forcing periods, unless it has an outcome or reaches
@@ -288,7 +290,7 @@ def follow_probes(memory, which, least, periods, cells, samples, balls, sums, fo
     footprints[j] is the probe's visited-cell bitmap. `paths` (2,) counts flights whose first impact needs a scan, and
     flights whose first impact needs the slower safe search.
     """
-    b, fresh, groups, watch = memory[0], NONE, GROUPS, Observation(least, periods, sums, footprints)
+    b, fresh, groups, watch = memory[0], NONE, GROUPS, ProbeObservation(least, periods, sums, footprints)
     clear_block(b)
     while groups > 0:
         fresh = check_probes(b, groups, fresh, which, cells, samples, balls, watch)

@@ -172,7 +172,7 @@ def doubled(
     line = parameter_line_through(event.delta, event.epsilon, parameter, span, resolution)
     itinerary = event.itinerary.with_doubled_period()
     start = start_of_doubled_branch(event.itinerary, event.unknowns)
-    path = _branch_follower(itinerary, line).follow(*start, MOST_POINTS, FIRST_OF_DOUBLED)
+    path = _make_branch_follower(itinerary, line).follow(*start, MOST_POINTS, FIRST_OF_DOUBLED)
     return _build_branch(itinerary, line, path.points, path.tangents, 0, ("flip", _reason_of_end(itinerary, path)))
 
 
@@ -258,7 +258,7 @@ def _does_newton_return_to_orbit(found: PeriodicOrbit, orbit: PeriodicOrbit) -> 
     return back is not None and bool(np.max(np.abs(back[:-2] - orbit.times)) < SAME_MOTION)
 
 
-def _branch_follower(itinerary: Itinerary, line: ParameterLine) -> CurveFollower:
+def _make_branch_follower(itinerary: Itinerary, line: ParameterLine) -> CurveFollower:
     """Return the `CurveFollower` of branches of motions with this itinerary on a line of parameters."""
     problem = equations_on_line(itinerary, line.origin, line.direction)
     longest = make_longest_step_function(line.span, line.resolution, LONGEST)
@@ -281,7 +281,7 @@ def _reason_of_degeneracy(itinerary: Itinerary, y: Array) -> str | None:
 
 def _follow_branch_both_ways(itinerary: Itinerary, line: ParameterLine, start: Array) -> Branch:
     """Return the branch through `start` = (times, position p on the line), ordered so that p rises at `start`."""
-    followed = _branch_follower(itinerary, line).follow_both_ways(start, -1, MOST_POINTS)
+    followed = _make_branch_follower(itinerary, line).follow_both_ways(start, -1, MOST_POINTS)
     ends = (CLOSED, CLOSED)
     if followed.paths is not None:
         ends = _reason_of_end(itinerary, followed.paths[0]), _reason_of_end(itinerary, followed.paths[1])
@@ -290,13 +290,13 @@ def _follow_branch_both_ways(itinerary: Itinerary, line: ParameterLine, start: A
 
 def _reason_of_end(itinerary: Itinerary, path: OneWayPath) -> str:
     """Return in words why a path ends; "span" means that it reached the end of the span of parameters."""
-    if path.outside is None:
+    if path.first_point_outside is None:
         return (
             "the branch has its largest number of points"
             if len(path.points) >= MOST_POINTS
             else "the equations become singular"
         )
-    return _reason_of_degeneracy(itinerary, path.outside) or "span"
+    return _reason_of_degeneracy(itinerary, path.first_point_outside) or "span"
 
 
 def _is_same_event(one: Event, other: Event) -> bool:

@@ -20,7 +20,7 @@ from itertools import combinations
 import numpy as np
 
 from rattle.continuation.arclength import ContinuationProblem, plane_scale, solve_with_fixed_unknown, tangent_at
-from rattle.continuation.conditions import condition
+from rattle.continuation.conditions import equations_of_bifurcation
 from rattle.errors import RattleError, require_number
 from rattle.impacting.bifurcations.registry import CURVES
 from rattle.impacting.bifurcations.starts import family_members
@@ -46,7 +46,7 @@ def _scaled_cosine_of_graze(delta: float, beta: float) -> float:
     return 4 * math.pi * -math.expm1(-delta) * cosine / delta**2
 
 
-def _flip_at_graze_residual(delta: float, beta: float) -> float:
+def _residual_of_flip_at_graze(delta: float, beta: float) -> float:
     """Return a number that vanishes where the grazing motion flips, at COD20."""
     return _scaled_cosine_of_graze(delta, beta) - 2 * (1 + math.exp(-delta))
 
@@ -56,7 +56,7 @@ def _residual_of_equal_multipliers(delta: float, beta: float) -> float:
     return _scaled_cosine_of_graze(delta, beta) - (1 - math.exp(-delta / 2)) ** 2
 
 
-def _two_thirds_multiplier_condition(delta: float, beta: float) -> float:
+def _residual_of_multiplier_two_thirds(delta: float, beta: float) -> float:
     """Return a number that vanishes where the larger multiplier of the grazing motion is 2/3."""
     return _scaled_cosine_of_graze(delta, beta) - (1 / 3 - math.exp(-delta) / 2)
 
@@ -75,7 +75,7 @@ def _negative_mean_determinant(delta: float, beta: float) -> float:
     if not sigma < 0.5:
         return math.nan
     at = family_members(np.array([sigma]), delta, beta)
-    return -float(at.saddle_node[0] + at.flip[0]) / 2
+    return -float(at.saddle_node_determinant[0] + at.flip_determinant[0]) / 2
 
 
 @dataclass(frozen=True)
@@ -93,7 +93,7 @@ class CodimensionTwoCondition:
 
 POINTS = {
     "COD20": CodimensionTwoCondition(
-        "C flips as it grazes: a multiplier is −1", _flip_at_graze_residual, {"PDC": -1, "G1": -1}
+        "C flips as it grazes: a multiplier is −1", _residual_of_flip_at_graze, {"PDC": -1, "G1": -1}
     ),
     "COD21": CodimensionTwoCondition(
         "the multipliers of the grazing C become equal, and real", _residual_of_equal_multipliers, {"G1": -1}
@@ -235,8 +235,8 @@ def _epsilon_along_curve(name: str, delta: float, epsilon: float, beta: float, o
         If the curve cannot be followed.
     """
     definition = CURVES[name]
-    problem = condition(definition.itinerary(beta), definition.kind, definition.impact)
-    starts = definition.starts(delta, beta)
+    problem = equations_of_bifurcation(definition.itinerary(beta), definition.kind, definition.impact)
+    starts = definition.starting_points_at(delta, beta)
     if not starts:
         raise RattleError(f"the curve {name} cannot be followed: closed forms give no point of it at delta = {delta}")
     x = _solution_at_delta(problem, min(starts, key=lambda x: abs(float(x[-1]) - epsilon)), delta)
@@ -283,5 +283,5 @@ def robust_chaos_interval(beta: float = 0.6) -> tuple[float, float]:
     beta = require_number("beta", beta, positive=True)
     lower, upper = (_point_on_grazing_curve(name, POINTS[name].residual, beta)[0] for name in ("COD21", "COD22"))
     if math.exp(-lower / 2) < 2 / 3:
-        lower = _point_on_grazing_curve("multiplier 2/3", _two_thirds_multiplier_condition, beta)[0]
+        lower = _point_on_grazing_curve("multiplier 2/3", _residual_of_multiplier_two_thirds, beta)[0]
     return lower, upper

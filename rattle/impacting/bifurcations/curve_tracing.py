@@ -3,7 +3,7 @@
 import numpy as np
 
 from rattle.continuation.arclength import ContinuationProblem
-from rattle.continuation.conditions import condition, scale_of_unknowns
+from rattle.continuation.conditions import equations_of_bifurcation, scale_of_unknowns
 from rattle.continuation.curve_continuation import (
     POINTS_ACROSS,
     QUIET_LIMIT,
@@ -91,12 +91,12 @@ def _trace_registered_curve(name: str, beta: float, window: PlaneWindow, damping
     return trace_curve_of_problem(
         name,
         beta,
-        condition(itinerary, definition.kind, definition.impact),
-        (x for d in dampings for x in definition.starts(float(d), beta)),
+        equations_of_bifurcation(itinerary, definition.kind, definition.impact),
+        (x for d in dampings for x in definition.starting_points_at(float(d), beta)),
         window,
-        lambda x: _reason_off_curve(definition, itinerary, x),
+        lambda x: _reason_not_on_curve(definition, itinerary, x),
         lambda x: motion_at_curve_point(itinerary, x, definition.impact),
-        lambda x, reason: _reason_with_point(name, x, reason, beta),
+        lambda x, reason: _prepend_point_name_to_reason(name, x, reason, beta),
     )
 
 
@@ -148,7 +148,7 @@ def bifurcation_curve(
     return trace_curve_of_problem(
         f"{'' if event.admissible else 'virtual '}{event.kind} of P({m},{n_plus},{n_minus})",
         itinerary.beta,
-        condition(itinerary, event.kind, impact),
+        equations_of_bifurcation(itinerary, event.kind, impact),
         [x],
         window,
         lambda y: reason_for_virtual_motion(itinerary, y, impact) if event.admissible else None,
@@ -165,9 +165,9 @@ def _rotate_to_sigma_plus(event: Event) -> tuple[Itinerary, Array, int | None]:
     return itinerary.with_first_impact(begin), unknowns_counted_from_impact(itinerary, event.unknowns, begin), impact
 
 
-def _reason_off_curve(definition: CurveDefinition, itinerary: Itinerary, x: Array) -> str | None:
+def _reason_not_on_curve(definition: CurveDefinition, itinerary: Itinerary, x: Array) -> str | None:
     """Return the reason why a solution is not on a curve, None if it is on the curve."""
-    return definition.belongs(x) or reason_for_virtual_motion(itinerary, x, definition.impact)
+    return definition.reason_not_on_curve(x) or reason_for_virtual_motion(itinerary, x, definition.impact)
 
 
 def motion_at_curve_point(itinerary: Itinerary, x: Array, grazed: int | None = None) -> MotionAtCurvePoint:
@@ -176,7 +176,7 @@ def motion_at_curve_point(itinerary: Itinerary, x: Array, grazed: int | None = N
     return MotionAtCurvePoint(tau, float(-itinerary.flights(x).w0[0]), multipliers_without_graze(itinerary, x, grazed))
 
 
-def _reason_with_point(name: str, x: Array, reason: str, beta: float) -> str:
+def _prepend_point_name_to_reason(name: str, x: Array, reason: str, beta: float) -> str:
     """Return the reason why a curve ends at x, preceded by a codimension-two point's name if x is at this point."""
     off = {
         point.name: max(abs(x[-2] / point.delta - 1.0), abs(x[-1] / point.epsilon - 1.0))

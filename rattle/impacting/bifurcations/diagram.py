@@ -10,8 +10,14 @@ from numpy.typing import ArrayLike
 
 from rattle.attractors.speeds import SampleSpec, SpeedLimit
 from rattle.continuation.arclength import ContinuationProblem
-from rattle.continuation.bifurcation_diagram import Diagram, check_segment_end, compute_diagram
-from rattle.continuation.motions import POINTS_ACROSS, Motion, MotionsOnSegment, ParameterSegment, split_into_runs
+from rattle.continuation.bifurcation_diagram import Diagram, compute_diagram, require_segment_end
+from rattle.continuation.motions import (
+    POINTS_ACROSS,
+    Motion,
+    MotionsOnSegment,
+    ParameterSegment,
+    split_into_consecutive_runs,
+)
 from rattle.errors import RattleError, require_number
 from rattle.impacting.attractors.classifier import ImpactingClassifier
 from rattle.impacting.bifurcations.branches import Branch, branch_through, doubled
@@ -30,22 +36,22 @@ class ImpactingMotions(MotionsOnSegment):
 
     classifier = ImpactingClassifier
 
-    def steps(self, position: Array) -> Parameters:
+    def parameters_of_steps(self, position: Array) -> Parameters:
         """Return the impacting gear's parameters at positions (n,) on the segment, from 0 (start) to 1 (end)."""
         delta, epsilon = np.ascontiguousarray(self.segment.parameters_at(position).T)
         return Parameters(self.classifier.model, delta, epsilon, np.full_like(delta, self.beta))
 
-    def period_one(self, steps: Parameters) -> Iterator[Motion]:
+    def period_one_motions(self, steps: Parameters) -> Iterator[Motion]:
         """Yield each of the orbits A to D at the middle of each range of parameter points on which it exists."""
         orbits = period_one(steps.delta, steps.epsilon, steps.beta)
         for exists, tau, v in zip(orbits.exists, orbits.tau, orbits.v, strict=True):
-            for run in split_into_runs(np.flatnonzero(exists)):
+            for run in split_into_consecutive_runs(np.flatnonzero(exists)):
                 k = int(run[run.size // 2])
-                found = self.motion_near(steps.point(k), float(tau[k]), float(v[k]), 1)
+                found = self.find_motion_near(steps.point(k), float(tau[k]), float(v[k]), 1)
                 if found is not None:
                     yield found
 
-    def motion_near(self, step: Mapping[str, float], tau: float, v: float, n_plus: int) -> Motion | None:
+    def find_motion_near(self, step: Mapping[str, float], tau: float, v: float, n_plus: int) -> Motion | None:
         """Return the motion with n_plus impacts on Σ⁺ near (τ, v), at the parameters `step`; None if none is found."""
         try:
             itinerary, x = follow_impacts(step["delta"], step["epsilon"], step["beta"], tau, v, n_plus)
@@ -54,7 +60,7 @@ class ImpactingMotions(MotionsOnSegment):
         solved = solve_at_parameters(itinerary, x)
         return None if solved is None else (itinerary, orbit_of(itinerary, solved).unknowns)
 
-    def problem(self, itinerary: Itinerary) -> ContinuationProblem:
+    def equations_along_segment(self, itinerary: Itinerary) -> ContinuationProblem:
         """Return the impact equations of motions with this itinerary along the segment of the diagram."""
         return equations_on_line(itinerary, self.segment.start, self.segment.direction)
 
@@ -129,5 +135,5 @@ def diagram(
         If an argument is outside its domain.
     """
     beta = require_number("beta", beta, positive=True)
-    segment = ParameterSegment(check_segment_end("start", start), check_segment_end("end", end))
+    segment = ParameterSegment(require_segment_end("start", start), require_segment_end("end", end))
     return compute_diagram(ImpactingMotions(segment, beta), beta, steps, impacts, most, SampleSpec(count, v_max, seed))

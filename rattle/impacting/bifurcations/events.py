@@ -14,12 +14,12 @@ from numpy.typing import NDArray
 from rattle.continuation.arclength import (
     ContinuationProblem,
     bracket_admissible_edge,
-    root_between,
-    solve_beside_chord,
+    find_root_between,
+    solve_normal_to_chord,
     solve_on_curve,
     tangent_at,
 )
-from rattle.continuation.conditions import EventKind, condition
+from rattle.continuation.conditions import EventKind, equations_of_bifurcation
 from rattle.continuation.line import ParameterLine
 from rattle.impacting.orbits.equations import Itinerary, multipliers_without_graze
 from rattle.impacting.orbits.periodic import PeriodicOrbit, find_impossible_flight, is_admissible, orbit_of
@@ -40,15 +40,15 @@ class EventCandidate(NamedTuple):
     """A possible event of a branch.
 
     y is the point of the branch near the event: the motion's times, and p, the position on the line of parameters.
-    `guess` (n + 2,) holds guesses of the event's times, δ and ε. `impact` is the number of the impact that grazes, None
-    for a saddle-node or a flip.
+    `guess` (n + 2,) holds guesses of the event's times, δ and ε. `grazing_impact` is the number of the impact that
+    grazes, None for a saddle-node or a flip.
     """
 
-    y: Array
+    branch_point: Array
     kind: EventKind
     itinerary: Itinerary
     guess: Array
-    impact: int | None = None
+    grazing_impact: int | None = None
 
 
 @dataclass(frozen=True)
@@ -129,7 +129,7 @@ def find_events(
         found = []
         for j in np.flatnonzero((values[k] < 0) != (values[k + 1] < 0)):
             kind, impact, test = tests[j]
-            y = root_between(problem, a, b, partial(test, b - a), NEWTON_START)
+            y = find_root_between(problem, a, b, partial(test, b - a), NEWTON_START)
             # where branches cross, Newton's method fails; the candidate is then the middle of the step
             if y is None and kind is EventKind.SADDLE_NODE:
                 y = 0.5 * (a + b)
@@ -138,7 +138,7 @@ def find_events(
         if real[k] != real[k + 1] and not any(at.kind is EventKind.GRAZING for at in found):
             found += _find_touch_candidates(itinerary, line, problem, *((a, b) if real[k] else (b, a)))
         near = SAME_PLACE * float(np.max(np.abs(b - a)))
-        for candidate in sorted(found, key=lambda at: float(np.linalg.norm(at.y - points[k]))):
+        for candidate in sorted(found, key=lambda at: float(np.linalg.norm(at.branch_point - points[k]))):
             solved = _solve_event(line, candidate, k, near)
             if solved is not None:
                 yield solved
@@ -173,7 +173,7 @@ def points_between_close_events(
         if not length[i] < at < length[i + 2] or lowest / value > DIP_SHARE:
             continue
         k = int(i if at < length[i + 1] else i + 1)
-        y = solve_beside_chord(problem, points[k], points[k + 1], (at - length[k]) / (length[k + 1] - length[k]))
+        y = solve_normal_to_chord(problem, points[k], points[k + 1], (at - length[k]) / (length[k + 1] - length[k]))
         if y is not None and tests[j][2](points[k + 1] - points[k], y) * values[k, j] < 0:
             found.append((k, y, tangent_at(problem, y, tangents[k])))
     return found
@@ -196,13 +196,13 @@ def _event_test_functions(
 ) -> list[tuple[EventKind, int | None, Test]]:
     """Return (kind, number of the grazing impact or None, test function) for every event that a branch may have."""
 
-    def graze_test(impact: int) -> Test:
+    def build_graze_test(impact: int) -> Test:
         return lambda _, y: float(itinerary.flights(line.unknowns_at(y)).w0[impact])
 
     return [
         (EventKind.SADDLE_NODE, None, lambda along, y: float(tangent_at(problem, y, along)[-1])),
         (EventKind.FLIP, None, lambda _, y: _scaled_flip_determinant(itinerary, line, y)),
-        *((EventKind.GRAZING, impact, graze_test(impact)) for impact in range(itinerary.n)),
+        *((EventKind.GRAZING, impact, build_graze_test(impact)) for impact in range(itinerary.n)),
     ]
 
 
@@ -253,7 +253,7 @@ def _solve_event(line: ParameterLine, candidate: EventCandidate, after: int, nea
     half = _guess_half_period_motion(itinerary, guess) if kind is EventKind.SADDLE_NODE else None
     if half is not None:
         kind, (itinerary, guess) = EventKind.FLIP, half
-    found = solve_on_curve(condition(itinerary, kind, impact), guess, line.line_normal(itinerary.n))
+    found = solve_on_curve(equations_of_bifurcation(itinerary, kind, impact), guess, line.line_normal(itinerary.n))
     if found is None or np.max(np.abs((found[0] - guess)[-2:])) > near:
         return None
     return Event(kind, itinerary, found[0], impact, is_admissible(itinerary, found[0], impact), after)

@@ -31,9 +31,9 @@ class CurveDefinition:
     ----------
     meaning : str
         The event, and the orbits that it changes.
-    starts : callable
+    starting_points_at : callable
         A function of (δ, β) that returns guesses of the unknowns (n + 2,) of the curve's points at this damping.
-    belongs : callable
+    reason_not_on_curve : callable
         A function of a solution (n + 2,) that returns None if the solution is on this curve, else the reason why not.
     impact : int or None
         Number of the impact that grazes; None if the condition is not a graze.
@@ -43,9 +43,9 @@ class CurveDefinition:
     kind: EventKind
     meaning: str
     source: str
-    starts: Callable[[float, float], Sequence[Array]]
+    starting_points_at: Callable[[float, float], Sequence[Array]]
     impact: int | None = None
-    belongs: Callable[[Array], str | None] = lambda _: None
+    reason_not_on_curve: Callable[[Array], str | None] = lambda _: None
 
     def itinerary(self, beta: float) -> Itinerary:
         """Return the itinerary of the motion at this half-backlash."""
@@ -70,15 +70,15 @@ def _reason_not_on_g2(x: Array) -> str | None:
     return None if np.cos(2 * np.pi * x[0]) <= 0.0 else "the grazing motion is C from here on, on G1"
 
 
-def _first_flip(delta: float, beta: float) -> Sequence[Array]:
+def _guess_flip_on_pd1(delta: float, beta: float) -> Sequence[Array]:
     """Return the first flip of D after SN2, in a sequence that is empty if D does not lose stability there."""
     found = starts.two_impact_flips(delta, beta)
     return found[:1] if found and starts.loses_stability_at_flip(found[0], beta) else ()
 
 
-def _later_flips(delta: float, beta: float) -> Sequence[Array]:
-    """Return the flips of D on PD2, all flips but that of `_first_flip`, in the order of σ of `TwoImpactFamily`."""
-    return starts.two_impact_flips(delta, beta)[len(_first_flip(delta, beta)) :]
+def _guess_flips_on_pd2(delta: float, beta: float) -> Sequence[Array]:
+    """Return the flips of D on PD2: all flips but that of `_guess_flip_on_pd1`, ordered by σ of `TwoImpactFamily`."""
+    return starts.two_impact_flips(delta, beta)[len(_guess_flip_on_pd1(delta, beta)) :]
 
 
 #: The curves in the order of the legend: the five of the paper, then the others.
@@ -102,7 +102,7 @@ CURVES: dict[str, CurveDefinition] = {
         EventKind.FLIP,
         "flip (period doubling) at which D, P(1,1,1), loses stability as ε grows; ends at COD23",
         f"{PAPER}, section 5.2, Figure 7",
-        _first_flip,
+        _guess_flip_on_pd1,
     ),
     "G1": CurveDefinition(
         (1, -1),
@@ -111,7 +111,7 @@ CURVES: dict[str, CurveDefinition] = {
         f"{PAPER}, section 5.2, Figure 7",
         starts.two_impact_grazes,
         impact=1,
-        belongs=_reason_not_on_g1,
+        reason_not_on_curve=_reason_not_on_g1,
     ),
     "G2": CurveDefinition(
         (1, -1),
@@ -120,7 +120,7 @@ CURVES: dict[str, CurveDefinition] = {
         f"{PAPER}, section 5.2, Figure 7",
         starts.two_impact_grazes,
         impact=1,
-        belongs=_reason_not_on_g2,
+        reason_not_on_curve=_reason_not_on_g2,
     ),
     "PDC": CurveDefinition(
         (1,),
@@ -135,7 +135,7 @@ CURVES: dict[str, CurveDefinition] = {
         "flip at which D, P(1,1,1), becomes stable again at high ε; beyond the fold of this curve, at "
         "which D loses stability again",
         "not in the paper",
-        _later_flips,
+        _guess_flips_on_pd2,
     ),
 }
 
@@ -157,7 +157,11 @@ def curve_name_of_event(event: Event) -> str | None:
     walls, x, beta = event.itinerary.walls, event.unknowns, event.itinerary.beta
     near: list[tuple[float, str]] = []
     for name, curve in CURVES.items():
-        if (curve.walls, curve.kind, curve.impact) == (walls, event.kind, event.impact) and curve.belongs(x) is None:
-            near += [(abs(float(start[-1]) - event.epsilon), name) for start in curve.starts(event.delta, beta)]
+        if (curve.walls, curve.kind, curve.impact) == (walls, event.kind, event.impact) and curve.reason_not_on_curve(
+            x
+        ) is None:
+            near += [
+                (abs(float(start[-1]) - event.epsilon), name) for start in curve.starting_points_at(event.delta, beta)
+            ]
     nearest = min(near, default=(np.inf, ""))
     return nearest[1] if nearest[0] < SAME_START * event.epsilon else None

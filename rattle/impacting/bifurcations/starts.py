@@ -27,20 +27,20 @@ class TwoImpactFamily(NamedTuple):
     ----------
     sigma : (k,)
         Rising values of σ, in forcing periods.
-    x : (k, 4)
+    unknowns : (k, 4)
         Unknowns: both impact times, δ and ε.
-    u : (k,)
+    speed_on_minus : (k,)
         Speed at Σ⁻.
-    saddle_node, flip : (k,)
+    saddle_node_determinant, flip_determinant : (k,)
         det J(1), which vanishes at a saddle-node and is positive on D, and det J(−1), which vanishes at a flip and is
         negative where D is stable. J(λ) is the Jacobian of the impact equations; det J(λ) is 0 if λ is a multiplier.
     """
 
     sigma: Array
-    x: Array
-    u: Array
-    saddle_node: Array
-    flip: Array
+    unknowns: Array
+    speed_on_minus: Array
+    saddle_node_determinant: Array
+    flip_determinant: Array
 
 
 def family_members(sigma: Array, delta: float, beta: float) -> TwoImpactFamily:
@@ -88,11 +88,11 @@ def find_zeros_along_family(
             at_fine = values(fine)
             changes = np.flatnonzero(at_fine[:-1] * at_fine[1:] <= 0)
             k = int(changes[0]) if changes.size else FINER // 2
-            apart = np.abs(fine.x[k + 1] - fine.x[k])
-            if not changes.size or (apart[:2].max() < CLOSE and apart[3] < CLOSE * fine.x[k, 3]):
+            apart = np.abs(fine.unknowns[k + 1] - fine.unknowns[k])
+            if not changes.size or (apart[:2].max() < CLOSE and apart[3] < CLOSE * fine.unknowns[k, 3]):
                 break
             low, high = fine.sigma[k], fine.sigma[k + 1]
-        found.append(fine.x[k])
+        found.append(fine.unknowns[k])
     return found
 
 
@@ -105,26 +105,26 @@ def _motions_at_zeros(values: Callable[[TwoImpactFamily], Array], delta: float, 
 
 def two_impact_folds(delta: float, beta: float) -> list[Array]:
     """Return the unknowns at the saddle-nodes of B and D, close enough to start Newton's method."""
-    return _motions_at_zeros(lambda at: at.saddle_node, delta, beta)
+    return _motions_at_zeros(lambda at: at.saddle_node_determinant, delta, beta)
 
 
 @lru_cache(maxsize=256)
 def two_impact_grazes(delta: float, beta: float) -> tuple[Array, ...]:
     """Return the unknowns of each P(1,1,1) whose speed at Σ⁻ is 0, close enough to start Newton's method."""
-    return tuple(_motions_at_zeros(lambda at: at.u, delta, beta))
+    return tuple(_motions_at_zeros(lambda at: at.speed_on_minus, delta, beta))
 
 
 @lru_cache(maxsize=256)
 def two_impact_flips(delta: float, beta: float) -> tuple[Array, ...]:
     """Return the unknowns at the flips of B and D, close enough to start Newton's method."""
-    return tuple(_motions_at_zeros(lambda at: at.flip, delta, beta))
+    return tuple(_motions_at_zeros(lambda at: at.flip_determinant, delta, beta))
 
 
 def loses_stability_at_flip(x: Array, beta: float) -> bool:
     """Return whether D loses stability, as ε grows, at the flip of D whose times, δ and ε are x (4,)."""
     at = two_impact_family(float(x[-2]), beta)
-    # ε grows with σ along D, and `flip` is negative where D is stable
-    return bool(at.flip[np.searchsorted(at.sigma, x[1] - x[0] - 0.5) - 1] < 0)
+    # ε grows with σ along D, and `flip_determinant` is negative where D is stable
+    return bool(at.flip_determinant[np.searchsorted(at.sigma, x[1] - x[0] - 0.5) - 1] < 0)
 
 
 def find_single_impact_starting_points(kind: EventKind, delta: float) -> list[Array]:

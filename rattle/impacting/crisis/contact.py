@@ -73,7 +73,7 @@ class SaddleManifolds:
     def __init__(self, delta: float, epsilon: float, beta: float) -> None:
         self.saddle = period_one_orbit("A", delta, epsilon, beta)
         self.unstable_manifold: LocalManifold = local_manifold(self.saddle, stable=False)
-        self.at = np.array([[self.saddle.tau], [self.saddle.v]])
+        self.saddle_state = np.array([[self.saddle.tau], [self.saddle.v]])
 
     @cached_property
     def stable_manifold(self) -> LocalManifold:
@@ -85,7 +85,7 @@ class SaddleManifolds:
         """The matrix (2, 2) that maps (τ, v) − A to its components along the unstable and the stable eigenvector."""
         return np.asarray(np.linalg.inv(np.stack(eigenvectors(self.saddle), axis=1)), np.float64)
 
-    def signed_distances(self, states: Array) -> tuple[Array, Array]:
+    def signed_distances_from_stable_manifold(self, states: Array) -> tuple[Array, Array]:
         """Return the signed distance of states (2, n) from W^s(A), and their positions t along W^s(A).
 
         The distance is measured along the unstable eigenvector; near A, |t| is the arclength from A, relative to the
@@ -97,12 +97,13 @@ class SaddleManifolds:
             Distances and positions, each (n,).
         """
         along, across = (
-            self.matrix_to_eigenvectors[1] @ (states - self.at),
-            self.matrix_to_eigenvectors[0] @ (states - self.at),
+            self.matrix_to_eigenvectors[1] @ (states - self.saddle_state),
+            self.matrix_to_eigenvectors[0] @ (states - self.saddle_state),
         )
         series = (
-            self.stable_manifold.powers
-            - self.stable_manifold.powers[0] * (np.arange(self.stable_manifold.powers.shape[0]) == 0)[:, None]
+            self.stable_manifold.series_coefficients
+            - self.stable_manifold.series_coefficients[0]
+            * (np.arange(self.stable_manifold.series_coefficients.shape[0]) == 0)[:, None]
         ).T
         unstable, stable = self.matrix_to_eigenvectors @ series
         t = along / self.stable_manifold.size
@@ -112,15 +113,17 @@ class SaddleManifolds:
             inside = np.abs(t) <= 1.0
             return np.where(inside, across - polyval(t, unstable), np.inf), np.where(inside, t, np.inf)
 
-    def manifold_points(self, s: Array) -> Array:
+    def unstable_manifold_points(self, s: Array) -> Array:
         """Return the points W(s) (2, n) at positions s (n,) on the part of W^u(A) before its first impact on Σ⁻."""
         local = self.unstable_manifold
         low, high = float(s.min()), float(s.max())
         if np.log(high / local.size) < LONG * np.log(local.multiplier) or not high > low:
             return local.image(s, 0)[1]
         states = local.image(0.5 * (low + high) + 0.5 * (high - low) * chebyshev.chebpts1(NODES), 0)[1]
-        powers = chebyshev.chebfit(chebyshev.chebpts1(NODES), (states - self.at).T, NODES - 1)
-        return np.asarray(chebyshev.chebval((2.0 * s - low - high) / (high - low), powers) + self.at, np.float64)
+        powers = chebyshev.chebfit(chebyshev.chebpts1(NODES), (states - self.saddle_state).T, NODES - 1)
+        return np.asarray(
+            chebyshev.chebval((2.0 * s - low - high) / (high - low), powers) + self.saddle_state, np.float64
+        )
 
     def distances_after_impacts(self, s: Array, n: int) -> tuple[Array, NDArray[np.int64]]:
         """Return the signed distances (m,) of Πⁿ(W(s)) from the local part of W^s(A), and hashes of the itineraries.
@@ -133,8 +136,8 @@ class SaddleManifolds:
         tuple[Array, NDArray[np.int64]]
             Distances and hashes.
         """
-        ok, states, word, _ = self.unstable_manifold.map(self.manifold_points(s), n)
-        return np.where(ok, self.signed_distances(states)[0], np.inf), word
+        ok, states, word, _ = self.unstable_manifold.map(self.unstable_manifold_points(s), n)
+        return np.where(ok, self.signed_distances_from_stable_manifold(states)[0], np.inf), word
 
     def least_distance_from_stable_manifold(self, window: tuple[float, float], n: int) -> tuple[float, float]:
         """Return the least signed distance of Πⁿ(W(s)) from W^s(A) for s in a window, and s of this point.
@@ -144,7 +147,7 @@ class SaddleManifolds:
         Returns
         -------
         tuple[float, float]
-            The signed distance (`signed_distances`), and s.
+            The signed distance (`signed_distances_from_stable_manifold`), and s.
         """
         low, high = window
         for _ in range(ZOOMS):
@@ -154,7 +157,7 @@ class SaddleManifolds:
             low, high = s[max(i - 1, 0)], s[min(i + 1, GRID - 1)]
         return float(values[i]), float(s[i])
 
-    def symbols(self, s: float, n: int) -> tuple[int, ...]:
+    def impacts_on_minus_per_return(self, s: float, n: int) -> tuple[int, ...]:
         """Return the number of impacts on Σ⁻ in each of n returns to Σ⁺ from position s of W^u(A).
 
         Returns
@@ -162,7 +165,7 @@ class SaddleManifolds:
         tuple[int, ...]
             The numbers in order, without the zeros at the beginning and at the end.
         """
-        start = self.manifold_points(np.array([s]))
+        start = self.unstable_manifold_points(np.array([s]))
         counts = np.array([int(self.unstable_manifold.map(start, j)[3][0]) for j in range(n + 1)])
         found = np.diff(counts)
         some = np.flatnonzero(found)
@@ -285,7 +288,7 @@ def _build_crisis(delta: float, epsilon: float, beta: float, window: tuple[float
             f"W^u(A) comes closest to W^s(A), near epsilon = {epsilon}, at an end of the searched part of W^u(A), so "
             "no point is found at which W^u(A) touches W^s(A)"
         )
-    sides = [here.symbols(s * (1.0 + side * SAME), n) for side in (-1, 1)]
+    sides = [here.impacts_on_minus_per_return(s * (1.0 + side * SAME), n) for side in (-1, 1)]
     contact = "tangency" if sides[0] == sides[1] else "corner"
     return Crisis(delta, epsilon, beta, contact, max(sides, key=sum), s, n)
 
@@ -293,8 +296,10 @@ def _build_crisis(delta: float, epsilon: float, beta: float, window: tuple[float
 def manifold_contact_position(crisis: Crisis) -> float:
     """Return where W^u(A) touches the local series of W^s(A), as a position: 0 at A, 1 at the end of the series."""
     here = saddle_manifolds_at(crisis.delta, crisis.epsilon, crisis.beta)
-    start = here.manifold_points(np.array([crisis.parameter]))
-    return abs(float(here.signed_distances(here.unstable_manifold.map(start, crisis.steps)[1])[1][0]))
+    start = here.unstable_manifold_points(np.array([crisis.parameter]))
+    return abs(
+        float(here.signed_distances_from_stable_manifold(here.unstable_manifold.map(start, crisis.steps)[1])[1][0])
+    )
 
 
 def square_root_coefficient(crisis: Crisis) -> float:
@@ -328,7 +333,7 @@ def square_root_coefficient(crisis: Crisis) -> float:
     while low < (middle := 0.5 * (low + high)) < high:
         same = here.distances_after_impacts(np.array([middle]), n)[1][0] == first
         low, high = (middle, high) if same else (low, middle)
-    more = 1 if sum(here.symbols(high, n)) > sum(here.symbols(low, n)) else -1
+    more = 1 if sum(here.impacts_on_minus_per_return(high, n)) > sum(here.impacts_on_minus_per_return(low, n)) else -1
     root = np.linspace(0.2, 1.0, 12) * 1e-2
     heights = here.distances_after_impacts((high if more > 0 else low) + more * s * root**2, n)[0]
     corner = float(here.distances_after_impacts(np.array([low if more > 0 else high]), n)[0][0])

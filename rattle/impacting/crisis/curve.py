@@ -223,11 +223,11 @@ def _find_shape_changes(points: list[Crisis]) -> list[Crisis]:
         if one.contact == other.contact:
             continue
 
-        def slope(delta: float, one: Crisis = one, other: Crisis = other) -> float:
+        def square_root_coefficient_at(delta: float, one: Crisis = one, other: Crisis = other) -> float:
             near = min(one, other, key=lambda point: abs(point.delta - delta))
             return square_root_coefficient(near if near.delta == delta else crisis_at_damping([near], delta))
 
-        delta = float(brentq(slope, one.delta, other.delta, xtol=1e-10))
+        delta = float(brentq(square_root_coefficient_at, one.delta, other.delta, xtol=1e-10))
         near = min(one, other, key=lambda point: abs(point.delta - delta))
         found.append(crisis_at_damping([near], delta))
     return found

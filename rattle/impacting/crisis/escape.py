@@ -155,17 +155,20 @@ class FollowedManifold:
     def __init__(self, a: Saddles, count: int, impacts: Array) -> None:
         along = np.array([_unstable_direction(*at) for at in zip(*a, strict=True)])
         nothing, cell = np.zeros((a.delta.size, 0)), np.repeat(np.arange(a.delta.size), count)
-        self.s = NEAREST * a.multiplier[:, None] ** ((np.arange(count) + 0.5) / count)
-        tau, v = fold_phases(a.tau[:, None] + self.s * along[:, :1]), a.v[:, None] + self.s * along[:, 1:]
+        self.positions = NEAREST * a.multiplier[:, None] ** ((np.arange(count) + 0.5) / count)
+        tau, v = (
+            fold_phases(a.tau[:, None] + self.positions * along[:, :1]),
+            a.v[:, None] + self.positions * along[:, 1:],
+        )
         self.samples = create_trajectories(cell, tau.ravel(), v.ravel(), impacts.astype(np.int64)[cell])
         at = Parameters(ImpactingClassifier.model, a.delta, a.epsilon, a.beta)
         self.classifier = ImpactingClassifier(cells_of(at), nothing, nothing)
-        self.classifier.settle(np.arange(cell.size), self.samples)
+        self.classifier.follow_to_attractor_or_limit(np.arange(cell.size), self.samples)
 
     @property
     def quiet_sample_flags(self) -> Flags:
         """Flags (n, count), True for samples that are certain to become quiet."""
-        return np.asarray(self.samples.status.reshape(self.s.shape) == Outcome.QUIET)
+        return np.asarray(self.samples.status.reshape(self.positions.shape) == Outcome.QUIET)
 
 
 def flag_epsilon_with_escaping_part(delta: float, epsilon: Array, beta: float) -> Flags:

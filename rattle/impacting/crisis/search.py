@@ -84,7 +84,7 @@ def _distances_above_sn1_to_try(delta: float, beta: float) -> Array:
     return np.asarray(gaps[period_one(delta, floor + gaps, beta).exists[0]], np.float64)
 
 
-def _follow_manifold(delta: float, beta: float, gap: float, density: int) -> FollowedManifold:
+def _follow_unstable_manifold(delta: float, beta: float, gap: float, density: int) -> FollowedManifold:
     """Follow W^u(A) at ε = SN1 + gap, with at least `density` samples per unit of ln s, s the position on W^u(A).
 
     Returns
@@ -111,7 +111,7 @@ def has_escaping_piece(delta: float, beta: float, gap: float, density: int) -> b
     bool
         False also if the piece lies between two neighbouring samples.
     """
-    return bool(_follow_manifold(delta, beta, gap, density).quiet_sample_flags.any())
+    return bool(_follow_unstable_manifold(delta, beta, gap, density).quiet_sample_flags.any())
 
 
 def _narrow_escape_range(delta: float, beta: float, low: float, high: float) -> tuple[float, float]:
@@ -146,8 +146,8 @@ def _find_runs_of_escaping_samples(delta: float, beta: float, gap: float) -> lis
     RattleError
         If no sample becomes quiet.
     """
-    found = _follow_manifold(delta, beta, gap, PIECE_DENSITY)
-    s, gone = found.s[0], found.quiet_sample_flags[0]
+    found = _follow_unstable_manifold(delta, beta, gap, PIECE_DENSITY)
+    s, gone = found.positions[0], found.quiet_sample_flags[0]
     edges = np.flatnonzero(np.diff(np.concatenate([[False], gone, [False]]).astype(int))).reshape(-1, 2)
     if not edges.size:
         raise RattleError(
@@ -180,8 +180,8 @@ def _count_returns_of_orbit(delta: float, beta: float, gap: float, s: float) -> 
             # the orbit makes j impacts on Σ⁺ before it meets Σ⁻, but an orbit on the other side of a nearby corner of
             # W^u(A) may make only j − 1
             met = max(j - 1, 0)
-        height = float(here.signed_distances(states)[0][0])
-        farthest = max(farthest, float(np.hypot(*(states - here.at))[0]))
+        height = float(here.signed_distances_from_stable_manifold(states)[0][0])
+        farthest = max(farthest, float(np.hypot(*(states - here.saddle_state))[0]))
         before, inside = inside, abs(height) < NEAR * farthest
         if met >= 0 and inside and not before:
             entries.append(j + 1 - met)

@@ -1,13 +1,13 @@
 """Find the next departure from Σ⁺ of a motion that is given by its phase, position and velocity."""
 
 from rattle.errors import RattleError, require
-from rattle.flight.first_impact import LONGEST, OK, SIGMA_MINUS, SIGMA_PLUS, first_impact, search_crossing
+from rattle.flight.first_impact import LONGEST, OK, SIGMA_MINUS, SIGMA_PLUS, find_first_crossing, first_impact
 from rattle.flight.forcing import DRIFT
 from rattle.flight.impact_law import reflected_velocity
 from rattle.flight.law import evaluate, flight_from_phase, fold_phase
 
 
-def departure(
+def find_departure(
     delta: float, epsilon: float, beta: float, tau: float, position: float, velocity: float
 ) -> tuple[float, float]:
     """Return the first departure (τ, v) from Σ⁺ of the motion that has Φ = position and Φ' = velocity at phase tau.
@@ -25,7 +25,7 @@ def departure(
     w = abs(velocity) if wall == SIGMA_PLUS else -abs(velocity)  # on a wall, use the velocity before the impact
     if abs(position) < beta:
         flight = flight_from_phase(tau, velocity, delta, epsilon, DRIFT)
-        status, target, time = search_crossing(tau, flight, -beta - position, beta - position)
+        status, target, time = find_first_crossing(tau, flight, -beta - position, beta - position)
         _require_departure_found(status)
         wall, tau, w = SIGMA_PLUS if target > 0 else SIGMA_MINUS, fold_phase(tau + time), evaluate(time, flight)[1]
     while wall == SIGMA_MINUS:

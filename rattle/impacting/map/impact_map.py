@@ -14,17 +14,17 @@ from rattle.flight.forcing import DRIFT, contact_force, mean_contact_force, sine
 from rattle.flight.impact_law import impulse_of, reflected_velocity
 from rattle.flight.law import fold_phase
 from rattle.flight.tangent import flight_tangent
-from rattle.intensity.visit import bounce, mean_force_at
+from rattle.intensity.visit import follow_to_next_departure, mean_contact_force_at_point
 from rattle.numerics.compile import implement_for_type, kernel
 from rattle.orbits.return_map import inverse_step, step, step_with_tangent
 
 
 @kernel
-def impact(tau, v, delta, epsilon, beta, drift):
+def apply_impact_map(tau, v, delta, epsilon, beta, drift):
     """Apply the impact map Π to (τ, v).
 
     drift: the constant DRIFT of `rattle.flight.forcing`. Given −τ, −δ and −DRIFT, the kernel goes back in time: it
-    returns the state after Π⁻¹, with −τ' in place of τ' (`inverse_impact`).
+    returns the state after Π⁻¹, with −τ' in place of τ' (`apply_inverse_impact_map`).
 
     Returns
     -------
@@ -89,9 +89,9 @@ def apply_impact_map_with_tangent(tau, v, delta, epsilon, beta, drift, energy):
 
 
 @kernel
-def inverse_impact(tau, v, delta, epsilon, beta):
+def apply_inverse_impact_map(tau, v, delta, epsilon, beta):
     """Apply Π⁻¹ to (τ, v), and return (status, τ', v', elapsed time, number of impacts on Σ⁻ on the way)."""
-    status, t, speed, elapsed, n_minus = impact(fold_phase(-tau), v, -delta, epsilon, beta, -DRIFT)
+    status, t, speed, elapsed, n_minus = apply_impact_map(fold_phase(-tau), v, -delta, epsilon, beta, -DRIFT)
     return status, fold_phase(-t), speed, elapsed, n_minus
 
 
@@ -110,7 +110,7 @@ class ImpactingPoint(NamedTuple):
 
 @implement_for_type(step, ImpactingPoint)
 def _step(tau, v, point):
-    return impact(tau, v, point.delta, point.epsilon, point.beta, DRIFT)
+    return apply_impact_map(tau, v, point.delta, point.epsilon, point.beta, DRIFT)
 
 
 @implement_for_type(step_with_tangent, ImpactingPoint)
@@ -120,15 +120,15 @@ def _step_tangent(tau, v, point):
 
 @implement_for_type(inverse_step, ImpactingPoint)
 def _inverse_step(tau, v, point):
-    return inverse_impact(tau, v, point.delta, point.epsilon, point.beta)
+    return apply_inverse_impact_map(tau, v, point.delta, point.epsilon, point.beta)
 
 
-@implement_for_type(mean_force_at, ImpactingPoint)
+@implement_for_type(mean_contact_force_at_point, ImpactingPoint)
 def _mean_force_at(point):
     return mean_contact_force(point.delta)
 
 
-@implement_for_type(bounce, ImpactingPoint)
+@implement_for_type(follow_to_next_departure, ImpactingPoint)
 def _bounce(wall, tau, w, point):
     sine, cosine = sine_cosine_at(tau)
     force = contact_force(sine, cosine, point.delta, point.epsilon, DRIFT)

@@ -59,7 +59,7 @@ def largest_eta(delta):
 
 
 @kernel
-def compiled_capture_invariant(delta, epsilon, beta, largest):
+def capture_invariant_limit_kernel(delta, epsilon, beta, largest):
     """Return the result of `capture_invariant_limit` to callers in kernels. `largest` (ABREAST,) is scratch memory."""
     smallest = DRIFT * delta - contact_force_amplitude(delta, epsilon)
     if smallest <= 0.0:
@@ -82,16 +82,16 @@ def compiled_capture_invariant(delta, epsilon, beta, largest):
 
 
 @kernel
-def fill_invariants(delta, epsilon, beta, largest, found):
+def fill_capture_invariant_limits(delta, epsilon, beta, largest, found):
     """Write the results of `capture_invariant_limit` to `found` (n,). `largest` (ABREAST,) is scratch memory."""
     for i in range(delta.size):
-        found[i] = compiled_capture_invariant(delta[i], epsilon[i], beta[i], largest)
+        found[i] = capture_invariant_limit_kernel(delta[i], epsilon[i], beta[i], largest)
 
 
 def capture_invariant_limits(delta: Array, epsilon: Array, beta: Array) -> Array:
     """Return `capture_invariant_limit` for each of n parameter points; delta, epsilon and beta have the shape (n,)."""
     found = np.zeros(delta.size)
-    fill_invariants(delta, epsilon, beta, np.zeros(ABREAST), found)
+    fill_capture_invariant_limits(delta, epsilon, beta, np.zeros(ABREAST), found)
     return found
 
 

@@ -32,7 +32,7 @@ from rattle.flight.forcing import sine_cosine_of_complex_time
 from rattle.flight.impact_law import arrival_term_of_mismatch, impact_mismatch
 from rattle.numerics.compile import kernel
 from rattle.numerics.complex_step import Array, reshape_like, to_complex_batch
-from rattle.orbits.orbits_a_to_d import multipliers_of
+from rattle.orbits.orbits_a_to_d import multipliers_from_trace
 from rattle.orbits.periodic_motions import Equations
 
 
@@ -86,7 +86,7 @@ class Itinerary(Equations):
         walls = np.asarray(self.walls)
         return self.beta * (np.roll(walls, -1) - walls)
 
-    def _flights_and_residual(
+    def _flights_residual_and_jacobian(
         self, x: NDArray, multiplier: complex = 1.0, *, with_matrix: bool = False
     ) -> tuple[NDArray, ...]:
         """Return flights (6, …, n), residual R (…, n) and Jacobian J(λ) (…, n, n); without `with_matrix` J is empty."""
@@ -98,20 +98,20 @@ class Itinerary(Equations):
 
     def flights(self, x: NDArray) -> Flights:
         """Return the flights between impacts at the times x[…, :n], for δ = x[…, n] and ε = x[…, n + 1]."""
-        return Flights(*self._flights_and_residual(x)[0])
+        return Flights(*self._flights_residual_and_jacobian(x)[0])
 
     def residual(self, x: NDArray) -> NDArray:
         """Return the residual R (…, n); entry i is 0 if impact number i obeys the impact law."""
-        return self._flights_and_residual(x)[1]
+        return self._flights_residual_and_jacobian(x)[1]
 
     def evaluate_with_jacobian(self, x: NDArray, multiplier: float) -> tuple[NDArray, NDArray]:
         """Return the residual R and its Jacobian J(λ) = ∂R/∂t (…, n, n) for perturbations with dt_n = λ dt₀."""
-        _, residual, matrix = self._flights_and_residual(x, multiplier, with_matrix=True)
+        _, residual, matrix = self._flights_residual_and_jacobian(x, multiplier, with_matrix=True)
         return residual, matrix
 
     def residual_with_graze(self, x: NDArray, impact: int) -> NDArray:
         """Return the residual R, followed by the arrival velocity at impact number `impact`, as (…, n + 1)."""
-        flights, residual, _ = self._flights_and_residual(x)
+        flights, residual, _ = self._flights_residual_and_jacobian(x)
         return np.concatenate([residual, flights[1][..., impact - 1, None]], axis=-1)
 
     def monodromy(self, x: Array) -> Array:
@@ -182,4 +182,4 @@ def multipliers_without_graze(itinerary: Itinerary, x: Array, grazed: int | None
     if grazed is not None:
         itinerary, x = itinerary.without_impact(grazed), np.delete(x, grazed)
     determinant = itinerary.law.determinant(x[itinerary.n], itinerary.m, itinerary.n)
-    return multipliers_of(itinerary.trace(x), determinant)
+    return multipliers_from_trace(itinerary.trace(x), determinant)

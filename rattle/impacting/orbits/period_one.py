@@ -26,7 +26,7 @@ from rattle.orbits.orbits_a_to_d import (
     PeriodOne,
     classify_regions,
     existing_orbits,
-    multipliers_of,
+    multipliers_from_trace,
 )
 
 CURVES = ("G1", "G2")
@@ -60,7 +60,7 @@ def grazing(curve: str, delta: ArrayLike, beta: ArrayLike = 0.6) -> GrazingPoint
     d, _, b = broadcast_parameters(delta, 0.0, beta)
     flat = closed_form.grazing_curve(CURVES.index(curve), *(np.array(x, order="C").ravel() for x in (d, b)))
     epsilon, tau, trace = (x.reshape(d.shape) for x in flat)
-    multipliers = multipliers_of(trace, ELASTIC.determinant(d, 1, 1))
+    multipliers = multipliers_from_trace(trace, ELASTIC.determinant(d, 1, 1))
     multipliers[:, np.isnan(epsilon)] = complex(np.nan, np.nan)
     return GrazingPoints(epsilon, tau, np.where(np.isnan(epsilon), np.nan, 2 * np.pi * d), multipliers)
 
@@ -86,7 +86,7 @@ def period_one(delta: ArrayLike, epsilon: ArrayLike, beta: ArrayLike = 0.6) -> P
     order = np.lexsort((d, b))
     exists, tau, v, trace = closed_form.closed_form_orbits(order, d, e, b, epsilon_sine_of_single_impact(d))
     decay = ELASTIC.determinant(d, 1, 1)
-    multipliers = np.moveaxis(multipliers_of(trace, decay), 0, 1)
+    multipliers = np.moveaxis(multipliers_from_trace(trace, decay), 0, 1)
     multipliers[~exists[:, None].repeat(2, axis=1)] = complex(np.nan, np.nan)
     with np.errstate(invalid="ignore"):
         stable = exists & (np.abs(trace) < 1 + decay)

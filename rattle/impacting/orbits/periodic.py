@@ -15,7 +15,7 @@ from rattle.impacting.orbits.equations import Itinerary
 from rattle.impacting.orbits.period_one import orbits_at
 from rattle.numerics.complex_step import Array
 from rattle.orbits.orbits_a_to_d import Orbit
-from rattle.orbits.periodic_motions import MOST_IMPACTS, PeriodicMotion, solve_at_parameters, with_shortest_period
+from rattle.orbits.periodic_motions import MOST_IMPACTS, PeriodicMotion, shorten_to_least_period, solve_at_parameters
 
 SAME_TIME = 1e-6  # two flights count as the same if their durations, in forcing periods, differ by at most this
 GRAZING_SPEED = 1e-6  # largest impact speed, in units of `law.speed_unit`, that rounding may give to a graze
@@ -202,7 +202,7 @@ def periodic_orbit(
         f"numbers of the periodic motion near tau = {tau}, v = {v} are beyond double precision: give less extreme "
         "parameters",
     )
-    return orbit_of(*with_shortest_period(itinerary, found))
+    return orbit_of(*shorten_to_least_period(itinerary, found))
 
 
 def to_periodic_orbit(orbit: PeriodicOrbit | Orbit) -> PeriodicOrbit:

@@ -18,7 +18,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rattle.attractors.ball import CaptureCentres, find_radii_one_by_one
+from rattle.attractors.ball import CaptureCentres, find_capture_radii_one_by_one
 from rattle.attractors.classify import BUDGET, STAGES, Classifier, ProbeRecord
 from rattle.attractors.samples import CONTACT, Outcome, Trajectories
 from rattle.attractors.speeds import SampleSpec, SpeedLimit
@@ -26,19 +26,19 @@ from rattle.attractors.table import AttractorTable, attractors_of_samples
 from rattle.families.join import interpolate_cells
 from rattle.impacting.attractors.classifier import relative_force_amplitudes, sort_by_roughness
 from rattle.impacting.attractors.settle import CHUNK, LONG_CHUNK, ImpactingCells
-from rattle.impacting.attractors.settle import follow_probes as measure_in_lanes
-from rattle.impacting.attractors.settle import settle as settle_in_lanes
+from rattle.impacting.attractors.settle import follow_probes_in_lanes as measure_in_lanes
+from rattle.impacting.attractors.settle import follow_until_outcome as settle_in_lanes
 from rattle.impacting.map.iterate import lane_block_of_thread
 from rattle.inelastic.attractors.settle import (
     ContactStates,
     count_contact_phases,
     find_orbits_of_contact_samples,
     follow_probes,
-    settle,
+    follow_until_outcome,
 )
-from rattle.inelastic.given import Harmonics, check_inelastic_parameters, checked_harmonics
-from rattle.inelastic.map.cells import InelasticCells, cells_of_forcing_shape, inelastic_cells
-from rattle.inelastic.map.harmonics import forcing_shape
+from rattle.inelastic.given import Harmonics, check_harmonics, check_inelastic_parameters
+from rattle.inelastic.map.cells import InelasticCells, cells_of_forcing_shape, make_inelastic_cells
+from rattle.inelastic.map.harmonics import harmonics_at_unit_epsilon
 from rattle.inelastic.map.iterate import apply_inelastic_returns
 from rattle.parameters import Parameters
 
@@ -51,7 +51,7 @@ EXPOSURE = 2**18
 def cells_of(parameters: Parameters) -> InelasticCells:
     """Return cells with these parameters (n,) as the record `InelasticCells`, for compiled code."""
     added = parameters.added["restitution"], parameters.added["load"]
-    return inelastic_cells(parameters.delta, parameters.epsilon, parameters.beta, *added, parameters.harmonics)
+    return make_inelastic_cells(parameters.delta, parameters.epsilon, parameters.beta, *added, parameters.harmonics)
 
 
 @interpolate_cells.register
@@ -83,16 +83,16 @@ class InelasticClassifier(Classifier):
         """Prepare the classifier, with an empty table of the states that follow contact phases (`ContactStates`)."""
         # a contact phase ends at a zero of the contact force, and this zero alone determines the next state on Σ⁺
         room = len(cells.delta), cells.zeros.shape[1]
-        self.states = ContactStates(
+        self.contact_states = ContactStates(
             np.zeros(room[0], np.int64), np.zeros(room), np.zeros(room), np.zeros(room, np.int64)
         )
         given = cells.delta, cells.epsilon, cells.beta, cells.quiet_invariant, cells.restitution, cells.capture
-        self.lanes, self.block, self.paths = ImpactingCells(*given), lane_block_of_thread(), np.zeros(2, np.int64)
+        self.lane_cells, self.block, self.paths = ImpactingCells(*given), lane_block_of_thread(), np.zeros(2, np.int64)
         self.roughness = relative_force_amplitudes(cells)
         self.is_lossy = cells.restitution < 1.0
         # multiple of EXPOSURE in each cell's next test; it doubles after a test in which a state left the chaotic set
         self.exposure_factors = np.ones(room[0], np.int64)
-        self.in_lanes = (cells.load == 0.0) & np.array_equal(cells.shape, forcing_shape(()))
+        self.fits_lanes = (cells.load == 0.0) & np.array_equal(cells.shape, harmonics_at_unit_epsilon(()))
         super().__init__(cells, tau, v, budget)
 
     model = "inelastic"
@@ -122,7 +122,7 @@ class InelasticClassifier(Classifier):
         return np.asarray((self.cells.zero_count == 0) & (self.cells.positive == 1))
 
     @staticmethod
-    def damping(cells: InelasticCells) -> NDArray[np.float64]:
+    def area_contraction_rates(cells: InelasticCells) -> NDArray[np.float64]:
         """Return the rate δ − 2 ln r at which areas of states shrink if there is one impact per forcing period.
 
         Drag contributes δ, and each impact with restitution r contributes −2 ln r.
@@ -185,14 +185,14 @@ class InelasticClassifier(Classifier):
             self.impact_limit(EXPOSURE // PROBES * self.exposure_factors[cells], cells),
         )
         others = self.neighbouring_trajectories(left, number, most)
-        self.settle(np.arange(others.cell.size), others)
+        self.follow_to_attractor_or_limit(np.arange(others.cell.size), others)
         status, orbit = (x.reshape(-1, PROBES) for x in (others.status, others.orbit))
         ended = (status == Outcome.QUIET) | (status == Outcome.PERIODIC)
         slowly = ended & (status != Outcome.QUIET) & (others.pause != CONTACT).reshape(-1, PROBES)
         for i, each in enumerate(left.split_by_cell()):
             if not ended[i].any():
                 continue
-            self.chaos.pop(int(cells[i]), None)
+            self.chaotic_sets.pop(int(cells[i]), None)
             decided[i] = not slowly[i].any() or self.stage[cells[i]] >= STAGES
             if decided[i]:
                 one = np.resize(np.flatnonzero(ended[i]), each.size)
@@ -205,10 +205,10 @@ class InelasticClassifier(Classifier):
 
     def grow_capture_regions(self) -> None:
         """Count the contact phases of new orbits, then grow their capture regions."""
-        count_contact_phases(self.grown, self.cells, self.orbits.to_kernel_tuple())
+        count_contact_phases(self.n_orbits_with_capture_regions, self.cells, self.orbits.to_kernel_tuple())
         super().grow_capture_regions()
 
-    def resolve(self, which: NDArray[np.int64], samples: Trajectories) -> None:
+    def resolve_recurrent_samples(self, which: NDArray[np.int64], samples: Trajectories) -> None:
         """Find the orbits of samples whose states recur.
 
         The orbit of a sample that has come out of a contact phase is found exactly, other orbits by Newton's method.
@@ -218,15 +218,15 @@ class InelasticClassifier(Classifier):
         while waiting.size:
             left = np.zeros_like(waiting)
             tables = samples.to_kernel_tuple(), self.orbits.to_kernel_tuple(), self.balls.to_kernel_tuple()
-            waiting = left[: find_orbits_of_contact_samples(waiting, self.cells, *tables, self.states, left)]
+            waiting = left[: find_orbits_of_contact_samples(waiting, self.cells, *tables, self.contact_states, left)]
             self.grow_capture_regions()
             if waiting.size:
                 self.make_room_for_orbits(2 * self.orbits.m.shape[1])
-        super().resolve(which[~exact], samples)
+        super().resolve_recurrent_samples(which[~exact], samples)
 
     def find_capture_radii(self, centres: CaptureCentres) -> None:
         """Write to `centres.radius` the radii of the outer ellipses, which are twice those of the capture regions."""
-        find_radii_one_by_one(centres, self.cells)
+        find_capture_radii_one_by_one(centres, self.cells)
 
     def advance(self, which: NDArray[np.int64], samples: Trajectories, early: bool) -> None:
         """Follow samples `which` until each has an outcome or has made all impacts that its limit allows.
@@ -234,10 +234,13 @@ class InelasticClassifier(Classifier):
         early: whether attractors will soon capture most of these samples. Samples in SIMD lanes are then checked for
         capture more often.
         """
-        in_lanes, tables = self.in_lanes[samples.cell[which]], (samples.to_kernel_tuple(), self.balls.to_kernel_tuple())
+        in_lanes, tables = (
+            self.fits_lanes[samples.cell[which]],
+            (samples.to_kernel_tuple(), self.balls.to_kernel_tuple()),
+        )
         some, flights = sort_by_roughness(which[in_lanes], samples, self.roughness), CHUNK if early else LONG_CHUNK
-        settle_in_lanes(self.block, some, flights, self.lanes, *tables, self.paths)
-        settle(which[~in_lanes], self.cells, *tables, self.states)
+        settle_in_lanes(self.block, some, flights, self.lane_cells, *tables, self.paths)
+        follow_until_outcome(which[~in_lanes], self.cells, *tables, self.contact_states)
 
     def follow_with_tangent(
         self, which: NDArray[np.int64], least: NDArray[np.float64], periods: NDArray[np.float64], seen: ProbeRecord
@@ -248,14 +251,14 @@ class InelasticClassifier(Classifier):
         outcome or reaches its limit of impacts before.
         """
         tables = self.samples.to_kernel_tuple(), self.balls.to_kernel_tuple()
-        in_lanes = self.in_lanes[self.samples.cell[which]]
+        in_lanes = self.fits_lanes[self.samples.cell[which]]
         for some in (in_lanes, ~in_lanes):
-            now, sums, prints = (which[some], least[some], periods[some]), seen.sums[some], seen.prints[some]
+            now, sums, prints = (which[some], least[some], periods[some]), seen.sums[some], seen.bitmaps[some]
             if some is in_lanes:
-                measure_in_lanes(self.block, *now, self.lanes, *tables, sums, prints, self.paths)
+                measure_in_lanes(self.block, *now, self.lane_cells, *tables, sums, prints, self.paths)
             else:
-                follow_probes(*now, self.cells, *tables, self.states, sums, prints)
-            seen.sums[some], seen.prints[some] = sums, prints
+                follow_probes(*now, self.cells, *tables, self.contact_states, sums, prints)
+            seen.sums[some], seen.bitmaps[some] = sums, prints
 
 
 def attractors_of(
@@ -293,5 +296,5 @@ def attractors_of(
     ParameterError
         If a parameter is outside its domain.
     """
-    cells = check_inelastic_parameters(delta, epsilon, beta, restitution, load, checked_harmonics(harmonics))
+    cells = check_inelastic_parameters(delta, epsilon, beta, restitution, load, check_harmonics(harmonics))
     return attractors_of_samples(InelasticClassifier, cells, SampleSpec(count, v_max, seed, budget, tau, v_min))

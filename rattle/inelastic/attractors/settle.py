@@ -30,7 +30,7 @@ from rattle.attractors.samples import mark_visited_cell as visit
 from rattle.flight.contact_phase import IN_CONTACT
 from rattle.flight.first_impact import OK
 from rattle.flight.law import speed_unit, wrap_phase_difference
-from rattle.inelastic.map.cells import point_at
+from rattle.inelastic.map.cells import inelastic_point_of_cell
 from rattle.inelastic.map.impact_map import next_impact_on_plus, step, step_with_tangent
 from rattle.inelastic.map.runs import count_contacts_and_merged_impacts
 from rattle.numerics.compile import inline, kernel
@@ -56,7 +56,7 @@ class ContactStates(NamedTuple):
 
 
 @inline
-def orbit_after_contact(tau, v, cell, states):
+def orbit_number_after_contact(tau, v, cell, states):
     """Return the number of the orbit to which a state (τ, v) after contact leads.
 
     Returns
@@ -81,7 +81,7 @@ def outcome_after_contact(tau, v, k, samples, states):
         recorded with NO_ORBIT, because no orbit was found from it; (RECURRENT, −1) if it is not recorded. In the first
         and the last case the sample's `pause` is set to CONTACT, and its `gap` to 0.
     """
-    orbit = orbit_after_contact(tau, v, samples.cell[k], states)
+    orbit = orbit_number_after_contact(tau, v, samples.cell[k], states)
     if orbit == NO_ORBIT:
         return Outcome.UNRESOLVED, -1
     samples.gap[k], samples.pause[k] = 0, CONTACT
@@ -95,11 +95,11 @@ def outcome_without_return(code):
 
 
 @kernel
-def settle(which, cells, samples, balls, states):
+def follow_until_outcome(which, cells, samples, balls, states):
     """Follow samples `which` until each has an outcome, or stays UNRESOLVED after all returns that its limit allows."""
     for j in range(which.size):
         k = which[j]
-        point = point_at(samples.cell[k], cells)
+        point = inelastic_point_of_cell(samples.cell[k], cells)
         tau, v, n, total = samples.tau[k], samples.v[k], 0, 0.0
         unit = speed_unit(point.delta, point.epsilon, point.beta)
         reference = first_reference_state(tau, v)
@@ -129,7 +129,7 @@ def follow_probes(which, least, periods, cells, samples, balls, states, sums, fo
     """
     for j in range(which.size):
         k = which[j]
-        point = point_at(samples.cell[k], cells)
+        point = inelastic_point_of_cell(samples.cell[k], cells)
         tau, v, n, x, y, total = samples.tau[k], samples.v[k], 0, 1.0, 0.0, 0.0
         unit = speed_unit(point.delta, point.epsilon, point.beta)
         most = float(samples.limit[k] - samples.impacts[k])
@@ -191,7 +191,7 @@ def follow_after_contact(tau, v, cell, point, balls, states):
             break
         orbit = find_capturing_orbit(tau, v, cell, balls)
         if on_plus + on_minus > 0:
-            orbit = max(orbit, orbit_after_contact(tau, v, cell, states))
+            orbit = max(orbit, orbit_number_after_contact(tau, v, cell, states))
             if orbit < 0 and tau == mark_tau and v == mark_v:
                 return UNKNOWN, n - mark_n, tau, v
             contacts += 1
@@ -201,8 +201,8 @@ def follow_after_contact(tau, v, cell, point, balls, states):
             return NOT_YET, 0, tau, v
         if orbit >= 0:
             return orbit, 0, tau, v
-        if n >= reference.following:
-            reference = ReferenceState(tau, v, n, 2 * reference.following)
+        if n >= reference.n_of_next_reference:
+            reference = ReferenceState(tau, v, n, 2 * reference.n_of_next_reference)
     return NO_ORBIT, 0, tau, v
 
 
@@ -210,7 +210,7 @@ def follow_after_contact(tau, v, cell, point, balls, states):
 def record_contact_state(tau, v, orbit, cell, states):
     """Record a state (τ, v) after contact and the number of its orbit, if the state is new and the cell has room."""
     i = states.n[cell]
-    if i < states.tau.shape[1] and orbit_after_contact(tau, v, cell, states) == UNKNOWN:
+    if i < states.tau.shape[1] and orbit_number_after_contact(tau, v, cell, states) == UNKNOWN:
         states.tau[cell, i], states.v[cell, i], states.orbit[cell, i] = tau, v, orbit
         states.n[cell] = i + 1
 
@@ -231,10 +231,10 @@ def find_orbits_of_contact_samples(which, cells, samples, orbits, balls, states,
     waits = 0
     for k in which:
         cell = samples.cell[k]
-        point = point_at(cell, cells)
+        point = inelastic_point_of_cell(cell, cells)
         if samples.gap[k] != 0 and not follow_to_sigma_plus(k, samples, point):
             continue
-        orbit = orbit_after_contact(samples.tau[k], samples.v[k], cell, states)
+        orbit = orbit_number_after_contact(samples.tau[k], samples.v[k], cell, states)
         if orbit == UNKNOWN:
             if orbits.n[cell] == orbits.m.shape[1]:
                 waiting[waits] = k
@@ -313,7 +313,7 @@ def count_contact_phases(grown, cells, orbits):
     for cell in range(grown.size):
         for j in range(grown[cell], orbits.n[cell]):
             if orbits.first[cell, j] == -math.inf:
-                point = point_at(cell, cells)
+                point = inelastic_point_of_cell(cell, cells)
                 found = count_contacts_and_merged_impacts(
                     orbits.tau[cell, j], orbits.v[cell, j], orbits.n_plus[cell, j], point
                 )

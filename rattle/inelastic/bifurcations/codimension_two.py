@@ -63,7 +63,7 @@ def _equal_multipliers_condition(x: NDArray) -> NDArray:
     return np.asarray(_trace_at_graze(x) - 2.0 * x[..., R] * np.exp(-0.5 * x[..., DELTA]))
 
 
-def _birth_condition(x: NDArray) -> NDArray:
+def _saddle_node_condition(x: NDArray) -> NDArray:
     """Return a number that is 0 if the grazing P(1,1,0) is at SN1, where A and C are born (COD22)."""
     return np.asarray(np.cos(2 * np.pi * x[..., TAU]))
 
@@ -87,7 +87,7 @@ def _conditions_besides_graze(beta: float) -> dict[str, Residual]:
         "COD20": _flip_condition,
         "COD21": _equal_multipliers_condition,
         "COD23": partial(_jacobian_determinant_at_graze, beta),
-        "COD22": _birth_condition,
+        "COD22": _saddle_node_condition,
     }
 
 
@@ -116,7 +116,7 @@ class CodimensionTwoCurve(TabularResult):
     speed: Array
     residual: Array
     end: str
-    _points: Array = field(repr=False)
+    _unknowns: Array = field(repr=False)
 
     def _caption(self) -> str:
         return f"{self.name} at β = {self.beta:g}, {self.delta.size} points; ends: {self.end}"
@@ -152,7 +152,7 @@ class CodimensionTwoCurve(TabularResult):
             )
         i = int(passed[0])
         share = apart[i] / (apart[i] - apart[i + 1]) if apart[i] != apart[i + 1] else 0.0
-        guess = self._points[i] + share * (self._points[i + 1] - self._points[i])
+        guess = self._unknowns[i] + share * (self._unknowns[i + 1] - self._unknowns[i])
         found = solve_with_fixed_unknown(_continuation_problem_of_point(self.name, self.beta), guess, R, r)
         if found is None:
             raise RattleError(
@@ -233,16 +233,16 @@ def follow_codimension_two(name: str, beta: float = 0.6, lowest: float = LEAST_R
     down = np.zeros(5)
     down[R] = -1.0
     path = follower.follow(start, tangent_at(problem, start, down))
-    return _curve_of_path(name, beta, problem, path, reason_to_end)
+    return _build_codimension_two_curve(name, beta, problem, path, reason_to_end)
 
 
-def _curve_of_path(
+def _build_codimension_two_curve(
     name: str, beta: float, problem: ContinuationProblem, path: OneWayPath, reason_to_end: Callable[[Array], str | None]
 ) -> CodimensionTwoCurve:
     x = path.points
     end = "the equations become singular"
-    if path.outside is not None:
-        end = reason_to_end(path.outside) or "the edge of its existence"
+    if path.first_point_outside is not None:
+        end = reason_to_end(path.first_point_outside) or "the edge of its existence"
     speed = -Itinerary(TWO_IMPACT_WALLS, 1, beta).flights(x[:, :R]).w0[:, 0]
     residual = np.abs(problem.equations(x)).max(axis=-1)
     tau = x[:, TAU] - np.floor(x[:, TAU])

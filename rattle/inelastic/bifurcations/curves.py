@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rattle.continuation.arclength import ContinuationProblem
-from rattle.continuation.conditions import condition, scale_of_unknowns
+from rattle.continuation.conditions import equations_of_bifurcation, scale_of_unknowns
 from rattle.continuation.curve_continuation import (
     QUIET_LIMIT,
     Curve,
@@ -24,8 +24,8 @@ from rattle.impacting.bifurcations.curve_tracing import ALL_EPSILON, LEAST_DELTA
 from rattle.impacting.orbits.periodic import reason_for_virtual_motion
 from rattle.inelastic.bifurcations.codimension_two import codimension_two_points_at
 from rattle.inelastic.bifurcations.registry import INELASTIC_CURVES, NAMES
-from rattle.inelastic.given import Harmonics, checked_harmonics
-from rattle.inelastic.map.harmonics import AMPLITUDE, ORDER, PHASE, forcing_shape
+from rattle.inelastic.given import Harmonics, check_harmonics
+from rattle.inelastic.map.harmonics import AMPLITUDE, ORDER, PHASE, harmonics_at_unit_epsilon
 from rattle.inelastic.map.quiet import quiet_limit_with_phase
 from rattle.inelastic.orbits.equations import add_load_to_problem, unknowns_without_load
 from rattle.numerics.complex_step import Array
@@ -70,13 +70,13 @@ def trace(
     require_one_of("name", name, NAMES)
     numbers = broadcast_parameters(1.0, 0.0, beta, restitution=restitution, load=load)[2:]
     beta, restitution, load = (float(each) for each in numbers)
-    shape = checked_harmonics(harmonics)
+    shape = check_harmonics(harmonics)
     window = PlaneWindow(require_window_range("delta", delta, positive=True), require_window_range("epsilon", epsilon))
     require(window.delta[1] >= LEAST_DELTA, f"delta must reach above {LEAST_DELTA:g}, got {delta!r}")
     dampings = _dampings_to_search(window, beta / (1.0 + load))
     try:
         if name == QUIET_LIMIT:
-            return _quiet_limit_curve(beta, load, forcing_shape(shape), window, dampings)
+            return _quiet_limit_curve(beta, load, harmonics_at_unit_epsilon(shape), window, dampings)
         if shape:
             raise RattleError(
                 f"{name} is traced for a forcing of one cosine only: leave out the harmonics, or trace {QUIET_LIMIT}"
@@ -107,11 +107,11 @@ def _trace_motion_curve(
 
     def starting_points() -> Iterable[Array]:
         for d in dampings:
-            for x in definition.starts(float(d), beta / unit, restitution):
+            for x in definition.starting_points_at(float(d), beta / unit, restitution):
                 yield np.append(x[:-1], x[-1] * unit)
 
     def reason_to_leave(x: Array) -> str | None:
-        return definition.belongs(x) or reason_for_virtual_motion(
+        return definition.reason_not_on_curve(x) or reason_for_virtual_motion(
             itinerary, unknowns_without_load(x, load), definition.impact
         )
 
@@ -119,7 +119,7 @@ def _trace_motion_curve(
         found = motion_at_curve_point(itinerary, unknowns_without_load(x, load), definition.impact)
         return found._replace(v=found.v * unit)
 
-    problem = add_load_to_problem(condition(itinerary, definition.kind, definition.impact), load)
+    problem = add_load_to_problem(equations_of_bifurcation(itinerary, definition.kind, definition.impact), load)
 
     def add_point_to_reason(x: Array, reason: str) -> str:
         at = (each for each in codimension_two_points_at(beta, restitution, load) if name in each.curves)

@@ -20,12 +20,13 @@ Starts = Callable[[float, float, float], Sequence[Array]]  # functions that retu
 class InelasticCurveDefinition:
     """The definition of a curve of the elastic gear (`rattle.impacting.bifurcations.registry`) at any restitution.
 
-    `starts` is a function of (δ, β, r). It returns guesses of the unknowns (n + 2,): n impact times, then δ and ε.
+    `starting_points_at` is a function of (δ, β, r). It returns guesses of the unknowns (n + 2,): n impact times, then δ
+    and ε.
     """
 
     name: str
     meaning: str
-    starts: Starts
+    starting_points_at: Starts
 
     @property
     def walls(self) -> tuple[int, ...]:
@@ -42,9 +43,9 @@ class InelasticCurveDefinition:
         """The number of the impact that grazes; None if the event is not a graze."""
         return ELASTIC_CURVES[self.name].impact
 
-    def belongs(self, x: Array) -> str | None:
+    def reason_not_on_curve(self, x: Array) -> str | None:
         """Return None if the solution x is on this curve, else the reason in words why it is not on the curve."""
-        return ELASTIC_CURVES[self.name].belongs(x)
+        return ELASTIC_CURVES[self.name].reason_not_on_curve(x)
 
     def itinerary(self, beta: float, restitution: float) -> InelasticItinerary:
         """Return the itinerary of the motion on the curve, at this half-backlash and restitution."""
@@ -57,7 +58,9 @@ _DEFINITIONS = (
         "saddle-node at which A and C, P(1,1,0), are born as ε grows; closed form for any restitution",
         lambda delta, _beta, r: starts.one_impact_guesses(EventKind.SADDLE_NODE, delta, r),
     ),
-    InelasticCurveDefinition("SN2", "saddle-node at which B and D, P(1,1,1), are born as ε grows", starts.fold_guesses),
+    InelasticCurveDefinition(
+        "SN2", "saddle-node at which B and D, P(1,1,1), are born as ε grows", starts.saddle_node_guesses
+    ),
     InelasticCurveDefinition(
         "PD1", "flip (period doubling) at which D, P(1,1,1), loses stability as ε grows", starts.flip_next_to_sn2
     ),
@@ -71,7 +74,7 @@ _DEFINITIONS = (
         lambda delta, _beta, r: starts.one_impact_guesses(EventKind.FLIP, delta, r),
     ),
     InelasticCurveDefinition(
-        "PD2", "flip at which D, P(1,1,1), becomes stable again at high ε", starts.flips_after_first
+        "PD2", "flip at which D, P(1,1,1), becomes stable again at high ε", starts.flips_except_next_to_sn2
     ),
 )
 #: The curves in the order in which a picture's legend lists them.

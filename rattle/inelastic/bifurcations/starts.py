@@ -15,7 +15,7 @@ import numpy as np
 from rattle.continuation.conditions import EventKind
 from rattle.flight.forcing import DRIFT
 from rattle.impacting.bifurcations.starts import TwoImpactFamily, find_zeros_along_family
-from rattle.inelastic.orbits.closed_form import flip_of_c, forcing_slope_at_departure, saddle_node
+from rattle.inelastic.orbits.closed_form import epsilon_of_flip_of_c, epsilon_of_saddle_node, forcing_slope_at_departure
 from rattle.inelastic.orbits.equations import InelasticItinerary
 from rattle.inelastic.orbits.family import tabulate_epsilon_of_family, two_impact_family_numerators
 from rattle.numerics.complex_step import Array
@@ -35,7 +35,7 @@ def inelastic_family_members(sigma: Array, delta: float, beta: float, r: float) 
 
 
 @lru_cache(maxsize=256)
-def two_impact_family_members(delta: float, beta: float, r: float) -> TwoImpactFamily:
+def inelastic_two_impact_family(delta: float, beta: float, r: float) -> TwoImpactFamily:
     """Return motions P(1,1,1) whose times from Σ⁺ to Σ⁻ are 1/2 + σ with σ > 0.
 
     The values of σ are those of `tabulate_epsilon_of_family` at which ε(σ) is finite.
@@ -59,25 +59,25 @@ def _zeros_on_family(values: Callable[[TwoImpactFamily], Array], delta: float, b
     list of ndarray
         The unknowns of each motion.
     """
-    coarse = two_impact_family_members(delta, beta, r)
+    coarse = inelastic_two_impact_family(delta, beta, r)
     return find_zeros_along_family(values, coarse, lambda sigma: inelastic_family_members(sigma, delta, beta, r))
 
 
-def fold_guesses(delta: float, beta: float, r: float) -> list[Array]:
+def saddle_node_guesses(delta: float, beta: float, r: float) -> list[Array]:
     """Return the unknowns of each saddle-node of B and D at one damping, close enough to start Newton's method."""
-    return _zeros_on_family(lambda at: at.saddle_node, delta, beta, r)
+    return _zeros_on_family(lambda at: at.saddle_node_determinant, delta, beta, r)
 
 
 @lru_cache(maxsize=256)
 def graze_guesses(delta: float, beta: float, r: float) -> tuple[Array, ...]:
     """Return the unknowns of each P(1,1,1) at one damping that arrives at Σ⁻ with speed 0, to start Newton's method."""
-    return tuple(_zeros_on_family(lambda at: at.u, delta, beta, r))
+    return tuple(_zeros_on_family(lambda at: at.speed_on_minus, delta, beta, r))
 
 
 @lru_cache(maxsize=256)
 def flip_guesses(delta: float, beta: float, r: float) -> tuple[Array, ...]:
     """Return the unknowns of each flip of B and D at one damping, close enough to start Newton's method."""
-    return tuple(_zeros_on_family(lambda at: at.flip, delta, beta, r))
+    return tuple(_zeros_on_family(lambda at: at.flip_determinant, delta, beta, r))
 
 
 def flip_next_to_sn2(delta: float, beta: float, r: float) -> Sequence[Array]:
@@ -93,12 +93,12 @@ def flip_next_to_sn2(delta: float, beta: float, r: float) -> Sequence[Array]:
     found = flip_guesses(delta, beta, r)
     if not found:
         return ()
-    at, x = two_impact_family_members(delta, beta, r), found[0]
-    loses = at.flip[np.searchsorted(at.sigma, x[1] - x[0] - 0.5) - 1] < 0
+    at, x = inelastic_two_impact_family(delta, beta, r), found[0]
+    loses = at.flip_determinant[np.searchsorted(at.sigma, x[1] - x[0] - 0.5) - 1] < 0
     return found[:1] if loses else ()
 
 
-def flips_after_first(delta: float, beta: float, r: float) -> Sequence[Array]:
+def flips_except_next_to_sn2(delta: float, beta: float, r: float) -> Sequence[Array]:
     """Return the unknowns of all flips of B and D at one damping, except the flip that `flip_next_to_sn2` returns."""
     return flip_guesses(delta, beta, r)[len(flip_next_to_sn2(delta, beta, r)) :]
 
@@ -106,7 +106,11 @@ def flips_after_first(delta: float, beta: float, r: float) -> Sequence[Array]:
 def one_impact_guesses(kind: EventKind, delta: float, r: float) -> list[Array]:
     """Return a list of the unknowns (τ, δ, ε) of SN1 or, if `kind` is FLIP, of the flip of C; empty if none exists."""
     offset = -forcing_slope_at_departure(delta, r, DRIFT) / (2 * np.pi)
-    epsilon = saddle_node(delta, r, DRIFT) if kind is EventKind.SADDLE_NODE else flip_of_c(delta, r, DRIFT)
+    epsilon = (
+        epsilon_of_saddle_node(delta, r, DRIFT)
+        if kind is EventKind.SADDLE_NODE
+        else epsilon_of_flip_of_c(delta, r, DRIFT)
+    )
     if not np.isfinite(epsilon) or epsilon == 0.0:
         return []
     cosine = math.sqrt((epsilon - offset) * (epsilon + offset)) if kind is EventKind.FLIP else 0.0

@@ -24,10 +24,10 @@ from rattle.flight.forcing import TWO_PI, sine_cosine_at
 from rattle.flight.law import fold_phase, wrap_phase_difference
 from rattle.inelastic.map.contact import is_chatter_captured
 from rattle.inelastic.map.flight import first_impact_of_forced_flight, prepare_forced_flight
-from rattle.inelastic.map.harmonics import AMPLITUDE, ORDER, PHASE, force_at
+from rattle.inelastic.map.harmonics import AMPLITUDE, ORDER, PHASE, contact_force_and_rate
 from rattle.inelastic.map.impact_map import InelasticPoint, force_piece_number
 from rattle.intensity.forces import spectral_lines_of_force
-from rattle.intensity.visit import bounce, mean_force_at
+from rattle.intensity.visit import follow_to_next_departure, mean_contact_force_at_point
 from rattle.numerics.compile import implement_for_type, inline, kernel
 
 # once a chatter is slower than this fraction of the largest captured speed, the rest of it counts as one impact
@@ -86,7 +86,7 @@ def follow_flight_and_impact(wall, tau, w, point):
     if status != OK:
         return status, s, wall, abs(w), 0.0, 0.0, abs(w)
     landed = fold_phase(tau + s)
-    force, _rate = force_at(landed, delta, point.drift, harmonics)
+    force, _rate = contact_force_and_rate(landed, delta, point.drift, harmonics)
     slow = v < REST_FRACTION * point.capture * force * force
     if not (slow and zeros.size > 0 and is_chatter_captured(wall, v, force, point)):
         return OK, s, wall, speed, 0.0, speed + v, v
@@ -97,12 +97,12 @@ def follow_flight_and_impact(wall, tau, w, point):
     return OK, s, wall, speed, end - landed, speed + pressed, 0.0
 
 
-@implement_for_type(bounce, InelasticPoint)
+@implement_for_type(follow_to_next_departure, InelasticPoint)
 def _bounce(wall, tau, w, point):
     return follow_flight_and_impact(wall, tau, w, point)
 
 
-@implement_for_type(mean_force_at, InelasticPoint)
+@implement_for_type(mean_contact_force_at_point, InelasticPoint)
 def _mean_force_at(point):
     return point.delta * point.drift
 

@@ -14,7 +14,7 @@ from rattle.inelastic.map.harmonics import (
     AMPLITUDE,
     ORDER,
     forcing_derivative_bounds,
-    forcing_shape,
+    harmonics_at_unit_epsilon,
     isolate_force_zeros,
     max_zero_count,
 )
@@ -46,7 +46,7 @@ class InelasticCells(NamedTuple):
 
 
 @kernel
-def scaled_harmonics(shape, epsilon):
+def scale_harmonics(shape, epsilon):
     """Return the harmonics (3, K) of a forcing at eccentricity epsilon, from its shape (3, K) at ε = 1."""
     harmonics = shape.copy()
     harmonics[AMPLITUDE] *= epsilon
@@ -58,10 +58,10 @@ def fill_derived_cell_fields(cells):
     """Compute the fields of cells that follow from their parameters, from `zeros` to `quiet_invariant`, in place."""
     for i in range(cells.delta.size):
         delta, drift = cells.delta[i], DRIFT * (1.0 + cells.load[i])
-        harmonics = scaled_harmonics(cells.shape, cells.epsilon[i])
+        harmonics = scale_harmonics(cells.shape, cells.epsilon[i])
         count, positive = isolate_force_zeros(delta, drift, harmonics, cells.zeros[i])
         cells.zero_count[i], cells.positive[i] = count, 1 if positive else 0
-        cells.third[i] = forcing_derivative_bounds(delta, harmonics).third
+        cells.third[i] = forcing_derivative_bounds(delta, harmonics).forcing_third_derivative
         cells.capture[i] = (
             chatter_capture_limit(delta, cells.restitution[i], harmonics) if cells.restitution[i] < 1.0 else 0.0
         )
@@ -70,7 +70,7 @@ def fill_derived_cell_fields(cells):
 
 
 @kernel
-def point_at(cell, cells):
+def inelastic_point_of_cell(cell, cells):
     """Return the `InelasticPoint` of cell number `cell`."""
     return InelasticPoint(
         cells.delta[cell],
@@ -78,7 +78,7 @@ def point_at(cell, cells):
         cells.beta[cell],
         cells.restitution[cell],
         DRIFT * (1.0 + cells.load[cell]),
-        scaled_harmonics(cells.shape, cells.epsilon[cell]),
+        scale_harmonics(cells.shape, cells.epsilon[cell]),
         cells.zeros[cell, : cells.zero_count[cell]].copy(),
         cells.positive[cell] == 1,
         cells.third[cell],
@@ -89,7 +89,7 @@ def point_at(cell, cells):
 
 @implement_for_type(point_of_cell, InelasticCells)
 def _point_of_cell(cell, cells):
-    return point_at(cell, cells)
+    return inelastic_point_of_cell(cell, cells)
 
 
 @implement_for_type(point_between, InelasticPoint)
@@ -108,13 +108,13 @@ def _point_between(share, one, other):
         harmonics,
         room[:count].copy(),
         positive,
-        forcing_derivative_bounds(delta, harmonics).third,
+        forcing_derivative_bounds(delta, harmonics).forcing_third_derivative,
         chatter_capture_limit(delta, one.restitution, harmonics) if one.restitution < 1.0 else 0.0,
         quiet_invariant(delta, one.drift, one.beta, harmonics) if quiet else 0.0,
     )
 
 
-def inelastic_cells(
+def make_inelastic_cells(
     delta: NDArray[np.float64],
     epsilon: NDArray[np.float64],
     beta: NDArray[np.float64],
@@ -123,7 +123,7 @@ def inelastic_cells(
     harmonics: Any = (),
 ) -> InelasticCells:
     """Return the record of cells that compiled code takes, from parameters (n,) and the harmonics besides the first."""
-    return cells_of_forcing_shape(delta, epsilon, beta, restitution, load, forcing_shape(harmonics))
+    return cells_of_forcing_shape(delta, epsilon, beta, restitution, load, harmonics_at_unit_epsilon(harmonics))
 
 
 def cells_of_forcing_shape(
@@ -153,4 +153,4 @@ def make_inelastic_point(
 ) -> InelasticPoint:
     """Return the record `InelasticPoint` of one parameter point, for compiled code."""
     d, e, b, r, more = (np.array([x]) for x in (delta, epsilon, beta, restitution, load))
-    return InelasticPoint(*point_at(0, inelastic_cells(d, e, b, r, more, harmonics)))
+    return InelasticPoint(*inelastic_point_of_cell(0, make_inelastic_cells(d, e, b, r, more, harmonics)))

@@ -20,10 +20,10 @@ quiet motion is certain; the fastest harmonic takes the place of the first one i
 
 import math
 
-from rattle.flight.contact_phase import SHARE, chatter_completes
+from rattle.flight.contact_phase import SHARE, is_chatter_certain_to_complete
 from rattle.flight.contact_phase import is_bounce_captured as is_quiet
 from rattle.impacting.map.quiet import largest_eta
-from rattle.inelastic.map.harmonics import ORDER, force_at, forcing_derivative_bounds
+from rattle.inelastic.map.harmonics import ORDER, contact_force_and_rate, forcing_derivative_bounds
 from rattle.numerics.compile import inline, kernel
 
 # a chatter is certain to complete if the speed after an impact is at most LEAST_SHARE (1 − r) h²/max|g'|; h is the
@@ -35,7 +35,7 @@ PHASES = 64  # number of phases, per period of the fastest harmonic, at which th
 @inline
 def chatter_capture_limit(delta, restitution, harmonics):
     """Return the largest v/h² at which a chatter is certain to complete; v: speed after impact, h: contact force."""
-    return LEAST_SHARE * (1.0 - restitution) / forcing_derivative_bounds(delta, harmonics).force_rate
+    return LEAST_SHARE * (1.0 - restitution) / forcing_derivative_bounds(delta, harmonics).force_derivative
 
 
 @inline
@@ -54,7 +54,7 @@ def is_chatter_captured(wall, v, force, point):
         return False
     if wall > 0 and is_quiet(v, force, point.quiet_invariant):
         return True
-    return chatter_completes(v, pressing, 2.0 * point.beta, point.capture)
+    return is_chatter_certain_to_complete(v, pressing, 2.0 * point.beta, point.capture)
 
 
 @kernel
@@ -72,7 +72,7 @@ def quiet_invariant(delta, drift, beta, harmonics):
     fastest, smallest = 0.0, math.inf
     count = int(PHASES * highest)
     for i in range(count):
-        force, rate = force_at(i / count, delta, drift, harmonics)
+        force, rate = contact_force_and_rate(i / count, delta, drift, harmonics)
         if not force > 0.0:
             return 0.0
         r = max(abs(rate) / force, math.pi * highest, delta)

@@ -31,7 +31,7 @@ class InelasticFlight(NamedTuple):
 
     w: float  # velocity of departure
     a: float  # A = q + e'(t₀) − w, with the drift q and the forcing e
-    bend: float  # e''(t₀)
+    forcing_acceleration: float  # e''(t₀)
     force: float  # contact force g(t₀)
     delta: float
 
@@ -270,7 +270,7 @@ def forced_flight_tangent(w1, bend1, lost, restitution, flight):
     decay = 1.0 - lost
     change = w1 - flight.w - flight.a * lost  # e'(t₁) − e'(t₀)
     f_w = lost / flight.delta
-    f_t = change - flight.bend * f_w
-    v_t = bend1 - flight.delta * flight.a * decay - flight.bend * decay
+    f_t = change - flight.forcing_acceleration * f_w
+    v_t = bend1 - flight.delta * flight.a * decay - flight.forcing_acceleration * decay
     s_t, s_w = -f_t / w1, -f_w / w1
     return 1.0 + s_t, s_w, -restitution * (bend1 * s_t + v_t), -restitution * (bend1 * s_w + decay)

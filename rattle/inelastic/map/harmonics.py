@@ -25,16 +25,16 @@ MOST_INTERVALS = 64
 class ForcingBounds(NamedTuple):
     """Upper bounds over a period of derivatives of the contact force g and of the forcing e.
 
-    force_rate: bound of |g'|. force_bend: bound of |g''|. third: bound of |e'''|.
+    force_derivative: bound of |g'|. force_second_derivative: bound of |g''|. forcing_third_derivative: bound of |e'''|.
     """
 
-    force_rate: float
-    force_bend: float
-    third: float
+    force_derivative: float
+    force_second_derivative: float
+    forcing_third_derivative: float
 
 
 @inline
-def force_at(tau, delta, drift, harmonics):
+def contact_force_and_rate(tau, delta, drift, harmonics):
     """Return the contact force g and its derivative g' at phase tau."""
     force, rate = delta * drift, 0.0
     for j in range(harmonics.shape[1]):
@@ -64,7 +64,7 @@ def force_zero_between(low, high, falling, delta, drift, harmonics):
     """Return the phase in (low, high) at which the contact force is 0; the force is monotone there and changes sign."""
     t = 0.5 * (low + high)
     for _ in range(100):
-        force, rate = force_at(t, delta, drift, harmonics)
+        force, rate = contact_force_and_rate(t, delta, drift, harmonics)
         if (force > 0.0) == falling:
             low = t
         else:
@@ -94,8 +94,8 @@ def isolate_force_zeros(delta, drift, harmonics, zeros):
     positive : bool
         Whether g is positive at phase 0.
     """
-    bend = forcing_derivative_bounds(delta, harmonics).force_bend
-    positive = force_at(0.0, delta, drift, harmonics)[0] > 0.0
+    bend = forcing_derivative_bounds(delta, harmonics).force_second_derivative
+    positive = contact_force_and_rate(0.0, delta, drift, harmonics)[0] > 0.0
     low, high = np.empty(MOST_INTERVALS), np.empty(MOST_INTERVALS)
     low[0], high[0] = 0.0, 1.0
     waiting, found, before = 1, 0, positive
@@ -103,7 +103,7 @@ def isolate_force_zeros(delta, drift, harmonics, zeros):
         waiting -= 1
         left, right = low[waiting], high[waiting]
         middle, half = 0.5 * (left + right), 0.5 * (right - left)
-        force, rate = force_at(middle, delta, drift, harmonics)
+        force, rate = contact_force_and_rate(middle, delta, drift, harmonics)
         if abs(force) > half * (abs(rate) + 0.5 * half * bend):
             continue
         if half > 0.5 * CLOSEST and not abs(rate) > half * bend:
@@ -111,7 +111,7 @@ def isolate_force_zeros(delta, drift, harmonics, zeros):
             low[waiting + 1], high[waiting + 1] = left, middle
             waiting += 2
             continue
-        after = positive if right == 1.0 else force_at(right, delta, drift, harmonics)[0] > 0.0
+        after = positive if right == 1.0 else contact_force_and_rate(right, delta, drift, harmonics)[0] > 0.0
         if after != before:
             at = middle
             if abs(rate) > half * bend:
@@ -127,7 +127,7 @@ def max_zero_count(harmonics: NDArray[np.float64]) -> int:
     return 2 * int(harmonics[ORDER].max())
 
 
-def forcing_shape(harmonics: Any) -> NDArray[np.float64]:
+def harmonics_at_unit_epsilon(harmonics: Any) -> NDArray[np.float64]:
     """Return the shape (3, K) of a forcing: its K harmonics at ε = 1, the first harmonic and the given ones.
 
     Parameters

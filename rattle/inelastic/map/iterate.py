@@ -11,8 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 from rattle.errors import ParameterError
 from rattle.flight.contact_phase import IN_CONTACT
 from rattle.flight.first_impact import OK
-from rattle.inelastic.given import Harmonics, check_inelastic_parameters, checked_harmonics
-from rattle.inelastic.map.cells import InelasticCells, inelastic_cells, point_at
+from rattle.inelastic.given import Harmonics, check_harmonics, check_inelastic_parameters
+from rattle.inelastic.map.cells import InelasticCells, inelastic_point_of_cell, make_inelastic_cells
 from rattle.inelastic.map.impact_map import step, step_with_tangent
 from rattle.numerics.compile import kernel
 from rattle.orbits.iterates import Iterates, IteratesWithExponents, fold_phases, require_states
@@ -28,7 +28,7 @@ def apply_inelastic_returns(tau, v, n, cell, cells, quiet, n_plus, n_minus, cont
     phases, and `time` sums the time in forcing periods.
     """
     for i in range(tau.size):
-        point = point_at(cell[i], cells)
+        point = inelastic_point_of_cell(cell[i], cells)
         while n_plus[i] < n[i]:
             code, tau1, v1, duration, below, on_plus, on_minus = step(tau[i], v[i], point)
             if code != OK:
@@ -49,7 +49,7 @@ def apply_inelastic_returns_with_tangent(tau, v, n, cell, cells, n_plus, n_minus
     (3, k), in the column of the state.
     """
     for i in range(tau.size):
-        point = point_at(cell[i], cells)
+        point = inelastic_point_of_cell(cell[i], cells)
         x, y = 1.0, 0.0
         while n_plus[i] < n[i]:
             code, tau1, v1, time, below, j00, j01, j10, j11, log_det, _p, _m = step_with_tangent(tau[i], v[i], point)
@@ -94,12 +94,12 @@ def _broadcast_states_and_cells(
     require_states(phases, speeds, steps)
     flat = parameters.flat()
     added = flat.added["restitution"], flat.added["load"]
-    cells: InelasticCells = inelastic_cells(flat.delta, flat.epsilon, flat.beta, *added, parameters.harmonics)
+    cells: InelasticCells = make_inelastic_cells(flat.delta, flat.epsilon, flat.beta, *added, parameters.harmonics)
     arrays = (fold_phases(phases), speeds, steps.astype(np.int64), cell)
     return [np.array(x, order="C").ravel() for x in arrays], cells, phases.shape
 
 
-def _new_counters(size: int, number: int) -> list[NDArray[np.int64]]:
+def _allocate_counters(size: int, number: int) -> list[NDArray[np.int64]]:
     """Return `number` arrays (size,) of zeros, in which kernels count impacts and contact phases."""
     return [np.zeros(size, np.int64) for _ in range(number)]
 
@@ -139,9 +139,9 @@ def iterate(
     ParameterError
         If a number is outside its domain.
     """
-    at = check_inelastic_parameters(delta, epsilon, beta, restitution, load, checked_harmonics(harmonics))
+    at = check_inelastic_parameters(delta, epsilon, beta, restitution, load, check_harmonics(harmonics))
     (tau_, v_, n_, cell), cells, shape = _broadcast_states_and_cells(at, tau, v, n)
-    n_plus, n_minus, contacts = _new_counters(tau_.size, 3)
+    n_plus, n_minus, contacts = _allocate_counters(tau_.size, 3)
     apply_inelastic_returns(
         tau_, v_, n_, cell, cells, np.zeros(tau_.size, np.int8), n_plus, n_minus, contacts, np.zeros(tau_.size)
     )
@@ -169,9 +169,9 @@ def iterate_tangent(
     IteratesWithExponents
         States, impacts on both walls, and exponents.
     """
-    at = check_inelastic_parameters(delta, epsilon, beta, restitution, load, checked_harmonics(harmonics))
+    at = check_inelastic_parameters(delta, epsilon, beta, restitution, load, check_harmonics(harmonics))
     (tau_, v_, n_, cell), cells, shape = _broadcast_states_and_cells(at, tau, v, n)
-    n_plus, n_minus = _new_counters(tau_.size, 2)
+    n_plus, n_minus = _allocate_counters(tau_.size, 2)
     growth = np.zeros((3, tau_.size))
     apply_inelastic_returns_with_tangent(tau_, v_, n_, cell, cells, n_plus, n_minus, growth)
     return IteratesWithExponents.from_growth((tau_, v_, n_plus, n_minus), growth, shape)

@@ -7,14 +7,14 @@ from typing import Any
 import numpy as np
 
 from rattle.flight.forcing import TWO_PI
-from rattle.inelastic.map.harmonics import ORDER, PHASE, forcing_derivative_bounds, forcing_shape
+from rattle.inelastic.map.harmonics import ORDER, PHASE, forcing_derivative_bounds, harmonics_at_unit_epsilon
 
 PHASES = 64  # the force is first evaluated on a grid with this many points per period of the fastest harmonic
 
 
 def quiet_limit(delta: float, drift: float, harmonics: Any = ()) -> float:
     """Return the quiet limit: the smallest ε at which the least contact force in a period is 0."""
-    return quiet_limit_with_phase(delta, drift, forcing_shape(harmonics))[1]
+    return quiet_limit_with_phase(delta, drift, harmonics_at_unit_epsilon(harmonics))[1]
 
 
 def quiet_limit_with_phase(delta: float, drift: float, shape: Any) -> tuple[float, float]:
@@ -46,7 +46,7 @@ def quiet_limit_with_phase(delta: float, drift: float, shape: Any) -> tuple[floa
         return rate, -(size * order**2 * (delta * np.sin(angle) + order * np.cos(angle))).sum(axis=-1)
 
     heights = negative_varying_force(tau)
-    slack = 0.5 * forcing_derivative_bounds(delta, shape).force_bend * (0.5 / count) ** 2
+    slack = 0.5 * forcing_derivative_bounds(delta, shape).force_second_derivative * (0.5 / count) ** 2
     near = tau[heights >= heights.max() - slack]
     for _ in range(50):
         rate, bend = derivatives_of_negative_force(near)

@@ -25,7 +25,7 @@ from rattle.flight.law import fold_phase, wrap_phase_difference
 from rattle.inelastic.map.harmonics import AMPLITUDE, ORDER, PHASE
 from rattle.inelastic.map.impact_map import InelasticPoint, step
 from rattle.inelastic.orbits.family import departure_speed_over_drift
-from rattle.orbits.orbits_a_to_d import multipliers_of
+from rattle.orbits.orbits_a_to_d import multipliers_from_trace
 
 Array = NDArray[np.float64]
 PHASES = 64  # grid points per period of the fastest harmonic at which e' is evaluated
@@ -51,16 +51,16 @@ def forcing_slope_at_departure(delta: float, restitution: float, drift: float) -
     return float(swing - departure_speed(delta, restitution, drift))
 
 
-def saddle_node(delta: float, restitution: float, drift: float) -> float:
+def epsilon_of_saddle_node(delta: float, restitution: float, drift: float) -> float:
     """Return the ε of SN1, at which A and C are born under forcing by one cosine."""
     return abs(forcing_slope_at_departure(delta, restitution, drift)) / TWO_PI
 
 
-def flip_of_c(delta: float, restitution: float, drift: float) -> float:
+def epsilon_of_flip_of_c(delta: float, restitution: float, drift: float) -> float:
     """Return the ε of PDC, the flip of C under forcing by one cosine; C may be virtual at this ε."""
     r, decay = restitution, math.exp(-delta)
     size = 2.0 * delta * delta * (1.0 + r * r * decay) * drift / ((1.0 + r) ** 2 * -math.expm1(-delta) * TWO_PI**2)
-    return math.hypot(saddle_node(delta, restitution, drift), size)
+    return math.hypot(epsilon_of_saddle_node(delta, restitution, drift), size)
 
 
 def forcing_derivatives(tau: Array, harmonics: Array) -> tuple[Array, Array]:
@@ -85,7 +85,7 @@ def one_impact_motions(point: InelasticPoint) -> list[OneImpactMotion]:
         bend = float(forcing_derivatives(np.array([tau]), harmonics)[1][0])
         trace = 1.0 + r * r * decay + (1.0 + r) ** 2 * (1.0 - decay) * bend / (delta * delta * drift)
         if _is_admissible(tau, v, point):
-            large, small = multipliers_of(trace, r * r * decay)
+            large, small = multipliers_from_trace(trace, r * r * decay)
             found.append(OneImpactMotion(tau, v, (complex(large), complex(small))))
     return sorted(found, key=lambda each: each.tau)
 

@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rattle.errors import broadcast_parameters
 from rattle.inelastic.orbits.family import fill_family_orbits
-from rattle.orbits.orbits_a_to_d import N_MINUS, NAMES, PeriodOne, classify_regions, multipliers_of
+from rattle.orbits.orbits_a_to_d import N_MINUS, NAMES, PeriodOne, classify_regions, multipliers_from_trace
 
 
 def period_one(
@@ -54,7 +54,7 @@ def period_one(
     stable = np.zeros(exists.shape, np.bool_)
     for i, n_minus in enumerate(N_MINUS):
         determinant = np.exp(-d) * r ** (2 * (1 + n_minus))
-        multipliers[i] = np.where(exists[i], multipliers_of(trace[i], determinant), multipliers[i])
+        multipliers[i] = np.where(exists[i], multipliers_from_trace(trace[i], determinant), multipliers[i])
         with np.errstate(invalid="ignore"):
             stable[i] = exists[i] & (np.abs(trace[i]) < 1.0 + determinant)
     return PeriodOne(

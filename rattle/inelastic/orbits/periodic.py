@@ -9,7 +9,7 @@ from rattle.errors import RattleError, require_integer, require_number
 from rattle.flight.first_impact import OK
 from rattle.inelastic.map.impact_map import InelasticPoint
 from rattle.inelastic.map.runs import count_contacts_and_merged_impacts, count_returns_of_contact_motion
-from rattle.orbits.orbits_a_to_d import multipliers_of
+from rattle.orbits.orbits_a_to_d import multipliers_from_trace
 from rattle.orbits.return_map import apply_return_map_power, fastest_departure, find_fixed_point, least_return_period
 
 MOST_RETURNS = 4096  # largest number of impacts on Σ⁺ per period of a sought motion
@@ -78,6 +78,6 @@ def inelastic_orbit(point: InelasticPoint, tau: float, v: float, n_plus: int = 1
     if log_det == -math.inf:
         multipliers = (0j, 0j)
     else:
-        large, small = multipliers_of(a00 + a11, math.exp(log_det))
+        large, small = multipliers_from_trace(a00 + a11, math.exp(log_det))
         multipliers = complex(large), complex(small)
     return InelasticOrbit(round(time), k - merged, n_minus, contacts, tau1, v1, multipliers)

@@ -26,7 +26,7 @@ class Impacting(Model):
     curve_names = impacting.NAMES
     # eccentricities of three cells at δ = β = 0.6: the first has quiet and periodic motions, the second also chaotic
     # motions, the third chaotic motions only
-    compiled_at = 0.089, 0.1, 0.25
+    precompilation_epsilons = 0.089, 0.1, 0.25
 
     def gear(self, delta: float, epsilon: float) -> Gear:
         """Return the gear at one point."""

@@ -51,9 +51,9 @@ class Inelastic(Model):
     tile_samples = 16_384
     design_gears = 256
     takes_harmonics = True
-    one_cosine = frozenset({Capability.PERIOD_ONE})
+    capabilities_without_harmonics = frozenset({Capability.PERIOD_ONE})
     # eccentricities of two cells at δ = β = 0.6: the first has quiet motion and impacts, the second contact phases
-    compiled_at = (0.1, 0.25)
+    precompilation_epsilons = (0.1, 0.25)
 
     def __post_init__(self) -> None:
         """Check and convert all parameters."""

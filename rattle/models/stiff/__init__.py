@@ -51,7 +51,7 @@ class Stiff(Model):
     cell_milliseconds = 100.0
     design_gears = 256
     # precompilation computes one cell only: a second cell would take longer than the compilation that it saves
-    compiled_at = (0.1,)
+    precompilation_epsilons = (0.1,)
 
     @property
     def contact_duration(self) -> float:

@@ -55,7 +55,7 @@ class BlockProver:
             return
         states = CLAIMS[claim]
         for letter in states.keys() & {"A", "C"}:
-            require_claimed_state(letter, states[letter], *_find_number_and_stability(piece, letter, states[letter]))
+            require_claimed_state(letter, states[letter], *_prove_number_and_stability(piece, letter, states[letter]))
         for letter in states.keys() & {"B", "D"}:
             if delta not in self._cells:
                 self._cells[delta] = two_impacts.initial_cells(piece)
@@ -65,7 +65,7 @@ class BlockProver:
             require_claimed_state(letter, state, len(runs), attracts)
 
 
-def _find_number_and_stability(piece: PlanePiece, letter: str, state: ClaimedState) -> tuple[int | None, bool | None]:
+def _prove_number_and_stability(piece: PlanePiece, letter: str, state: ClaimedState) -> tuple[int | None, bool | None]:
     """Return how many motions A (or C) exist, and whether the motion attracts.
 
     Returns

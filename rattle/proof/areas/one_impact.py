@@ -13,34 +13,34 @@ from rattle.proof.areas.piece import SHORTEST_PART, PlanePiece, hull, lower_end,
 from rattle.proof.balls import PI, arb, arb_series
 
 
-def minus_y(delta: arb_series) -> arb_series:
+def minus_epsilon_sine(delta: arb_series) -> arb_series:
     """Return −Y = −ε sin 2πτ = δ coth(δ/2) − 2, τ the phase of the impact: (15.1) of docs/proofs.md."""
     end = (-delta).exp()
     return delta * (1 + end) / (1 - end) - 2
 
 
-def x_at_flip(delta: arb_series) -> arb_series:
+def epsilon_cosine_at_flip(delta: arb_series) -> arb_series:
     """Return the X = ε cos 2πτ at which C flips, δ² coth(δ/2)/2π: (15.4) of docs/proofs.md."""
-    return delta * (minus_y(delta) + 2) / (2 * PI())
+    return delta * (minus_epsilon_sine(delta) + 2) / (2 * PI())
 
 
 def flight_height(s: arb, delta: arb_series, x: arb) -> arb_series:
     """Return the displacement F(s; δ, X) from Σ⁺, (15.3) of docs/proofs.md, as a power series in δ."""
     end, kept = (-delta).exp(), (-delta * s).exp()
     sine, cosine = (2 * s).sin_cos_pi()
-    return 4 * PI() * (s - (1 - kept) / (1 - end)) - x * (1 - cosine) + minus_y(delta) * sine
+    return 4 * PI() * (s - (1 - kept) / (1 - end)) - x * (1 - cosine) + minus_epsilon_sine(delta) * sine
 
 
-def slope_enclosure(s: arb, delta: arb, x: arb) -> arb:
+def velocity_enclosure(s: arb, delta: arb, x: arb) -> arb:
     """Return the velocity ∂F/∂s over balls of s, δ and X; F, (15.3) of docs/proofs.md, is the displacement from Σ⁺."""
     sine, cosine = (2 * s).sin_cos_pi()
     driven = 2 - 2 * delta * (-delta * s).exp() / (1 - (-delta).exp()) - x * sine
-    return 2 * PI() * (driven + minus_y(arb_series([delta]))[0] * cosine)
+    return 2 * PI() * (driven + minus_epsilon_sine(arb_series([delta]))[0] * cosine)
 
 
 def exists(piece: PlanePiece, letter: str) -> bool | None:
     """Return True if the motion A (or C) exists at all points of the piece, False if at none, None if not proved."""
-    y = mean_value_enclosure(minus_y, piece.delta)
+    y = mean_value_enclosure(minus_epsilon_sine, piece.delta)
     if upper_end(piece.epsilon) < lower_end(y):
         return False
     x = epsilon_cosine_enclosure(piece, letter, y)
@@ -63,8 +63,8 @@ def attracts(piece: PlanePiece, letter: str) -> bool | None:
         # X < 0 for A, so the trace 1 + E − 4π (1 − E) X/δ² of A, with E = e^(−δ), is above 1 + E: A is a saddle
         return False
     x, limit = (
-        epsilon_cosine_enclosure(piece, letter, mean_value_enclosure(minus_y, piece.delta)),
-        mean_value_enclosure(x_at_flip, piece.delta),
+        epsilon_cosine_enclosure(piece, letter, mean_value_enclosure(minus_epsilon_sine, piece.delta)),
+        mean_value_enclosure(epsilon_cosine_at_flip, piece.delta),
     )
     return True if upper_end(x) < lower_end(limit) else False if lower_end(x) > upper_end(limit) else None
 
@@ -128,15 +128,15 @@ def _stays_between_walls_during(piece: PlanePiece, start: arb, end: arb, x_low: 
 
     def height_over(x: arb) -> arb:
         """Return an enclosure of the displacement F from Σ⁺ at X = x for start ≤ s ≤ end, by the mean value theorem."""
-        return mean_value_enclosure(lambda delta: flight_height(middle, delta, x), piece.delta) + slope_enclosure(
+        return mean_value_enclosure(lambda delta: flight_height(middle, delta, x), piece.delta) + velocity_enclosure(
             s, piece.delta, x
         ) * (s - middle)
 
     if not height_over(x_high) > -2 * piece.beta:
         return False
     if start == 0:
-        return bool(slope_enclosure(s, piece.delta, x_low) < 0)
-    return bool(slope_enclosure(s, piece.delta, x_low) > 0 if end == 1 else height_over(x_low) < 0)
+        return bool(velocity_enclosure(s, piece.delta, x_low) < 0)
+    return bool(velocity_enclosure(s, piece.delta, x_low) > 0 if end == 1 else height_over(x_low) < 0)
 
 
 def _passes_sigma_minus(piece: PlanePiece, x_low: arb) -> bool:

@@ -293,23 +293,23 @@ class SolutionCell:
     @cached_property
     def is_monotone_between_impacts(self) -> bool:
         """True if Φ is proved to fall from Σ⁺ to Σ⁻ and to rise all the way back, by Lemma 18 of docs/proofs.md."""
-        falls = self._slope_has_sign(-1, arb(0), lower_end(self.s))
-        return falls and self._slope_has_sign(1, upper_end(self.s), arb(1))
+        falls = self._has_velocity_sign(-1, arb(0), lower_end(self.s))
+        return falls and self._has_velocity_sign(1, upper_end(self.s), arb(1))
 
-    def _slope_has_sign(self, sign: int, start: arb, end: arb) -> bool:
+    def _has_velocity_sign(self, sign: int, start: arb, end: arb) -> bool:
         """Return whether Φ' is proved to have this sign between the times `start` and `end` after the impact on Σ⁺."""
         # at an impact Φ' has this sign, because v > 0 and u > 0; a part that begins or ends at an impact relies on this
         parts = [(start, end)]
         while parts:
             low, high = parts.pop()
-            if not self._slope_has_sign_on_part(sign, low, high):
+            if not self._has_velocity_sign_on_part(sign, low, high):
                 if high - low < SHORTEST_PART:
                     return False
                 middle = (low + high) / 2
                 parts += [(low, middle), (middle, high)]
         return True
 
-    def _slope_has_sign_on_part(self, sign: int, low: arb, high: arb) -> bool:
+    def _has_velocity_sign_on_part(self, sign: int, low: arb, high: arb) -> bool:
         """Return whether Φ' is proved to have this sign between the times `low` and `high` of one flight."""
         # the impact on Σ⁻ may be at any s of the cell, so a part that ends or begins at this impact contains all s
         lower_s, upper_s = lower_end(self.s), upper_end(self.s)
@@ -318,11 +318,11 @@ class SolutionCell:
         force = sign * self.force(t)
         if force > 0:  # sign · e^(δt) Φ' grows: it suffices that sign · Φ' > 0 at the start of the part
             starts_at_impact = low in (0, upper_s)
-            return starts_at_impact or bool(sign * self.slope(low, sign) > 0)
+            return starts_at_impact or bool(sign * self.velocity(low, sign) > 0)
         if force < 0:  # sign · e^(δt) Φ' falls: it suffices that sign · Φ' > 0 at the end of the part
             ends_at_impact = high in (1, lower_s)
-            return ends_at_impact or bool(sign * self.slope(high, sign) > 0)
-        return bool(sign * self.slope(t, sign) > 0)
+            return ends_at_impact or bool(sign * self.velocity(high, sign) > 0)
+        return bool(sign * self.velocity(t, sign) > 0)
 
     def force(self, t: arb) -> arb:
         """Return the contact force g at the time t after the impact on Σ⁺."""
@@ -330,7 +330,7 @@ class SolutionCell:
         sine, cosine = (2 * t).sin_cos_pi()
         return force_at_phase(self.delta, x * cosine - y * sine, y * cosine + x * sine)
 
-    def slope(self, t: arb, sign: int) -> arb:
+    def velocity(self, t: arb, sign: int) -> arb:
         """Return Φ' a time t after the impact on Σ⁺, on the flight to Σ⁻ (sign −1) or back (1).
 
         Returns

@@ -9,7 +9,7 @@ import numpy as np
 
 from rattle._version import __version__
 from rattle.continuation.arclength import solve_with_fixed_unknown, tangent_at
-from rattle.continuation.conditions import MULTIPLIER, EventKind, condition
+from rattle.continuation.conditions import MULTIPLIER, EventKind, equations_of_bifurcation
 from rattle.continuation.curve_continuation import QUIET_LIMIT
 from rattle.errors import NotProvedError, require, require_number, require_one_of
 from rattle.impacting.bifurcations.codimension_two import codimension_two
@@ -18,7 +18,7 @@ from rattle.impacting.bifurcations.registry import CURVES, CurveDefinition
 from rattle.impacting.orbits.equations import Itinerary
 from rattle.impacting.orbits.periodic import follow_impacts
 from rattle.numerics.complex_step import Array
-from rattle.proof.balls import BITS, VERSIONS, arb, ball, ends, precision
+from rattle.proof.balls import BITS, VERSIONS, arb, ball, exact_ends, precision
 from rattle.proof.bifurcations.certificate import BifurcationCertificate
 from rattle.proof.bifurcations.systems import (
     POSSIBLE_UNKNOWNS,
@@ -80,7 +80,7 @@ def certify_curve_point(
     require(not wrong, f"{' and '.join(wrong)} must be positive")
     d, e, half = (float(number) for number in numbers.values())
     definition = CURVES[name]
-    problem = condition(definition.itinerary(half), definition.kind, definition.impact)
+    problem = equations_of_bifurcation(definition.itinerary(half), definition.kind, definition.impact)
     solved = [
         solve_with_fixed_unknown(problem, guess, index, value)
         for guess in _first_guesses(definition, d, e, half, motion)
@@ -93,7 +93,7 @@ def certify_curve_point(
             f"{name} has no point within rounding of delta = {d!r}, epsilon = {e!r}: give a point of the curve"
         )
     x = min(near)[2]
-    if (why := definition.belongs(x)) is not None:
+    if (why := definition.reason_not_on_curve(x)) is not None:
         raise NotProvedError(f"the motion at this point does not belong to {name}: {why}")
     tangent = tangent_at(problem, x, np.eye(x.size)[-2])
     along = "delta" if abs(tangent[-2]) >= abs(tangent[-1]) else "epsilon"
@@ -118,7 +118,7 @@ def _first_guesses(
         itinerary, x = follow_impacts(delta, epsilon, beta, *motion, definition.walls.count(1))
         if itinerary.walls == definition.walls:
             return [x]
-    return definition.starts(delta, beta)
+    return definition.starting_points_at(delta, beta)
 
 
 def _relative_distance(x: Array, delta: float, epsilon: float, tau: float | None) -> float:
@@ -161,7 +161,9 @@ def certify_event(event: Event, beta: Exact | None = None) -> BifurcationCertifi
     itinerary = event.itinerary
     number = exact_number("beta", itinerary.beta if beta is None else beta)
     require(float(number) == itinerary.beta, f"beta must be that of the event, {itinerary.beta!r}, got {beta}")
-    x = solve_with_fixed_unknown(condition(itinerary, event.kind, event.impact), event.unknowns, -2, event.delta)
+    x = solve_with_fixed_unknown(
+        equations_of_bifurcation(itinerary, event.kind, event.impact), event.unknowns, -2, event.delta
+    )
     if x is None:
         raise NotProvedError(
             f"Newton's method does not converge to the event at delta = {event.delta}: compute the branch again, and "
@@ -189,11 +191,12 @@ def certify_codimension_two(beta: Exact = "0.6") -> tuple[BifurcationCertificate
     number = exact_number("beta", beta)
     half = require_number("beta", float(number), positive=True)
     graze = CURVES["G1"]
-    problem = condition(graze.itinerary(half), graze.kind, graze.impact)
+    problem = equations_of_bifurcation(graze.itinerary(half), graze.kind, graze.impact)
     found = []
     for point in codimension_two(half):
         solved = (
-            solve_with_fixed_unknown(problem, guess, -2, point.delta) for guess in graze.starts(point.delta, half)
+            solve_with_fixed_unknown(problem, guess, -2, point.delta)
+            for guess in graze.starting_points_at(point.delta, half)
         )
         near = [x for x in solved if x is not None and abs(x[-1] - point.epsilon) < LARGEST_MISS]
         if not near:
@@ -257,7 +260,7 @@ def _null_vector(motion: BifurcatingMotion, x: Array, beta: float) -> Array:
 
 def _widened_ends(x: arb) -> Ends:
     """Return the ends, in 30 decimals, of an interval wider than the ball x."""
-    low, high = ends(x)
+    low, high = exact_ends(x)
     room = max(WIDENING * (high - low), LEAST_WIDENING)
     unit = Fraction(1, 10**30)
     return (low - room) // unit * unit, -(-(high + room) // unit) * unit

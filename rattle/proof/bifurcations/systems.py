@@ -20,7 +20,7 @@ from rattle.continuation.conditions import MULTIPLIER, EventKind
 from rattle.errors import NotProvedError
 from rattle.proof.balls import PI, arb, arb_mat, arb_series
 from rattle.proof.bifurcations.codimension_two import CONDITIONS
-from rattle.proof.flights import UP, FlightEnclosure, ModelPoint, extrema, require_first_impact
+from rattle.proof.flights import UP, FlightEnclosure, ModelPoint, enclose_extrema, require_first_impact
 from rattle.proof.impacting import ImpactingSystem
 
 Series = arb_series
@@ -128,7 +128,7 @@ class EvaluatedSystem:
         n, times = motion.n, unknowns[: motion.n]
         zero = arb_series([0])
         flights = [
-            flight_series(
+            flight_velocity_series(
                 delta + zero, epsilon + zero, times[i], times[i + 1] if i + 1 < n else times[0] + motion.m,
                 self.system.beta * (motion.walls[(i + 1) % n] - motion.walls[i]),
             )
@@ -171,7 +171,7 @@ def _codimension_two_condition(point: str, delta: Series, epsilon: Series, times
     return CONDITIONS[point](delta, x, times[1] - times[0], (-delta).exp())
 
 
-def flight_series(delta: Series, epsilon: Series, t0: Series, t1: Series, distance: arb) -> FlightVelocities:
+def flight_velocity_series(delta: Series, epsilon: Series, t0: Series, t1: Series, distance: arb) -> FlightVelocities:
     """Return velocities, and derivatives by t0 and t1, of a flight from t0 to t1 that changes Φ by `distance`."""
     # (1.7) to (1.10) of docs/proofs.md
     two_pi = 2 * PI()
@@ -229,6 +229,8 @@ def require_only_graze(flight: FlightEnclosure, wall: int, target: int, touched:
             f"{name} is not proved to leave its first wall, to arrive at its last wall and to turn at its graze"
         )
     above, below = flight.point.beta * (1 - wall), -flight.point.beta * (1 + wall)
-    close = [turn for turn, height in extrema(flight, name) if not (height > below if turn == UP else height < above)]
+    close = [
+        turn for turn, height in enclose_extrema(flight, name) if not (height > below if turn == UP else height < above)
+    ]
     if close != [-touched]:
         raise NotProvedError(f"{name} is not proved to touch a wall only at its graze")

@@ -15,7 +15,7 @@ from rattle.errors import NotProvedError
 from rattle.flight import first_impact, law
 from rattle.flight.forcing import DRIFT
 from rattle.proof.balls import arb, arb_mat
-from rattle.proof.flights import FlightEnclosure, ModelPoint, require_first_impact, sign
+from rattle.proof.flights import FlightEnclosure, ModelPoint, proved_sign, require_first_impact
 
 #: The guessed interval of arrival times is made wider by the factor WIDENING, at most MOST_WIDENINGS times.
 WIDENING = 1.25
@@ -97,7 +97,7 @@ def enclose_arrival(point: ModelPoint, middle: tuple[arb, arb], sides: arb_mat, 
     time = _middle_arrival_time(point, middle, wall, target)
     # Newton's interval method encloses how much later the flights end than the flight from the middle
     bundle = FlightBundle(point, middle, sides)
-    at_middle = bundle.middle_flight(time)
+    at_middle = bundle.enclose_middle_flight(time)
     by_t0, by_w0 = _flight_derivatives(at_middle, time)
     guess = abs(largest_change_over_sides(sides, by_t0[0], by_w0[0]) / at_middle.w1) + arb(1e-25)
     missed = bundle.height(time) - distance
@@ -142,7 +142,7 @@ class FlightBundle:
         t0, w0 = (self.middle[i] + unit * sum((abs(self.sides[i, j]) for j in range(2)), arb(0)) for i in range(2))
         return t0, w0
 
-    def middle_flight(self, t: arb) -> FlightEnclosure:
+    def enclose_middle_flight(self, t: arb) -> FlightEnclosure:
         """Return an enclosure of the flight that starts at the middle of the set, until the time t."""
         return _flight_from_start(self.point, *self.middle, t)
 
@@ -161,7 +161,7 @@ class FlightBundle:
     def _state_component(self, t: arb, which: int) -> arb:
         """Return Φ(t) − Φ(t₀) if `which` is 0, Φ'(t) if it is 1, over all flights that start in the set."""
         by_t0, by_w0 = _flight_derivatives(self.enclose_flights(t), t)
-        return self.middle_flight(t).state_at(t)[which] + arb(0, 1) * largest_change_over_sides(
+        return self.enclose_middle_flight(t).state_at(t)[which] + arb(0, 1) * largest_change_over_sides(
             self.sides, by_t0[which], by_w0[which]
         )
 
@@ -181,7 +181,11 @@ class FlightBundle:
         try:
             require_first_impact(enclosure, wall, target, name)
         except NotProvedError:
-            if sign(enclosure.w0) != -wall or sign(enclosure.w1) != target or not enclosure.t1 > enclosure.t0:
+            if (
+                proved_sign(enclosure.w0) != -wall
+                or proved_sign(enclosure.w1) != target
+                or not enclosure.t1 > enclosure.t0
+            ):
                 raise
         else:
             return

@@ -319,7 +319,7 @@ def _find_loop_along(pi: ReturnMap, hub: StateParallelogram, segment: OrbitSegme
     """Return the loop along a motion from the hub to the hub; None if Π does not stretch each set across the next."""
     x, words, steps = segment.states, segment.words, len(segment.words)
     if steps == 1:
-        high, strip = _find_crossing_image(pi, hub, hub, words[0])
+        high, strip = _measure_crossing_image(pi, hub, hub, words[0])
         return LoopCandidate((), words, strip) if high < LARGEST_ETA else None
     tangents = pi.tangent(x[:-1])
     unstable, stable = [_unit_vector(hub.sides[:, 0])], [_unit_vector(hub.sides[:, 1])]
@@ -341,13 +341,13 @@ def _find_loop_along(pi: ReturnMap, hub: StateParallelogram, segment: OrbitSegme
     # the half height along η of each set is chosen such that the set contains the image of the preceding set
     for i in range(1, steps):
         flat = StateParallelogram(x[i], np.column_stack([unstable[i] * lengths[i], stable[i]]))
-        high, where = _find_crossing_image(pi, source, flat, words[i - 1])
+        high, where = _measure_crossing_image(pi, source, flat, words[i - 1])
         if not high < np.inf:
             return None
         strip = where if i == 1 else strip
         source = StateParallelogram(x[i], np.column_stack([flat.sides[:, 0], flat.sides[:, 1] * high * MARGIN_FACTOR]))
         boxes.append(source)
-    if not _find_crossing_image(pi, source, hub, words[-1])[0] < LARGEST_ETA:
+    if not _measure_crossing_image(pi, source, hub, words[-1])[0] < LARGEST_ETA:
         return None
     return LoopCandidate(tuple(boxes), words, strip)
 
@@ -375,7 +375,7 @@ def _least_half_length(
     return float(sizes[np.argmax(good)]) if good.any() else None
 
 
-def _find_crossing_image(
+def _measure_crossing_image(
     pi: ReturnMap, source: StateParallelogram, target: StateParallelogram, word: int
 ) -> tuple[float, tuple[float, float]]:
     """Return the height of the image of `source` where it crosses `target`, and the part of `source` that crosses.

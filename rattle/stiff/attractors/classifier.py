@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rattle.attractors.ball import CaptureCentres, find_radii_one_by_one
+from rattle.attractors.ball import CaptureCentres, find_capture_radii_one_by_one
 from rattle.attractors.classify import BUDGET, Classifier, ProbeRecord
 from rattle.attractors.samples import Trajectories
 from rattle.attractors.speeds import SampleSpec, SpeedLimit
 from rattle.attractors.table import AttractorTable, attractors_of_samples
 from rattle.parameters import Parameters
-from rattle.stiff.attractors.settle import StiffCells, follow_probes, settle
+from rattle.stiff.attractors.settle import StiffCells, follow_probes, follow_until_outcome
 from rattle.stiff.map.iterate import apply_stiff_returns
 from rattle.stiff.map.quiet import quiet_limit
 
@@ -55,14 +55,14 @@ class StiffClassifier(Classifier):
 
     def find_capture_radii(self, centres: CaptureCentres) -> None:
         """Find the radii of the capture regions around these centres, and write them to `centres.radius`."""
-        find_radii_one_by_one(centres, self.cells)
+        find_capture_radii_one_by_one(centres, self.cells)
 
     def advance(self, which: NDArray[np.int64], samples: Trajectories, early: bool) -> None:  # noqa: ARG002
         """Follow the samples numbered `which` until each has an outcome or has made all returns that its limit allows.
 
         `early` has no effect: samples of this gear are checked for capture and recurrence at every return.
         """
-        settle(which, self.cells, samples.to_kernel_tuple(), self.balls.to_kernel_tuple())
+        follow_until_outcome(which, self.cells, samples.to_kernel_tuple(), self.balls.to_kernel_tuple())
 
     def follow_with_tangent(
         self, which: NDArray[np.int64], least: NDArray[np.float64], periods: NDArray[np.float64], seen: ProbeRecord
@@ -73,7 +73,7 @@ class StiffClassifier(Classifier):
         comes first.
         """
         tables = self.samples.to_kernel_tuple(), self.balls.to_kernel_tuple()
-        follow_probes(which, least, periods, self.cells, *tables, seen.sums, seen.prints)
+        follow_probes(which, least, periods, self.cells, *tables, seen.sums, seen.bitmaps)
 
 
 def attractors_of(

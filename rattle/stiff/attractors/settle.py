@@ -53,7 +53,7 @@ def stiff_outcome(code):
 
 
 @kernel
-def settle(which, cells, samples, balls):
+def follow_until_outcome(which, cells, samples, balls):
     """Follow samples `which` until each has an outcome, or stays UNRESOLVED after all returns that its limit allows."""
     for j in range(which.size):
         k = which[j]

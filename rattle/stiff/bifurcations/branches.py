@@ -15,11 +15,11 @@ from rattle.continuation.arclength import (
     ContinuationProblem,
     CurveFollower,
     OneWayPath,
+    find_root_between,
     make_longest_step_function,
-    root_between,
     tangent_at,
 )
-from rattle.continuation.conditions import EventKind, condition
+from rattle.continuation.conditions import EventKind, equations_of_bifurcation
 from rattle.continuation.followed import start_of_doubled_branch
 from rattle.continuation.line import FIRST_OF_DOUBLED, HALF_PERIOD, Parameter, parameter_line_through
 from rattle.errors import RattleError, require, require_integer, require_pair
@@ -153,14 +153,14 @@ class _BranchEnd(NamedTuple):
 def _end_of_path(line: MotionsOnLine, path: OneWayPath, span: tuple[float, float]) -> _BranchEnd:
     """Return why a path ends, in words, with the flip or graze at its end if there is one."""
     last, c = path.points[-1], len(line.walls)
-    if path.outside is not None and not span[0] <= path.outside[-1] <= span[1]:
+    if path.first_point_outside is not None and not span[0] <= path.first_point_outside[-1] <= span[1]:
         return _BranchEnd("span")
     half = line.mean_of_halves(last)
-    if half is not None and half[2] < (NEARLY_TWICE if path.outside is None else 2 * EQUAL_HALVES):
+    if half is not None and half[2] < (NEARLY_TWICE if path.first_point_outside is None else 2 * EQUAL_HALVES):
         flip = half[0].find_flip_near(half[1], FLIP_WITHIN * (span[1] - span[0]))
         if flip is not None:
             return _BranchEnd(HALF_PERIOD, flip=half[0].orbit(flip))
-    if path.outside is None:
+    if path.first_point_outside is None:
         return _BranchEnd(
             "the branch has its largest number of points"
             if len(path.points) >= MOST_POINTS
@@ -195,7 +195,7 @@ def _branch_of_points(
     marked: list[int] = []
     for k in folds[::-1].tolist():
         a, b = points[k], points[k + 1]
-        y = root_between(problem, a, b, _fold_function(problem, a, b))
+        y = find_root_between(problem, a, b, _fold_function(problem, a, b))
         if y is None:
             continue
         if np.array_equal(y, a) or np.array_equal(y, b):
@@ -207,7 +207,7 @@ def _branch_of_points(
     flips = np.array([line.flip_residual(y) for y in points])
     events = [StiffEvent(EventKind.SADDLE_NODE, line.orbit(points[i]), i) for i in marked]
     for i in np.flatnonzero((flips[:-1] < 0) != (flips[1:] < 0)).tolist():
-        y = root_between(problem, points[i], points[i + 1], line.flip_residual)
+        y = find_root_between(problem, points[i], points[i + 1], line.flip_residual)
         if y is not None:
             events.append(StiffEvent(EventKind.FLIP, line.orbit(y), i))
     grazes = []
@@ -280,7 +280,11 @@ def stiff_curve(
         return None if is_admissible_solution(itinerary, x) else "the motion is virtual"
 
     found = trace_pieces_in_window(
-        condition(itinerary, event.kind), [event.orbit.unknowns], window, reason_to_leave, itinerary.contacts
+        equations_of_bifurcation(itinerary, event.kind),
+        [event.orbit.unknowns],
+        window,
+        reason_to_leave,
+        itinerary.n_contacts,
     )
     if not found:
         raise RattleError(

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from rattle.continuation.arclength import ContinuationProblem
-from rattle.continuation.conditions import EventKind, condition, scale_of_unknowns
+from rattle.continuation.conditions import EventKind, equations_of_bifurcation, scale_of_unknowns
 from rattle.continuation.curve_continuation import (
     Curve,
     MotionAtCurvePoint,
@@ -30,8 +30,8 @@ from rattle.stiff.orbits.closure import (
     ContactCycle,
     is_admissible,
     softness,
+    tangent_map_trace,
     time_at_sigma_minus,
-    trace_of_solution,
     write_residuals,
 )
 from rattle.stiff.orbits.equations import StiffItinerary
@@ -39,7 +39,7 @@ from rattle.stiff.orbits.families import (
     PLUS,
     PLUS_MINUS,
     StiffFamily,
-    families,
+    families_of_a_to_d,
     highest_followed_epsilon,
     indices_of_sign_changes,
 )
@@ -129,7 +129,7 @@ def _trace_family_curve(name: str, beta: float, kappa: float, window: PlaneWindo
         return MotionAtCurvePoint(orbit.tau, orbit.v, np.array(orbit.multipliers))
 
     starts = _starting_points(name, beta, kappa, window, dampings)
-    problem, times = condition(itinerary, kind), itinerary.contacts
+    problem, times = equations_of_bifurcation(itinerary, kind), itinerary.n_contacts
     return trace_curve_of_problem(
         name, beta, problem, starts, window, reason_to_leave, motion_at_curve_point, lambda _, reason: reason, times
     )
@@ -138,7 +138,7 @@ def _trace_family_curve(name: str, beta: float, kappa: float, window: PlaneWindo
 def _starting_points(name: str, beta: float, kappa: float, window: PlaneWindow, dampings: Array) -> Iterator[Array]:
     """Yield guesses of the unknowns (2c + 2,) of motions on a curve at these dampings."""
     for delta in dampings.tolist():
-        for family in families(delta, beta, kappa, highest_followed_epsilon(delta, window.epsilon[1])):
+        for family in families_of_a_to_d(delta, beta, kappa, highest_followed_epsilon(delta, window.epsilon[1])):
             for y in _motions_on_curve(name, family):
                 yield np.insert(y, y.size - 1, delta)
 
@@ -174,7 +174,7 @@ def _flips_on_curve(name: str, family: StiffFamily) -> list[Array]:
         if letter != ("C" if name == "PDC" else "D"):
             continue
         points = family.points[edges[i] : edges[i + 1] + 1]
-        above = np.array([trace_of_solution(y, family.cycle) + flip for y in points])
+        above = np.array([tangent_map_trace(y, family.cycle) + flip for y in points])
         turns = indices_of_sign_changes(above)
         if name == "PD1":
             before, after = ("", *family.letters)[i], (*family.letters, "")[i + 1]
@@ -197,11 +197,11 @@ def _flip_by_bisection(a: Array, b: Array, cycle: ContactCycle, flip: float) -> 
     Array
         The unknowns of the motion.
     """
-    sign, y = trace_of_solution(a, cycle) + flip > 0.0, np.empty(a.size)
+    sign, y = tangent_map_trace(a, cycle) + flip > 0.0, np.empty(a.size)
     for _ in range(BISECTIONS):
         if not solve_family_above_chord(a, b, 0.5, cycle, y):
             break
-        a, b = (y.copy(), b) if (trace_of_solution(y, cycle) + flip > 0.0) == sign else (a, y.copy())
+        a, b = (y.copy(), b) if (tangent_map_trace(y, cycle) + flip > 0.0) == sign else (a, y.copy())
     return a
 
 

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from rattle.attractors.speeds import SampleSpec, SpeedLimit
 from rattle.continuation.arclength import ContinuationProblem
-from rattle.continuation.bifurcation_diagram import Diagram, check_segment_end, compute_diagram
+from rattle.continuation.bifurcation_diagram import Diagram, compute_diagram, require_segment_end
 from rattle.continuation.conditions import EventKind
 from rattle.continuation.motions import POINTS_ACROSS, Motion, MotionsOnSegment, ParameterSegment
 from rattle.errors import RattleError, require_number, require_pair
@@ -34,13 +34,13 @@ class StiffMotions(MotionsOnSegment):
 
     classifier = StiffClassifier
 
-    def steps(self, position: Array) -> Parameters:
+    def parameters_of_steps(self, position: Array) -> Parameters:
         """Return the parameters of the stiff gear at positions on the segment, from 0 at its start to 1 at its end."""
         delta, epsilon, p = np.ascontiguousarray(self.segment.parameters_at(position).T)
         beta = np.full_like(delta, self.beta)
         return Parameters(self.classifier.model, delta, epsilon, beta, {"kappa": 0.5 / p**2})
 
-    def period_one(self, steps: Parameters) -> Iterator[Motion]:
+    def period_one_motions(self, steps: Parameters) -> Iterator[Motion]:
         """Yield A to D and all other P(1,1,0) at LETTER_STEPS evenly spaced points of `steps`.
 
         A point at which these motions cannot be computed is left out.
@@ -57,15 +57,15 @@ class StiffMotions(MotionsOnSegment):
             except RattleError:  # motions missed at this step may be found from other steps or from attractors
                 continue
 
-    def motion_near(self, step: Mapping[str, float], tau: float, v: float, n_plus: int) -> Motion | None:
-        """Return the periodic motion near a state, or None if none is found (`MotionsOnSegment.motion_near`)."""
+    def find_motion_near(self, step: Mapping[str, float], tau: float, v: float, n_plus: int) -> Motion | None:
+        """Return the periodic motion near a state, or None if none is found (`MotionsOnSegment.find_motion_near`)."""
         try:
             return self._motion_of(stiff_orbit(**step, tau=tau, v=v, n_plus=n_plus))
         except RattleError:
             return None
 
-    def problem(self, itinerary: StiffItinerary) -> ContinuationProblem:
-        """Return the contact equations along the segment (`MotionsOnSegment.problem`)."""
+    def equations_along_segment(self, itinerary: StiffItinerary) -> ContinuationProblem:
+        """Return the contact equations along the segment (`MotionsOnSegment.equations_along_segment`)."""
         return self._motions_on_line(itinerary).problem
 
     def solve_motion(self, itinerary: StiffItinerary, y: Array) -> StiffOrbit | None:
@@ -146,7 +146,7 @@ def diagram(
     beta = require_number("beta", beta, positive=True)
     at_ends = require_pair("kappa", (kappa, kappa) if np.ndim(kappa) == 0 else kappa)
     ends = [
-        np.append(check_segment_end(name, value), softness(require_number("kappa", each, positive=True)))
+        np.append(require_segment_end(name, value), softness(require_number("kappa", each, positive=True)))
         for name, value, each in zip(("start", "end"), (start, end), at_ends, strict=True)
     ]
     return compute_diagram(

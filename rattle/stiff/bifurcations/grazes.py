@@ -30,13 +30,13 @@ DISTANCES_TO_TRY = 10.0 ** np.arange(-9, -3)
 class Graze(NamedTuple):
     """A graze, at which a motion gains or loses a contact.
 
-    here: the motion at the graze, without the contact that is gained or lost. beyond: a motion of the branch with
-    another label that continues from the graze; None if no such motion was found. Each motion is given as a line of
-    parameters and the motion's unknowns y on this line.
+    motion_at_graze: the motion at the graze, without the contact that is gained or lost. continuing_motion: a motion of
+    the branch with another label that continues from the graze; None if no such motion was found. Each motion is given
+    as a line of parameters and the motion's unknowns y on this line.
     """
 
-    here: tuple[MotionsOnLine, Array]
-    beyond: tuple[MotionsOnLine, Array] | None
+    motion_at_graze: tuple[MotionsOnLine, Array]
+    continuing_motion: tuple[MotionsOnLine, Array] | None
 
 
 def find_graze_at_branch_end(line: MotionsOnLine, y: Array, tangent: Array) -> Graze | None:
@@ -51,12 +51,12 @@ def find_graze_at_branch_end(line: MotionsOnLine, y: Array, tangent: Array) -> G
         fewer = _merge_contacts(line, y, nearest)
     else:
         found = _motion_with_one_more_contact(line, y, tangent)
-        return None if found is None else Graze(_begin_with_sigma_plus(line, y), _begin_with_sigma_plus(*found))
-    here = _begin_with_sigma_plus(*fewer)
+        return None if found is None else Graze(_renumber_from_sigma_plus(line, y), _renumber_from_sigma_plus(*found))
+    here = _renumber_from_sigma_plus(*fewer)
     return Graze(here, _admissible_motion_near(*here))
 
 
-def _begin_with_sigma_plus(line: MotionsOnLine, y: Array) -> tuple[MotionsOnLine, Array]:
+def _renumber_from_sigma_plus(line: MotionsOnLine, y: Array) -> tuple[MotionsOnLine, Array]:
     """Return the line and the unknowns of the motion y, renumbered so that contact 0 is the first with Σ⁺, if any."""
     first = line.walls.index(1) if 1 in line.walls else 0
     itinerary = line.itinerary(y)
@@ -114,7 +114,7 @@ def _motion_with_one_more_contact(line: MotionsOnLine, y: Array, tangent: Array)
             None if there is None else first_failing_piece(line.itinerary(there[0]), line.full_unknowns(there[0])[:-1])
         )
         if failure is not None and failure.wall != 0:
-            more, guess, constraint = (_guess_with_split_contact if failure.contact else _guess_with_short_contact)(
+            more, guess, constraint = (_guess_with_split_contact if failure.is_contact else _guess_with_short_contact)(
                 line, y, failure
             )
             found = solve_on_curve(more.problem, guess, constraint)

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from rattle.continuation.arclength import ContinuationProblem, line_scale, root_between, solve_with_fixed_unknown
+from rattle.continuation.arclength import ContinuationProblem, find_root_between, line_scale, solve_with_fixed_unknown
 from rattle.flight.impact_law import ELASTIC
 from rattle.numerics.complex_step import Array
 from rattle.orbits.periodic_motions import equivalent_unknowns, solve_at_parameters
@@ -126,5 +126,5 @@ class MotionsOnLine:
             ends = [solve_with_fixed_unknown(self.problem, y, -1, y[-1] + side * reach) for side in (-1, 1)]
             a, b = ends
             if a is not None and b is not None and self.flip_residual(a) * self.flip_residual(b) < 0.0:
-                return root_between(self.problem, a, b, self.flip_residual)
+                return find_root_between(self.problem, a, b, self.flip_residual)
         return None

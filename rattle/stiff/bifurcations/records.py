@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rattle.continuation.arclength import root_between
+from rattle.continuation.arclength import find_root_between
 from rattle.continuation.conditions import EventKind
 from rattle.continuation.followed import FollowedBranch
 from rattle.flight.law import wrap_phase_difference
@@ -171,7 +171,7 @@ class StiffBranch(FollowedBranch):
         for k in range(len(self) - 1):
             if (at[k] < 0) != (at[k + 1] < 0):
                 a, b = (line.line_unknowns(x) for x in self.unknowns[k : k + 2])
-                y = root_between(line.problem, a, b, lambda y: line.full_unknowns(y)[index] - value)
+                y = find_root_between(line.problem, a, b, lambda y: line.full_unknowns(y)[index] - value)
                 if y is not None:
                     found.append((k, line.full_unknowns(y)))
         return found

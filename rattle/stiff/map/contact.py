@@ -43,7 +43,7 @@ class Contact(NamedTuple):
 
 
 @inline
-def responses(s, delta, kappa):
+def free_contact_responses(s, delta, kappa):
     """Return S, 1 − C and s − S at the time s without cancellation, also for negative damping.
 
     S and C are the depths that a unit velocity and a unit depth at s = 0 lead to, without a force.
@@ -108,7 +108,7 @@ def contact_responses(s, delta, kappa):
         lead to. x_c and x_s are the depths, v_c and v_s the velocities, that the forces cos 2πs and sin 2πs cause from
         rest at depth 0.
     """
-    sine, lost, defect = responses(s, delta, kappa)
+    sine, lost, defect = free_contact_responses(s, delta, kappa)
     omc, siny, forced_defect = versines(s)
     in_phase, behind, _size = compliance_terms(delta, kappa)
     p, q = lost - omc, TWO_PI * defect - forced_defect  # p = cos 2πs − C and q = sin 2πs − 2πS, without cancellation
@@ -120,7 +120,7 @@ def contact_responses(s, delta, kappa):
 
 @inline
 def contact_state(s, contact):
-    """Return depth x, velocity x' and force h of a contact at the time s, and the responses S, 1 − C (`responses`)."""
+    """Return depth x, velocity x' and force h of a contact at the time s, and S, 1 − C of `free_contact_responses`."""
     x0, w0, mean, a, b, delta, kappa = contact
     sine, lost, x_c, x_s, v_c, v_s, omc, siny = contact_responses(s, delta, kappa)
     stiffness = 2.0 * kappa
@@ -231,8 +231,9 @@ def find_contact_end(wall, tau, x0, w0, delta, epsilon, kappa, horizon):
     Returns
     -------
     tuple
-        (status; the time s; x and x' at s; S and 1 − C of `responses` at s, both 0 if the status is STAYS). Status:
-        ENDS; LASTS if the contact lasts to the horizon, STAYS if it never ends, TOO_LONG if no end was found.
+        (status; the time s; x and x' at s; S and 1 − C of `free_contact_responses` at s, both 0 if the status is
+        STAYS). Status: ENDS; LASTS if the contact lasts to the horizon, STAYS if it never ends, TOO_LONG if no end was
+        found.
     """
     sin0, cos0 = sine_cosine_at(tau)
     mean, a, b = force_fourier_coefficients(wall, sin0, cos0, delta, epsilon)

@@ -14,7 +14,7 @@ CANNOT_FOLLOW = (
 )
 
 
-def departure(
+def find_departure(
     delta: float, epsilon: float, beta: float, kappa: float, tau: float, position: float, velocity: float
 ) -> tuple[float, float]:
     """Return the first departure (τ, v) from Σ⁺ of a motion from any state: see `rattle.stiff.StiffGear.departure`."""

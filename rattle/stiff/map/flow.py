@@ -9,7 +9,7 @@ fixed times.
 
 import math
 
-from rattle.flight.first_impact import OK, SIGMA_MINUS, SIGMA_PLUS, first_impact, search_crossing
+from rattle.flight.first_impact import OK, SIGMA_MINUS, SIGMA_PLUS, find_first_crossing, first_impact
 from rattle.flight.forcing import DRIFT, contact_force, force_fourier_coefficients, force_integral, sine_cosine_at
 from rattle.flight.law import evaluate, flight_from_phase, fold_phase
 from rattle.numerics.compile import inline, kernel
@@ -60,7 +60,7 @@ def follow_flight(wall, tau, position, w, delta, epsilon, beta, horizon):
         status, s, target, w1, lost, _flight, _s1, _c1 = first_impact(wall, tau, w, delta, epsilon, beta, drift)
     else:
         lower, upper = min(-beta - position, 0.0), max(beta - position, 0.0)
-        status, target, s = search_crossing(tau, flight, lower, upper)
+        status, target, s = find_first_crossing(tau, flight, lower, upper)
         _f0, w1, _f2, lost, _s1, _c1 = evaluate(s, flight)
         w1 = target * max(target * w1, 0.0)
     if status == OK and s <= horizon:

@@ -9,7 +9,7 @@ from typing import NamedTuple
 from rattle.flight.first_impact import OK, SIGMA_PLUS
 from rattle.flight.forcing import mean_contact_force
 from rattle.flight.impact_law import log_determinant
-from rattle.intensity.visit import bounce, mean_force_at
+from rattle.intensity.visit import follow_to_next_departure, mean_contact_force_at_point
 from rattle.numerics.compile import implement_for_type, kernel
 from rattle.orbits import return_map
 from rattle.stiff.map.flow import follow_flight_and_contact, next_departure, pressing_force, previous_departure
@@ -89,11 +89,11 @@ def _inverse_step(tau, v, point):
     return previous_departure(tau, v, point.delta, point.epsilon, point.beta, point.kappa)
 
 
-@implement_for_type(mean_force_at, StiffPoint)
+@implement_for_type(mean_contact_force_at_point, StiffPoint)
 def _mean_force_at(point):
     return mean_contact_force(point.delta)
 
 
-@implement_for_type(bounce, StiffPoint)
+@implement_for_type(follow_to_next_departure, StiffPoint)
 def _bounce(wall, tau, w, point):
     return follow_flight_and_contact(wall, tau, w, point.delta, point.epsilon, point.beta, point.kappa)

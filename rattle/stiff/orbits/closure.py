@@ -27,7 +27,7 @@ from rattle.flight.forcing import (
 )
 from rattle.flight.law import LONGEST_DECAY, decay_remainder64, fold_phase, speed_unit
 from rattle.numerics.compile import inline, kernel
-from rattle.stiff.map.contact import ENDS, contact_responses, find_contact_end, responses
+from rattle.stiff.map.contact import ENDS, contact_responses, find_contact_end, free_contact_responses
 
 SAME_TIME = 1e-6  # largest error of a flight's duration, in forcing periods, and of a contact's, in units of πp
 LEAST_CONTACT = 1e-6  # duration of a contact, in units of 1/√(2κ), below which the contact counts as a graze
@@ -89,7 +89,7 @@ class ContactExit(NamedTuple):
 
 
 @inline
-def free_flight(t0, t1, gap, delta, epsilon):
+def flight_end_velocities(t0, t1, gap, delta, epsilon):
     """Return the velocities at both ends of the flight from t0 to t1 in which Φ grows by `gap`, with derivatives.
 
     Source: equations (3.1) and (3.2) of the paper.
@@ -178,7 +178,7 @@ def write_residuals(y, cycle, value, jacobian):
         after, t0, t1, gap = flight_after_contact(i, y, cycle)
         if not t1 > t0:
             return False
-        wall, ends = cycle.walls[i], free_flight(t0, t1, gap, delta, epsilon)
+        wall, ends = cycle.walls[i], flight_end_velocities(t0, t1, gap, delta, epsilon)
         value[c + i] -= wall * ends.w0
         jacobian[c + i, i] -= wall * ends.w0_t0
         jacobian[c + i, c + i] -= wall * p * ends.w0_t0
@@ -203,7 +203,7 @@ def write_residuals(y, cycle, value, jacobian):
 
 
 @kernel
-def trace_of_solution(y, cycle):
+def tangent_map_trace(y, cycle):
     """Return the trace of a motion's tangent map over its period.
 
     The map, in (Φ, Φ'), is the product of the exact tangent maps of flights and contacts.
@@ -218,7 +218,7 @@ def trace_of_solution(y, cycle):
     j00, j01, j10, j11 = 1.0, 0.0, 0.0, 1.0
     for i in range(c):
         _after, t0, t1, _gap = flight_after_contact(i, y, cycle)
-        sine, lost, _defect = responses(p * y[c + i], delta, kappa)
+        sine, lost, _defect = free_contact_responses(p * y[c + i], delta, kappa)
         kept = 1.0 - lost - delta * sine
         j00, j01, j10, j11 = (
             (1.0 - lost) * j00 + sine * j10,
@@ -250,7 +250,7 @@ def find_failing_piece(y, cycle):
         after, t0, t1, gap = flight_after_contact(i, y, cycle)
         if not t1 > t0:
             return i, False, 0, t0
-        ends = free_flight(t0, t1, gap, delta, epsilon)
+        ends = flight_end_velocities(t0, t1, gap, delta, epsilon)
         w0, wall, target = ends.w0, cycle.walls[i], cycle.walls[after]
         u, lasts = target * ends.w1, p * y[c + after]
         if not (wall * w0 < 0.0 < u):
@@ -277,7 +277,7 @@ def is_admissible(y, cycle):
 def time_at_sigma_minus(y, cycle):
     """Return the time at which the flight of a P(1,1,0) meets Σ⁻; NaN if the flight does not meet Σ⁻."""
     _after, t0, t1, gap = flight_after_contact(0, y, cycle)
-    w0 = free_flight(t0, t1, gap, cycle.delta, y[2]).w0
+    w0 = flight_end_velocities(t0, t1, gap, cycle.delta, y[2]).w0
     if not w0 < 0.0:
         return math.nan
     status, s, met, _w, _d, _f, _s, _c = first_impact(
@@ -290,4 +290,4 @@ def time_at_sigma_minus(y, cycle):
 def departure_after_first_contact(y, cycle):
     """Return the phase and speed with which a motion leaves Σ⁺ after its first contact."""
     _after, t0, t1, gap = flight_after_contact(0, y, cycle)
-    return fold_phase(t0), -free_flight(t0, t1, gap, cycle.delta, y[y.size - 1]).w0
+    return fold_phase(t0), -flight_end_velocities(t0, t1, gap, cycle.delta, y[y.size - 1]).w0

@@ -195,14 +195,14 @@ class StiffItinerary(Equations):
     softness: float
 
     @property
-    def contacts(self) -> int:
+    def n_contacts(self) -> int:
         """The number c of contacts per period of the motion."""
         return len(self.walls)
 
     @property
     def n(self) -> int:
         """The number 2c of unknown times and durations."""
-        return 2 * self.contacts
+        return 2 * self.n_contacts
 
     @cached_property
     def signs(self) -> Array:
@@ -264,4 +264,4 @@ class StiffItinerary(Equations):
 
     def residual_with_graze(self, x: NDArray, impact: int) -> NDArray:
         """Return (…, 2c + 1): the residuals of motions x, then σ of contact number `impact`, which is 0 at a graze."""
-        return np.concatenate([self.residual(x), x[..., self.contacts + impact, None]], axis=-1)
+        return np.concatenate([self.residual(x), x[..., self.n_contacts + impact, None]], axis=-1)

@@ -30,8 +30,8 @@ from rattle.stiff.orbits.closure import (
     departure_after_first_contact,
     is_admissible,
     softness,
+    tangent_map_trace,
     time_at_sigma_minus,
-    trace_of_solution,
 )
 from rattle.stiff.orbits.equations import StiffItinerary
 from rattle.stiff.orbits.family_continuation import (
@@ -94,7 +94,7 @@ class StiffFamily:
         for i, j in pairwise(edges):
             y = self.points[(i + j) // 2] if j > i + 1 else 0.5 * (self.points[i] + self.points[j])
             found.append(
-                trace_of_solution(y, self.cycle) > 1.0 + ELASTIC.determinant(self.cycle.delta, self.cycle.m, 1)
+                tangent_map_trace(y, self.cycle) > 1.0 + ELASTIC.determinant(self.cycle.delta, self.cycle.m, 1)
             )
         return found
 
@@ -246,7 +246,9 @@ def families_without_letter(cycle: ContactCycle, span: float) -> list[StiffFamil
     for guess in explicit_solutions(cycle, np.zeros((duration.size, 1)), duration[:, None]):
         if not (is_admissible(guess, cycle) and reason_out_of_range(guess, cycle, span)[0] < 0):
             continue
-        if correct_in_hyperplane(guess, np.array([0.0, 1.0, 0.0]), cycle) and not is_on_family(guess, (*known, *found)):
+        if correct_in_hyperplane(guess, np.array([0.0, 1.0, 0.0]), cycle) and not is_on_any_family(
+            guess, (*known, *found)
+        ):
             family = follow_family_through(guess, cycle, span)
             # A family that breaks off is left out. Families break off where contact lasts almost a period, because the
             # equations are almost singular there.
@@ -263,7 +265,7 @@ def families_on_both_walls(cycle: ContactCycle, span: float, plus: Sequence[Stif
         if (
             correct_in_hyperplane(y, constraint, cycle)
             and reason_out_of_range(y, cycle, span)[0] < 0
-            and not is_on_family(y, found)
+            and not is_on_any_family(y, found)
         ):
             found.append(follow_family_through(y, cycle, span))
     return [replace(family, letters=_letters_of_parts(family, plus)) for family in found]
@@ -352,13 +354,13 @@ def _letter_of_continuation(family: StiffFamily, end: int, plus: Sequence[StiffF
     return ""
 
 
-def is_on_family(y: Array, families: Sequence[StiffFamily]) -> bool:
+def is_on_any_family(y: Array, families: Sequence[StiffFamily]) -> bool:
     """Return whether a solution lies on one of these families."""
     return any(index_on_family(family.points, y, family.cycle) >= 0 for family in families)
 
 
 @lru_cache(maxsize=256)
-def families(delta: float, beta: float, kappa: float, span: float) -> tuple[StiffFamily, ...]:
+def families_of_a_to_d(delta: float, beta: float, kappa: float, span: float) -> tuple[StiffFamily, ...]:
     """Return the families that contain the counterparts of A to D, for ε from 0 to `span`.
 
     Returns
@@ -394,5 +396,5 @@ def find_family_members(delta: float, epsilon: float, beta: float, kappa: float)
         If the continuation of a family fails, or a motion at this point cannot be computed.
     """
     span = highest_followed_epsilon(delta, epsilon)
-    found = [member for family in families(delta, beta, kappa, span) for member in family.motions_at(epsilon)]
+    found = [member for family in families_of_a_to_d(delta, beta, kappa, span) for member in family.motions_at(epsilon)]
     return sorted(found, key=lambda member: (member.name, member.y.size, float(member.y[0] - member.y[1])))

@@ -11,13 +11,13 @@ from numpy.typing import ArrayLike, NDArray
 from rattle.continuation.arclength import plane_scale
 from rattle.errors import RattleError, broadcast_parameters, require_number
 from rattle.flight.impact_law import ELASTIC
-from rattle.orbits.orbits_a_to_d import NAMES, PeriodOne, classify_regions, multipliers_of
+from rattle.orbits.orbits_a_to_d import NAMES, PeriodOne, classify_regions, multipliers_from_trace
 from rattle.stiff.orbits.closure import (
     ContactCycle,
     departure_after_first_contact,
     is_admissible,
     softness,
-    trace_of_solution,
+    tangent_map_trace,
 )
 from rattle.stiff.orbits.equations import StiffItinerary
 from rattle.stiff.orbits.families import (
@@ -95,10 +95,10 @@ def period_one(delta: ArrayLike, epsilon: ArrayLike, beta: ArrayLike, kappa: Arr
             if not exists[letter, i]:
                 exists[letter, i] = True
                 tau[letter, i], v[letter, i] = departure_after_first_contact(member.y, member.cycle)
-                trace[letter, i] = trace_of_solution(member.y, member.cycle)
+                trace[letter, i] = tangent_map_trace(member.y, member.cycle)
     decay = ELASTIC.determinant(cells[:, 0], 1, 1)
     with np.errstate(invalid="ignore"):
-        multipliers = np.moveaxis(multipliers_of(trace, decay), 0, 1)
+        multipliers = np.moveaxis(multipliers_from_trace(trace, decay), 0, 1)
         stable = exists & (np.abs(trace) < 1 + decay)
     multipliers[~exists[:, None].repeat(2, axis=1)] = complex(np.nan, np.nan)
     return PeriodOne(*(x.reshape(*x.shape[:-1], *shape) for x in (exists, stable, tau, v, multipliers)))

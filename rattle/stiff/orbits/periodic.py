@@ -20,7 +20,7 @@ from rattle.flight import law
 from rattle.impacting.orbits.periodic import PeriodicOrbit
 from rattle.numerics.complex_step import Array
 from rattle.orbits.orbits_a_to_d import Orbit
-from rattle.orbits.periodic_motions import MOST_IMPACTS, PeriodicMotion, solve_at_parameters, with_shortest_period
+from rattle.orbits.periodic_motions import MOST_IMPACTS, PeriodicMotion, shorten_to_least_period, solve_at_parameters
 from rattle.stiff.map.flow import OK, QUIET, follow_piece, is_contact_over
 from rattle.stiff.map.return_map import StiffPoint
 from rattle.stiff.orbits import closure
@@ -71,18 +71,18 @@ class StiffOrbit(PeriodicMotion):
 
 def trace_of_tangent_map(itinerary: StiffItinerary, x: Array) -> float:
     """Return the trace of the tangent map, in (Φ, Φ'), over the period of the motion with unknowns x (2c + 2,)."""
-    return float(closure.trace_of_solution(np.delete(x, -2), _contact_cycle_of(itinerary, x)))
+    return float(closure.tangent_map_trace(np.delete(x, -2), _contact_cycle_of(itinerary, x)))
 
 
 class FailingPiece(NamedTuple):
     """A flight or contact that does not end at the wall and time that the equations of a motion assume.
 
-    piece: the number of the flight or contact. contact: whether it is a contact. wall, time: the wall and the time at
-    which the flight or contact ends instead; wall is 0 if the flight or contact cannot begin or has no end.
+    piece: the number of the flight or contact. is_contact: whether it is a contact. wall, time: the wall and the time
+    at which the flight or contact ends instead; wall is 0 if the flight or contact cannot begin or has no end.
     """
 
     piece: int
-    contact: bool
+    is_contact: bool
     wall: int
     time: float
 
@@ -119,7 +119,7 @@ def orbit_of(itinerary: StiffItinerary, x: Array) -> StiffOrbit:
         The orbit. Its times are those of x, shifted by a whole number of forcing periods so that the first contact
         begins at a time in [0, 1).
     """
-    c, p = itinerary.contacts, itinerary.softness
+    c, p = itinerary.n_contacts, itinerary.softness
     speeds = -itinerary.signs * itinerary.flights(x, np.array([p])).w0
     more: dict[str, Any] = {"kappa": 0.5 / p**2, "durations": p * x[c : 2 * c]}
     return StiffOrbit.from_solution(
@@ -156,7 +156,7 @@ def continue_from_limit(orbit: PeriodicOrbit, kappa: float) -> StiffOrbit:
     start = np.concatenate([orbit.times, np.full(orbit.times.size, np.pi), [0.0]])
     path = follow_from_rigid_limit(ContinuationProblem(equations), start, np.eye(n + 1)[n], (0.0, end), lambda _: True)
     last = path.points[-1]
-    if path.outside is None or abs(last[-1] - end) > 1e-12 * end:
+    if path.first_point_outside is None or abs(last[-1] - end) > 1e-12 * end:
         largest = float(max(path.points[:, -1]))
         # `largest` is 0 if the first step from κ = ∞ failed
         where = f"at kappa = {0.5 / largest**2:g}: give a larger kappa" if largest else "at once: give another motion"
@@ -289,4 +289,4 @@ def stiff_orbit(
             f"no periodic motion with {n_plus} contacts with Σ⁺ near tau = {tau}, v = {v}: give tau and v closer to a "
             "periodic motion"
         )
-    return orbit_of(*with_shortest_period(itinerary, found))
+    return orbit_of(*shorten_to_least_period(itinerary, found))

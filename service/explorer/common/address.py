@@ -11,7 +11,7 @@ from urllib.parse import urlencode
 
 from gear_rattle.service.explorer.common.address_fields import (
     address_field,
-    field_texts,
+    address_field_texts,
     pair_text,
     parse_address_fields,
     parse_pair,
@@ -125,7 +125,7 @@ class Pin(NamedTuple):
         return f"δ {self.delta:.4g}, ε {self.epsilon:.4g}"
 
 
-def pin_of(delta: float, epsilon: float, model: Model) -> Pin:
+def create_pin(delta: float, epsilon: float, model: Model) -> Pin:
     """Return the pin of a parameter point (δ, ε) of a model."""
     added = tuple((each.name, model.numbers[each.name]) for each in model.added)
     return Pin(delta, epsilon, model.beta, added, model.parameters_at(delta, epsilon).harmonics)
@@ -149,7 +149,7 @@ class MapChoice:
         return f"{self.variable},{self.index}"
 
     @classmethod
-    def read(cls, text: str) -> MapChoice:
+    def parse(cls, text: str) -> MapChoice:
         """Return the map that a text in an address names. Raises ValueError if the text is not valid."""
         variable, _, index = text.partition(",")
         return cls(_parse_name(variable), _parse_index(index or "0"))
@@ -175,7 +175,7 @@ class ComparisonChoice:
         return ",".join(parts).rstrip(",")
 
     @classmethod
-    def read(cls, text: str) -> ComparisonChoice:
+    def parse(cls, text: str) -> ComparisonChoice:
         """Return the comparison map that a text in an address names. Raises ValueError if the text is not valid."""
         survey, variable, index, number, *minus = text.split(",")
         return cls(
@@ -345,7 +345,7 @@ class View:
     machine: EnteredMachine | None = address_field(None, _parse_machine, address_text)
     share: float = address_field(USUAL_SHARE, _parse_share, repr)
     further: tuple[ComparisonChoice, ...] = ()
-    profile: MapChoice | None = address_field(None, MapChoice.read, address_text)
+    profile: MapChoice | None = address_field(None, MapChoice.parse, address_text)
     profile_limits: Pair | None = address_field(None, _parse_window, pair_text)
     theme: str = address_field("", partial(require_allowed_text, THEMES))
     point_state: PointTabsState = field(default_factory=PointTabsState)
@@ -392,18 +392,18 @@ class View:
                 for name, text in texts.items()
                 if name.startswith(POINT_STATE_PREFIX)
             }
-            found["point_state"] = PointTabsState.read(state)
+            found["point_state"] = PointTabsState.parse(state)
         else:
             found.pop("machine", None)
-        others = (parse_text_or_default(texts, name, ComparisonChoice.read, None) for name in FURTHER)
+        others = (parse_text_or_default(texts, name, ComparisonChoice.parse, None) for name in FURTHER)
         further = tuple(each for each in others if each is not None)
         return cls(**found, further=further, is_variable_chosen="variable" in found)
 
     def query(self) -> str:
         """Return the query that describes this view, with a leading "?"; "" if all fields have their defaults."""
-        texts = field_texts(self) | dict(zip(FURTHER, map(address_text, self.further), strict=False))
+        texts = address_field_texts(self) | dict(zip(FURTHER, map(address_text, self.further), strict=False))
         if self.point is None:
             texts.pop("machine", None)
         else:
-            texts |= {POINT_STATE_PREFIX + name: text for name, text in self.point_state.text().items()}
+            texts |= {POINT_STATE_PREFIX + name: text for name, text in self.point_state.address_texts().items()}
         return "?" + urlencode(texts, safe=",;") if texts else ""

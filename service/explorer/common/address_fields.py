@@ -47,7 +47,7 @@ def parse_address_fields(cls: Any, texts: Mapping[str, str]) -> dict[str, Any]:
     return {each.name: value for each, value in values if value != each.default}
 
 
-def field_texts(instance: Any) -> dict[str, str]:
+def address_field_texts(instance: Any) -> dict[str, str]:
     """Return {name: text} of the address fields of a dataclass instance, without fields that have their defaults."""
     values = ((each, getattr(instance, each.name)) for each in fields(instance) if "text" in each.metadata)
     return {each.name: each.metadata["text"](value) for each, value in values if value != each.default}

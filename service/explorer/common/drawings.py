@@ -77,4 +77,4 @@ class DrawingRunner:
                 await asyncio.sleep(self._pause)
 
     def _show_unless_outdated(self, identity: Hashable, show: Show) -> None:
-        self._viewer.change(lambda: show() if self._wanted[:1] == (identity,) else None)
+        self._viewer.schedule_document_change(lambda: show() if self._wanted[:1] == (identity,) else None)

@@ -69,7 +69,7 @@ def share_filter_and_selection(renderers: Sequence[Any]) -> None:
         renderer.data_source.selection_policy = policy
 
 
-def clear(source: ColumnDataSource) -> None:
+def remove_rows(source: ColumnDataSource) -> None:
     """Remove all rows of a source, if it has any."""
     if any(len(column) for column in source.data.values()):
         source.data = {name: [] for name in source.data}
@@ -93,13 +93,13 @@ def transparent_colour_mapper() -> Any:
     return LinearColorMapper(palette=[TRANSPARENT], low=0, high=1, nan_color=TRANSPARENT)
 
 
-def veil_renderer(source: ColumnDataSource, paper: str) -> Any:
+def create_veil_renderer(source: ColumnDataSource, paper: str) -> Any:
     """Return an image renderer that covers pixels of value 1 with the translucent background colour `paper`."""
     mapper = LinearColorMapper(palette=[TRANSPARENT, paper + VEIL], low=-0.5, high=1.5, nan_color=TRANSPARENT)
     return create_image_renderer(source, mapper, name="veil")
 
 
-def colour_scales(values: ColumnDataSource, fine: ColumnDataSource, **bar: Any) -> dict[bool, ScaleRenderers]:
+def create_colour_scales(values: ColumnDataSource, fine: ColumnDataSource, **bar: Any) -> dict[bool, ScaleRenderers]:
     """Return the linear and the logarithmic colour scale of a map.
 
     values: source of the survey's cells. fine: source of finer cells of a window. bar: properties of the colour bars.
@@ -155,7 +155,7 @@ def place_arrows_at_bar_ends(marks: Sequence[Any], bar: Any, is_below: bool) -> 
         mark.update(x=x, y=y, text=ENDS[edge][0], text_baseline=ENDS[edge][1])
 
 
-def line_renderers(source: ColumnDataSource, name: str) -> list[Any]:
+def create_line_renderers(source: ColumnDataSource, name: str) -> list[Any]:
     """Return the renderers of a named line: a white edge, and over it the line in its own style."""
     colour, dash = line_style_of(name)
     dashes = " ".join(str(round(each)) for each in dash) or "solid"
@@ -164,7 +164,7 @@ def line_renderers(source: ColumnDataSource, name: str) -> list[Any]:
     return [_create_glyph_renderer(source, halo), _create_glyph_renderer(source, own, name=name)]
 
 
-def point_renderers(source: ColumnDataSource) -> list[Any]:
+def create_point_renderers(source: ColumnDataSource) -> list[Any]:
     """Return the renderers of marked points, of their names, and of leader lines to names away from their points."""
     marks = Scatter(x="x", y="y", marker="marker", size=9, fill_color="white", line_color="black")
     leaders = [
@@ -191,7 +191,7 @@ def create_name_renderer(source: ColumnDataSource) -> Any:
     return _create_glyph_renderer(source, glyph, name="names")
 
 
-def band_renderer(source: ColumnDataSource) -> Any:
+def create_band_renderer(source: ColumnDataSource) -> Any:
     """Return the renderer of the area between the lower and the upper ends of the design limit's intervals."""
     area = VArea(x="x", y1="low", y2="high", fill_color=OWN_STYLES[LIMIT][0], fill_alpha=OPACITY)
     return _create_glyph_renderer(source, area, name=BAND_NAME)
@@ -216,7 +216,7 @@ def ring_renderers(source: ColumnDataSource) -> list[Any]:
     return _edged_markers(source, "circle", (17, "white", 5), (17, "black", 2))
 
 
-def pin_renderers(source: ColumnDataSource) -> list[Any]:
+def create_pin_renderers(source: ColumnDataSource) -> list[Any]:
     """Return the renderers of pins: each is a number in a disc."""
     disc = Scatter(x="x", y="y", marker="circle", size=20, fill_color="white", line_color="black", line_width=1.5)
     number = Text(

@@ -54,7 +54,7 @@ class StatusPublisher:
         self._past: dict[str, list[tuple[float, int]]] = {}  # (time, cells done) of each running survey, by its id
 
     @asynccontextmanager
-    async def running(self) -> AsyncIterator[None]:
+    async def publish_status(self) -> AsyncIterator[None]:
         """Publish status inside this context, which lasts as long as the application runs."""
         loop = asyncio.get_running_loop()
 

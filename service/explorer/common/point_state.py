@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 from gear_rattle.service.explorer.common.address_fields import (
     address_field,
-    field_texts,
+    address_field_texts,
     pair_text,
     parse_address_fields,
     parse_pair,
@@ -119,11 +119,11 @@ class PointTabsState:
         return self if self.start is None or self.start[1] <= v_max else replace(self, start=None)
 
     def with_changes(self, **fields: Any) -> PointTabsState:
-        """Return the state with other values of some fields. A value that `read` would refuse becomes the default."""
-        return PointTabsState.read(replace(self, **fields).text())
+        """Return the state with other values of some fields. A value that `parse` would refuse becomes the default."""
+        return PointTabsState.parse(replace(self, **fields).address_texts())
 
     @classmethod
-    def read(cls, texts: Mapping[str, str]) -> PointTabsState:
+    def parse(cls, texts: Mapping[str, str]) -> PointTabsState:
         """Return the state that texts in an address describe.
 
         texts: {name of a field: its text}; the initial condition `start` has the names "tau" and "v".
@@ -141,9 +141,9 @@ class PointTabsState:
             found.pop("attractor", None)
         return cls(**found, start=start)
 
-    def text(self) -> dict[str, str]:
-        """Return {name: text}, the texts from which `read` makes this state; a field with its default has no text."""
-        texts = field_texts(self)
+    def address_texts(self) -> dict[str, str]:
+        """Return {name: text}, the texts from which `parse` makes this state; a field with its default has no text."""
+        texts = address_field_texts(self)
         if self.start is not None:
             texts.pop("attractor", None)
             texts |= {"tau": repr(self.start[0]), "v": repr(self.start[1])}

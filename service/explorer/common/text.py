@@ -53,7 +53,7 @@ class MapHeading(TextPane):
         super().__init__("", sheet)
         self._shown = self._progress = ""
 
-    def show(self, description: str) -> None:
+    def show_description(self, description: str) -> None:
         """Write the description of the shown map, in HTML."""
         self._shown = description
         self._write_line()

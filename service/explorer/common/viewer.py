@@ -40,7 +40,7 @@ class PageSession:
         self._tasks: set[asyncio.Task[Any]] = set()
         self._threads = asyncio.Semaphore(THREADS)
         # function that shows a message to the viewer; until the page replaces it, messages go to the log
-        self.tell: Callable[[str], None] = log.warning
+        self.show_message: Callable[[str], None] = log.warning
         self.ended = False
 
     def require_scope(self, scope: Scope) -> Caller:
@@ -129,14 +129,16 @@ class PageSession:
         try:
             await work
         except RattleError as error:
-            self.tell(str(error))
+            self.show_message(str(error))
         except asyncio.CancelledError:
             raise
         except Exception:
             log.exception("a page of the explorer failed")
-            self.tell("A part of this page could not be shown because of an error of the service, which is in its log.")
+            self.show_message(
+                "A part of this page could not be shown because of an error of the service, which is in its log."
+            )
 
-    def change(self, act: Callable[[], object]) -> None:
+    def schedule_document_change(self, act: Callable[[], object]) -> None:
         """Schedule a call of `act`, which changes the document, at a time without another change of the document.
 
         Nothing is scheduled after the page was closed.

@@ -60,8 +60,9 @@ class MapAxes:
         scales = {"rpm": 1.0, "eccentricity": 1.0}
         if machine is not None:
             scales = {
-                "rpm": machine.rpm(1.0),
-                "eccentricity": NUMBERS["eccentricity"].per * machine.eccentricity(1.0),
+                "rpm": machine.speed_at_damping(1.0),
+                "eccentricity": NUMBERS["eccentricity"].field_units_per_library_unit
+                * machine.eccentricity_in_metres(1.0),
             }
         for name, axis in self._machine.items():
             arguments: Any = {"scale": float(scales[name]), "inverse": name == "rpm"}

@@ -65,7 +65,7 @@ class MotionExtent(NamedTuple):
     windows: int = 0
 
 
-def followed_range(gear: AnyGear, map_range: Pair | None) -> Pair:
+def epsilon_search_range(gear: AnyGear, map_range: Pair | None) -> Pair:
     """Return the range of ε in which motions are followed.
 
     The range begins at 0 and ends at the largest of three eccentricities: the upper end of `map_range`, twice the quiet

@@ -20,17 +20,17 @@ DIGITS = 12  # significant digits of a number that is converted from SI units
 class NumberField(NamedTuple):
     """One of the numbers that describe a machine, such as its backlash, and the field in which it is entered.
 
-    name, unit: the label of the field. per: factor from the library's unit (SI, but rpm for speed) to `unit`, such as
-    1e6 from m to µm. first: the initial value of the field; None if the field may be empty. is_count: True for a count,
-    such as the number of teeth. about: the tooltip, "" for none.
+    name, unit: the label of the field. field_units_per_library_unit: factor from the library's unit (SI, but rpm for
+    speed) to `unit`, such as 1e6 from m to µm. initial_value: the initial value of the field; None if the field may be
+    empty. is_count: True for a count, such as the number of teeth. tooltip: the tooltip, "" for none.
     """
 
     name: str
     unit: str
-    per: float
-    first: float | None
+    field_units_per_library_unit: float
+    initial_value: float | None
     is_count: bool = False
-    about: str = ""
+    tooltip: str = ""
 
     @property
     def label(self) -> str:
@@ -39,13 +39,13 @@ class NumberField(NamedTuple):
 
     def to_field_unit(self, value: float) -> float:
         """Return a number in the unit of the field. value: the number in the library's unit (SI, but rpm for speed)."""
-        return float(f"{value * self.per:.{DIGITS}g}")
+        return float(f"{value * self.field_units_per_library_unit:.{DIGITS}g}")
 
     def to_library_unit(self, value: float | None) -> float | None:
         """Return an entered value in the library's unit (SI, but rpm for speed); 100 µm become exactly 100e-6 m."""
         if value is None:
             return None
-        return int(value) if self.is_count and float(value).is_integer() else value / self.per
+        return int(value) if self.is_count and float(value).is_integer() else value / self.field_units_per_library_unit
 
 
 LIKE_FIRST = "A number of the second gear. If the field is empty, the number of the first gear is used."
@@ -64,10 +64,10 @@ NUMBERS = {
     "mesh_error_3": NumberField("Mesh error, order 3", "µm", 1e6, None),
     "teeth": NumberField("Teeth", "", 1.0, None, True, "Number of teeth of the first gear; it gives the ratio."),
     "driven_teeth": NumberField("Teeth 2", "", 1.0, None, True, LIKE_FIRST),
-    "driven_inertia": NumberField("Inertia 2", "kg m²", 1.0, None, about=LIKE_FIRST),
-    "driven_drag": NumberField("Drag 2", "N m s/rad", 1.0, None, about=LIKE_FIRST),
-    "driven_radius": NumberField("Base radius 2", "mm", 1e3, None, about=LIKE_FIRST),
-    "driven_eccentricity": NumberField("Eccentricity 2", "µm", 1e6, None, about=LIKE_FIRST),
+    "driven_inertia": NumberField("Inertia 2", "kg m²", 1.0, None, tooltip=LIKE_FIRST),
+    "driven_drag": NumberField("Drag 2", "N m s/rad", 1.0, None, tooltip=LIKE_FIRST),
+    "driven_radius": NumberField("Base radius 2", "mm", 1e3, None, tooltip=LIKE_FIRST),
+    "driven_eccentricity": NumberField("Eccentricity 2", "µm", 1e6, None, tooltip=LIKE_FIRST),
 }
 ABOUT = (
     "<p class=faint>Inertia, drag and base radius are numbers of the first gear. A field with a 2 is for the second "
@@ -101,8 +101,11 @@ def speed_and_eccentricity_ranges(machine: SurveyedMachine, delta: Pair, epsilon
         Range of the speed under "rpm", range of the eccentricity in m under "eccentricity".
     """
     return {
-        "rpm": (float(machine.rpm(delta[1])), float(machine.rpm(delta[0]))),
-        "eccentricity": (float(machine.eccentricity(epsilon[0])), float(machine.eccentricity(epsilon[1]))),
+        "rpm": (float(machine.speed_at_damping(delta[1])), float(machine.speed_at_damping(delta[0]))),
+        "eccentricity": (
+            float(machine.eccentricity_in_metres(epsilon[0])),
+            float(machine.eccentricity_in_metres(epsilon[1])),
+        ),
     }
 
 
@@ -110,11 +113,11 @@ def machine_at(machine: SurveyedMachine | None, model: Model, delta: float, epsi
     """Return a survey's machine at a point; None for a survey without a machine, or if no machine is possible there."""
     if machine is None:
         return None
-    eccentricity = float(machine.eccentricity(epsilon))
+    eccentricity = float(machine.eccentricity_in_metres(epsilon))
     shape = model.parameters_at(delta, epsilon).harmonics
     errors = tuple((order, size * eccentricity, phase) for order, size, phase in shape)
     try:
-        found = machine.machine_at_speed(float(machine.rpm(delta)), eccentricity)
+        found = machine.machine_at_speed(float(machine.speed_at_damping(delta)), eccentricity)
         return replace(found, restitution=model.numbers.get("restitution"), errors=errors)
     except RattleError:
         return None
@@ -152,14 +155,14 @@ class MachineFields:
         style: dict[str, Any] = {"sizing_mode": "stretch_width", "margin": (3, 4), "stylesheets": [sheet]}
         self._numbers = {
             name: pn.widgets.FloatInput(
-                label=each.label, value=each.first, start=0.0, description=each.about or None, **style
+                label=each.label, value=each.initial_value, start=0.0, description=each.tooltip or None, **style
             )
             for name in names
             for each in (NUMBERS[name],)
         }
         options = {"by a constant torque": "torque", "at an imposed speed": "speed"}
         self._drive = pn.widgets.Select(label="Driven", options=options, value=next(iter(DRIVES)), **style)
-        needed = [self._numbers[name] for name in self._numbers if NUMBERS[name].first is not None]
+        needed = [self._numbers[name] for name in self._numbers if NUMBERS[name].initial_value is not None]
         about = pn.pane.HTML(ABOUT, stylesheets=[sheet], margin=(0, 4))
         self.needed = _arrange_in_rows_of_two([*needed, self._drive])
         self.optional = _arrange_in_rows_of_two([each for each in self._numbers.values() if each not in needed], about)
@@ -168,11 +171,11 @@ class MachineFields:
     def entered_numbers(self) -> dict[str, Any]:
         """Return the entered numbers, as `rattle.Machine` and requests take them; empty optional fields are omitted."""
         numbers = {name: NUMBERS[name].to_library_unit(widget.value) for name, widget in self._numbers.items()}
-        needed = {name for name in numbers if NUMBERS[name].first is not None}
+        needed = {name for name in numbers if NUMBERS[name].initial_value is not None}
         given = {name: value for name, value in numbers.items() if name in needed or value is not None}
         return given | {"drive": self._drive.value}
 
-    def show(self, machine: Mapping[str, Any]) -> None:
+    def fill_from_machine(self, machine: Mapping[str, Any]) -> None:
         """Fill the fields for a machine. machine: its numbers by name, in the library's units, and its "drive"."""
         for name, widget in self._numbers.items():
             value = machine.get(name)

@@ -54,7 +54,10 @@ class ToleranceFields:
         else:
             speed, eccentricity = NUMBERS["rpm"], NUMBERS["eccentricity"]
             first.label, second.label = f"σ of {speed.label.lower()}", f"σ of {eccentricity.label.lower()}"
-            self._per, means = (speed.per, eccentricity.per), (machine.rpm, machine.eccentricity)
+            self._per, means = (
+                (speed.field_units_per_library_unit, eccentricity.field_units_per_library_unit),
+                (machine.rpm, machine.eccentricity),
+            )
         given = widths or PointTolerances(DEFAULT_DEVIATION * means[0], DEFAULT_DEVIATION * means[1], USUAL_SHARE)
         for widget, value, per in zip((first, second), given, self._per, strict=False):
             widget.value = float(f"{value * per:.{3 if widths is None else 12}g}")

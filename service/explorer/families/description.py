@@ -73,7 +73,7 @@ class StoredFamilies(NamedTuple):
     table: xr.Dataset
 
 
-def stored_families(place: Path | StoreInBucket, request: SurveyRequest, number: int) -> StoredFamilies:
+def open_stored_families(place: Path | StoreInBucket, request: SurveyRequest, number: int) -> StoredFamilies:
     """Open a survey and its table of families in a store. This function blocks: use a thread.
 
     Parameters
@@ -113,7 +113,7 @@ def names_of_first_families(found: StoredFamilies) -> list[str]:
         return family_names(*found, MOST_LISTED)
 
 
-def family_description(found: StoredFamilies, plane: MapPlane, number: int) -> FamilyDescription:
+def describe_family(found: StoredFamilies, plane: MapPlane, number: int) -> FamilyDescription:
     """Return the description of the family `number`, which must exist. plane: the map of the family's basin fraction.
 
     This function blocks: use a thread.

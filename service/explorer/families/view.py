@@ -20,11 +20,11 @@ from gear_rattle.service.explorer.common.watch import WidgetWatcher, call_on_pre
 from gear_rattle.service.explorer.families.description import (
     FamilyDescription,
     FamilyExtent,
-    family_description,
+    describe_family,
     family_in_words,
     names_of_first_families,
+    open_stored_families,
     require_family,
-    stored_families,
 )
 from gear_rattle.service.explorer.map.figure import MapFigure
 from gear_rattle.service.explorer.map.planes import MapBlock, MapPlane
@@ -45,13 +45,13 @@ class FamilyData(NamedTuple):
 
     names: the names of the MOST_LISTED families with the most cells. family, plane: the description of the chosen
     family, and the map of its basin fraction; None if no family is chosen, or if the survey has no family of the chosen
-    number. why: a message for the viewer if the survey has no family of the chosen number, else "".
+    number. message: a message for the viewer if the survey has no family of the chosen number, else "".
     """
 
     names: list[str]
     family: FamilyDescription | None = None
     plane: MapPlane | None = None
-    why: str = ""
+    message: str = ""
 
 
 class FamiliesView:
@@ -125,16 +125,16 @@ class FamiliesView:
         place = self._shared.front.directory.store(job.id)
         if not place.exists():
             raise MissingPartError(NO_NUMBERS)
-        found = stored_families(place, SurveyRequest.model_validate(job.request), view.slice)
+        found = open_stored_families(place, SurveyRequest.model_validate(job.request), view.slice)
         names = names_of_first_families(found)
         if view.family is None:
             return FamilyData(names)
         try:
             require_family(found, view.family)
         except SurveyError as error:
-            return FamilyData(names, why=str(error))
+            return FamilyData(names, message=str(error))
         plane = self._shared.plane(job, SHARE, view.family, view.slice)
-        return FamilyData(names, family_description(found, plane, view.family), plane)
+        return FamilyData(names, describe_family(found, plane, view.family), plane)
 
     def _show_family(self, number: int | None, known: FamilyData, seen: MapBlock | None) -> None:
         options = {name: str(i) for i, name in enumerate(known.names)}
@@ -142,7 +142,7 @@ class FamiliesView:
         if known.family is None or seen is None:
             self._set_options(options, None)
             self._clear_description()
-            self._show_message(known.why)
+            self._show_message(known.message)
             return
         # the chosen family is added, because the list has only the first MOST_LISTED families
         self._set_options(options | {known.family.name: str(number)}, number)

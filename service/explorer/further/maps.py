@@ -63,7 +63,7 @@ class ComparisonMaps:
         """Add or remove comparison maps until they are those of the view, and let each show its survey and variable."""
         view = self._store.view
         self.add_button.visible = not view.is_example_shown and len(view.further) < MOST_FURTHER
-        if not self._store.has_surveys:
+        if not self._store.is_list_loaded:
             return
         while len(self.maps) > len(view.further):
             self.maps.pop().end()

@@ -23,10 +23,10 @@ from gear_rattle.service.explorer.common.text import MapHeading, TextPane
 from gear_rattle.service.explorer.common.viewer import PageSession
 from gear_rattle.service.explorer.common.watch import WidgetWatcher, call_on_press
 from gear_rattle.service.explorer.further.difference import DifferenceMap, require_small_survey
-from gear_rattle.service.explorer.map.colouring import Colouring, LegendColour, colouring
+from gear_rattle.service.explorer.map.colouring import Colouring, LegendColour, compute_colouring
 from gear_rattle.service.explorer.map.figure import MapFigure
 from gear_rattle.service.explorer.map.overlays import LINES_OF_ALL_WINDOWS, MapLines
-from gear_rattle.service.explorer.map.picture import drawn_settings, picture_links, picture_query
+from gear_rattle.service.explorer.map.picture import picture_links, picture_query, settings_of_drawn_map
 from gear_rattle.service.explorer.map.planes import MapBlock, MapPlane, options_of_map_menu
 from gear_rattle.service.explorer.map.readout import cell_in_words
 from gear_rattle.service.explorer.map.shared import SharedState
@@ -103,7 +103,7 @@ class ComparisonMap(SurveyMap):
 
     def _on_chosen(self) -> None:
         survey, _, number = str(self.survey.value).partition(",")
-        chosen = MapChoice.read(str(self.variable.value))
+        chosen = MapChoice.parse(str(self.variable.value))
         choice = ComparisonChoice(survey, chosen.variable, chosen.index, int(number), bool(self.minus.value))
         self._store.dispatch(ComparisonMapChanged(self._index, choice))
 
@@ -120,14 +120,14 @@ class ComparisonMap(SurveyMap):
             else:
                 plane = self._shared.plane(job, choice.variable, choice.index, choice.slice)
             block = plane.block(room=self.figure.pixels)
-            return plane, block, colouring(plane, block, "auto", False, self.figure.pixels)
+            return plane, block, compute_colouring(plane, block, "auto", False, self.figure.pixels)
 
         plane, block, colours = await self._viewer.run_in_thread(read)
 
         def show() -> None:
             self._drawn_choice = choice
             self.figure.show_axes_of(plane.request.machine)
-            self.title.show(escape(_title_of(plane, colours, job, first, request_of_job(job))))
+            self.title.show_description(escape(_title_of(plane, colours, job, first, request_of_job(job))))
             self._window = self._store.window
             self.figure.show_window(self._window)
             is_computed = not isinstance(plane, DifferenceMap)
@@ -154,7 +154,7 @@ class ComparisonMap(SurveyMap):
         if self._window != window:
             self._window = window
             self.figure.show_window(window)
-            self.refine()
+            self.draw_visible_window()
         self.figure.mark_pins(points_by_pin_number(view.pins, model))
         self.links.html = self._picture_links(plane, view)
         lines = view.lines if self._drawn_choice is None else view.lines_on_map(self._drawn_choice.variable)
@@ -173,7 +173,7 @@ class ComparisonMap(SurveyMap):
         choice, colours = self._drawn_choice, self.colours
         if choice is None or colours is None or isinstance(plane, DifferenceMap):
             return ""
-        seen = drawn_settings(colours, self.figure.pixels if first.window else None)
+        seen = settings_of_drawn_map(colours, self.figure.pixels if first.window else None)
         shown = replace(
             first, variable=choice.variable, index=choice.index, slice=choice.slice, family=None,
             overlays=tuple(name for name in first.lines_on_map(choice.variable) if name not in LINES_OF_ALL_WINDOWS),

@@ -95,7 +95,7 @@ class PanelBesideMap:
 
         known = await self._viewer.run_in_thread(read)
         if known is not None:
-            self._viewer.change(lambda: point.show_survey_attractors(known))
+            self._viewer.schedule_document_change(lambda: point.show_survey_attractors(known))
 
     def _close_point(self) -> None:
         self.end()

@@ -94,7 +94,9 @@ def values_in_window(plane: MapPlane, window: Ranges, room: Room) -> tuple[np.nd
     return block_values_or_nan(plane, block), block.box
 
 
-def colouring(plane: MapPlane, block: MapBlock, limits: Limits | Pair, log: bool, room: Room = UNSEEN) -> Colouring:
+def compute_colouring(
+    plane: MapPlane, block: MapBlock, limits: Limits | Pair, log: bool, room: Room = UNSEEN
+) -> Colouring:
     """Return the colours of the cells `block` of a map of `room` pixels. This function blocks: use a thread."""
     values, variable = block.values, str(plane.plane.name)
     layers = valueless_cells_by_reason(plane, block)

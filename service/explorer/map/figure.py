@@ -81,25 +81,31 @@ class MapFigure:
         self._apply_theme(theme)
         self._values, self._fine, self._reasons = (glyphs.create_empty_source(glyphs.IMAGE) for _ in range(3))
         self._veiled = glyphs.create_empty_source(glyphs.IMAGE)
-        self._why_mapper = glyphs.transparent_colour_mapper()
-        self._why = glyphs.create_image_renderer(self._reasons, self._why_mapper)
-        self._scales = glyphs.colour_scales(self._values, self._fine, **_colour_bar_style(theme))
+        self._reason_colour_mapper = glyphs.transparent_colour_mapper()
+        self._reason_renderer = glyphs.create_image_renderer(self._reasons, self._reason_colour_mapper)
+        self._scales = glyphs.create_colour_scales(self._values, self._fine, **_colour_bar_style(theme))
         self._log = False
         self._lines: dict[str, tuple[ColumnDataSource, list[Any]]] = {}
         for line in (*STYLES, *OWN_STYLES):
             source = glyphs.create_empty_source(glyphs.LINE)
-            self._lines[line] = source, glyphs.line_renderers(source, line)
-        self._points, self._sure = glyphs.create_empty_source(glyphs.POINT), glyphs.create_empty_source(glyphs.BAND)
+            self._lines[line] = source, glyphs.create_line_renderers(source, line)
+        self._points, self._limit_band_source = (
+            glyphs.create_empty_source(glyphs.POINT),
+            glyphs.create_empty_source(glyphs.BAND),
+        )
         self._names = glyphs.create_empty_source(("x", "y", "name", "dx"))
         self.cross_at, self.cursor_at, self.ellipse_at = (glyphs.create_empty_source(("x", "y")) for _ in range(3))
         self.pins_at = glyphs.create_empty_source(("x", "y", "name"))
-        self._marks, self._band = glyphs.point_renderers(self._points), glyphs.band_renderer(self._sure)
+        self._marks, self._band = (
+            glyphs.create_point_renderers(self._points),
+            glyphs.create_band_renderer(self._limit_band_source),
+        )
         images = (each for scale in self._scales.values() for each in (scale.cells, scale.fine))
         lines = (each for _, pair in self._lines.values() for each in pair)
         plot.renderers = [
-            self._why,
+            self._reason_renderer,
             *images,
-            glyphs.veil_renderer(self._veiled, INK[theme][1]),
+            glyphs.create_veil_renderer(self._veiled, INK[theme][1]),
             self._band,
             *lines,
             *glyphs.outline_renderers(self.ellipse_at),
@@ -107,7 +113,7 @@ class MapFigure:
             *self._marks,
             *glyphs.cross_renderers(self.cross_at),
             *glyphs.ring_renderers(self.cursor_at),
-            *glyphs.pin_renderers(self.pins_at),
+            *glyphs.create_pin_renderers(self.pins_at),
         ]
         glyphs.share_filter_and_selection(plot.renderers)
         self._range_arrows = glyphs.make_range_arrows(INK[theme][0])
@@ -118,9 +124,9 @@ class MapFigure:
         plot.on_change("outer_width", handler_in_event_loop(self._on_width))
         for side in ("inner_width", "inner_height"):
             plot.on_change(side, handler_in_event_loop(lambda _attribute, _old, _new: self._position_names()))
-        self._block_corners: list[tuple[str, float, float]] = []
-        self._box_around_centre: Ranges | None = None
-        self._frame: tuple[np.ndarray, Ranges] | None = None
+        self._marked_points: list[tuple[str, float, float]] = []
+        self._box_of_cells: Ranges | None = None
+        self._finer_cells: tuple[np.ndarray, Ranges] | None = None
         self._listen_to_browser(name)
 
     def _apply_theme(self, theme: str) -> None:
@@ -211,7 +217,7 @@ class MapFigure:
 
     def _update_visibility_of_cells(self) -> None:
         is_drawn = not self.has_too_large_cells
-        self._why.visible = is_drawn
+        self._reason_renderer.visible = is_drawn
         for log, scale in self._scales.items():
             scale.cells.visible = is_drawn and log == self._log
             scale.fine.visible = log == self._log
@@ -219,9 +225,9 @@ class MapFigure:
     @property
     def has_too_large_cells(self) -> bool:
         """True if the window is so narrow that the survey's cells are too large on the screen to be drawn."""
-        if self._box_around_centre is None:
+        if self._box_of_cells is None:
             return False
-        (left, right), ((low, high), _) = self._box_around_centre[0], self._leader._window
+        (left, right), ((low, high), _) = self._box_of_cells[0], self._leader._window
         return right - left >= LARGEST_ZOOM * (high - low)
 
     @property
@@ -234,7 +240,7 @@ class MapFigure:
 
     def draw_cells(self, block: MapBlock, colours: Colouring) -> None:
         """Draw the cells of a survey in these colours, and the names of regions or families."""
-        self._box_around_centre, where = block.box, image_position_and_size(block.box)
+        self._box_of_cells, where = block.box, image_position_and_size(block.box)
         self._apply_colours(colours)
         shown = np.where(colours.reasons == 0, block.values, np.float32(np.nan))
         places = list(colours.names.values())
@@ -250,14 +256,14 @@ class MapFigure:
 
     def draw_finer_cells(self, values: np.ndarray, box: Ranges) -> None:
         """Draw finer cells over the cells of the survey. values: (epsilon, delta). box: the box of all `values`."""
-        self._frame = np.asarray(values, np.float32), box
+        self._finer_cells = np.asarray(values, np.float32), box
         self._show_finer_cells()
 
     def _show_finer_cells(self) -> None:
-        if self._frame is None:
-            glyphs.clear(self._fine)
+        if self._finer_cells is None:
+            glyphs.remove_rows(self._fine)
             return
-        values, box = self._frame
+        values, box = self._finer_cells
         shown = np.where(values > 0, values, np.float32(np.nan)) if self._log else values
         self._fine.data = {"image": [shown], **image_position_and_size(box)}
 
@@ -267,18 +273,18 @@ class MapFigure:
 
     def undim_cells(self) -> None:
         """Remove the dimming of cells."""
-        glyphs.clear(self._veiled)
+        glyphs.remove_rows(self._veiled)
 
     def remove_finer_cells(self) -> None:
         """Remove the finer cells of a window, so that the survey's own cells are visible there."""
-        self._frame = None
+        self._finer_cells = None
         self._show_finer_cells()
 
     def remove_cells(self) -> None:
         """Remove the survey's cells, the finer cells and the colour bar."""
         self.remove_finer_cells()
         for source in (self._values, self._reasons, self._names):
-            glyphs.clear(source)
+            glyphs.remove_rows(source)
         for scale in self._scales.values():
             scale.bar.visible = False
         for mark in self._range_arrows:
@@ -300,7 +306,7 @@ class MapFigure:
         self._is_categorical = colours.categorical
         self._reserve_bar_width()
         reasons = [glyphs.TRANSPARENT, *colours.reason_colours]
-        self._why_mapper.update(palette=reasons, low=-0.5, high=len(reasons) - 0.5)
+        self._reason_colour_mapper.update(palette=reasons, low=-0.5, high=len(reasons) - 0.5)
         self._update_visibility_of_cells()
 
     def draw_line(self, name: str, pieces: Sequence[np.ndarray]) -> None:
@@ -310,20 +316,20 @@ class MapFigure:
 
     def draw_limit_band(self, x: np.ndarray, low: np.ndarray, high: np.ndarray) -> None:
         """Draw the intervals of the design limit as one area, from ε = low (k,) to high (k,) at the dampings x (k,)."""
-        self._sure.data = {"x": x, "low": low, "high": high}
+        self._limit_band_source.data = {"x": x, "low": low, "high": high}
 
     def mark_points(self, points: Sequence[tuple[str, float, float]]) -> None:
         """Mark codimension-two points, each given as (name, δ, ε)."""
-        self._block_corners = list(points)
+        self._marked_points = list(points)
         self._position_names()
 
     def _position_names(self) -> None:
         """Move the names of regions or families into the frame, and name the codimension-two points that have room."""
         self._move_region_names_inside()
-        if not self._block_corners:
-            glyphs.clear(self._points)
+        if not self._marked_points:
+            glyphs.remove_rows(self._points)
             return
-        names, x, y = (list(column) for column in zip(*self._block_corners, strict=True))
+        names, x, y = (list(column) for column in zip(*self._marked_points, strict=True))
         placed = arrange_names(
             [self._screen_position(*at) for at in zip(x, y, strict=True)],
             [(LETTER * len(name) + 4, ROW) for name in names],
@@ -334,7 +340,7 @@ class MapFigure:
         for name, at_x, at_y, found in zip(names, x, y, placed, strict=True):
             left, bottom = self._screen_position(at_x, at_y)
             shown = (name, found.centre[0] - left, bottom - found.centre[1]) if found else ("", 0.0, 0.0)
-            end = self._plane_position(*found.leader) if found and found.leader else (at_x, at_y)
+            end = self._plane_position(*found.leader_end) if found and found.leader_end else (at_x, at_y)
             rows.append((at_x, at_y, SHAPES[MARKERS[name]], *shown, *end))
         self._points.data = {
             key: list(column) for key, column in zip(glyphs.POINT, zip(*rows, strict=True), strict=True)
@@ -387,9 +393,9 @@ class MapFigure:
 
     def remove_lines(self) -> None:
         """Remove all curves, the codimension-two points, and the area of the design limit."""
-        self._block_corners = []
-        for source in (self._points, self._sure, *(source for source, _ in self._lines.values())):
-            glyphs.clear(source)
+        self._marked_points = []
+        for source in (self._points, self._limit_band_source, *(source for source, _ in self._lines.values())):
+            glyphs.remove_rows(source)
 
     def show_overlays(self, names: Sequence[str]) -> None:
         """Show the lines and marks with these names, and hide all others."""
@@ -421,7 +427,7 @@ class MapFigure:
         points: (k, 2) points (δ, ε) of the lines, with a row of NaN between two lines.
         """
         if points is None:
-            glyphs.clear(self.ellipse_at)
+            glyphs.remove_rows(self.ellipse_at)
         else:
             self.ellipse_at.data = {"x": points[:, 0], "y": points[:, 1]}
 
@@ -444,7 +450,7 @@ def _default_ranges() -> tuple[Range1d, Range1d]:
 
 def _set_marker(source: ColumnDataSource, point: Pair | None) -> None:
     if point is None:
-        glyphs.clear(source)
+        glyphs.remove_rows(source)
     else:
         source.data = {"x": [point[0]], "y": [point[1]]}
 

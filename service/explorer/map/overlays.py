@@ -21,10 +21,10 @@ from gear_rattle.service.explorer.map.colouring import LegendColour
 from gear_rattle.service.explorer.map.figure import MapFigure
 from gear_rattle.service.explorer.state.events import OverlaysChosen, RequiredShareSet
 from gear_rattle.service.explorer.state.store import JOBS, PageStore, window_of_request
-from gear_rattle.service.operations.overlaid import Overlays, design_limit_line, limit_band
+from gear_rattle.service.operations.overlaid import Overlays, design_limit_band, design_limit_line
 from gear_rattle.workers.pictures.look import CRISIS, LIMIT, POINTS, USUAL_SHARE
 from gear_rattle.workers.survey.axes import Window
-from gear_rattle.workers.survey.plane_curves import LOWEST_DELTA, MissingCurve, traced_curve
+from gear_rattle.workers.survey.plane_curves import LOWEST_DELTA, MissingCurve, trace_curve_in_window
 from rattle import RattleError
 from rattle.models import DEFAULT_MODEL, Capability, Model, missing_capability_error
 from rattle.plot import polyline
@@ -87,7 +87,7 @@ class MapLines:
             if name in self._tasks and self._tasks[name][1] is task:
                 change()
 
-        self._viewer.change(change_unless_cancelled)
+        self._viewer.schedule_document_change(change_unless_cancelled)
 
     async def _compute_line(self, name: str, model: Model, window: Ranges) -> None:
         await self._viewer.front.kernels.wait_until_compiled(model.name, patience=math.inf)
@@ -166,7 +166,7 @@ class MapLinesWithKey(MapLines):
         await self._viewer.front.kernels.wait_until_compiled(model.name, patience=math.inf)
         absent = await self._viewer.run_in_thread(lambda: names_of_absent_lines(model, window))
         self._entries = found = [each for each in self._entries if each["name"] not in absent]
-        self._viewer.change(lambda: self.key.param.update(overlays=found))
+        self._viewer.schedule_document_change(lambda: self.key.param.update(overlays=found))
 
     def _on_view_change(self) -> None:
         view = self._store.view
@@ -211,7 +211,7 @@ class MapLinesWithKey(MapLines):
 
     def _show_design_limit(self, delta: np.ndarray, limits: np.ndarray) -> None:
         self._figure.draw_line(LIMIT, split_at_nan(design_limit_line(delta, limits)))
-        self._figure.draw_limit_band(*limit_band(delta, limits))
+        self._figure.draw_limit_band(*design_limit_band(delta, limits))
 
     def _write_note_in_key(self, name: str, note: str, missing: str = "") -> None:
         entries = [
@@ -222,7 +222,7 @@ class MapLinesWithKey(MapLines):
         ]
         if entries != self._entries:
             self._entries = entries
-            self._viewer.change(lambda: self.key.param.update(overlays=entries))
+            self._viewer.schedule_document_change(lambda: self.key.param.update(overlays=entries))
 
 
 def legend_entries_of_map(model: Model) -> list[dict[str, Any]]:
@@ -287,7 +287,7 @@ def curve_pieces(name: str, model: Model, delta: Pair, epsilon: Pair) -> tuple[l
     window = Window((max(delta[0], LOWEST_DELTA * delta[1]), delta[1]), (max(epsilon[0], 0.0), max(epsilon[1], 0.0)))
     if window.epsilon[0] >= window.epsilon[1]:
         return [], ""
-    curve = traced_curve(name, model, window)
+    curve = trace_curve_in_window(name, model, window)
     if isinstance(curve, MissingCurve):
         return [], curve.reason
     return split_at_nan(polyline(curve)) if len(curve) else [], ""

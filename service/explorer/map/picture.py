@@ -15,7 +15,7 @@ from gear_rattle.workers.survey.values.schema import FIXED
 FORMS = ("png", "svg", "pdf")
 
 
-def drawn_settings(colours: Colouring, pixels: Room | None) -> DrawnMapSettings:
+def settings_of_drawn_map(colours: Colouring, pixels: Room | None) -> DrawnMapSettings:
     """Return the colour range, the scale and the size of a drawn map. pixels: the size, None for the whole survey."""
     return DrawnMapSettings(None if colours.categorical else (colours.low, colours.high), colours.log, pixels)
 

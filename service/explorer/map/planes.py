@@ -24,7 +24,7 @@ from gear_rattle.workers.pictures.largest import open_survey_for_map
 from gear_rattle.workers.pictures.levels import (
     DisplayedCells,
     LevelPart,
-    finest_level_part,
+    choose_level_for_window,
     read_displayed_level_cells,
     reduce_cells,
 )
@@ -186,27 +186,28 @@ class MapPlane:
         (j, end_j), (i, end_i) = (
             _cell_range(axis, span) for axis, span in zip((self.delta, self.epsilon), window or self.box, strict=True)
         )
-        part = finest_level_part(self._levels, (i, j), (end_i, end_j), room[::-1])
-        seen, (rows, columns) = self._largest_values(part) if anywhere else self._read_displayed_cells(part), part.at
-        across, along = (part.level.cells if part.level else (1, 1))[::-1]
+        part = choose_level_for_window(self._levels, (i, j), (end_i, end_j), room[::-1])
+        seen, (rows, columns) = self._largest_values(part) if anywhere else self._read_displayed_cells(part), part.spans
+        across, along = (part.level.covered_cells if part.level else (1, 1))[::-1]
         delta, epsilon = (
             centres_of_level_cells(self.delta, across)[columns],
             centres_of_level_cells(self.epsilon, along)[rows],
         )
         box = _covered_range(self.delta, across, columns), _covered_range(self.epsilon, along, rows)
-        return MapBlock(delta, epsilon, seen.values, seen.status, box, seen.shares, seen.without)
+        return MapBlock(delta, epsilon, seen.values, seen.status, box, seen.code_shares, seen.share_without_number)
 
     def _read_displayed_cells(self, part: LevelPart) -> DisplayedCells:
         if part.level is None:
-            return DisplayedCells(*self._values_and_status(*part.at))
+            return DisplayedCells(*self._values_and_status(*part.spans))
         return reduce_cells(self.plane, *self._values_and_status(*_covered_cells(part)), part.level)
 
     def _largest_values(self, part: LevelPart) -> DisplayedCells:
         if part.level is None:
-            return DisplayedCells(*self._values_and_status(*part.at))
+            return DisplayedCells(*self._values_and_status(*part.spans))
         values, status = self._values_and_status(*_covered_cells(part))
         return DisplayedCells(
-            pool_cells(values, part.level.cells, np.fmax, np.nan), pool_cells(status, part.level.cells, np.maximum)
+            pool_cells(values, part.level.covered_cells, np.fmax, np.nan),
+            pool_cells(status, part.level.covered_cells, np.maximum),
         )
 
     def _values_and_status(self, rows: slice, columns: slice) -> tuple[np.ndarray, np.ndarray]:
@@ -274,7 +275,7 @@ class PyramidMapPlane(MapPlane):
         if part.level is None:
             return super()._read_displayed_cells(part)
         return read_displayed_level_cells(
-            self.plane, self._open_level(part.level.path), self._index, part.level, part.at
+            self.plane, self._open_level(part.level.path), self._index, part.level, part.spans
         )
 
     def _open_level(self, path: str) -> xr.Dataset:
@@ -291,7 +292,7 @@ class PyramidMapPlane(MapPlane):
 
 def _covered_cells(part: LevelPart) -> tuple[slice, slice]:
     """Return the rows and the columns of the survey's cells that a part of a level covers."""
-    spans = zip(part.at, part.level.cells if part.level else (1, 1), strict=True)
+    spans = zip(part.spans, part.level.covered_cells if part.level else (1, 1), strict=True)
     rows, columns = (slice(span.start * cells, span.stop * cells) for span, cells in spans)
     return rows, columns
 

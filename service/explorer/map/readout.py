@@ -20,7 +20,7 @@ from gear_rattle.service.explorer.design.axes import coordinate_text
 from gear_rattle.service.explorer.design.fields import NUMBERS, text_in_field_unit
 from gear_rattle.service.explorer.map.planes import MapBlock, MapPlane
 from gear_rattle.service.explorer.point.parts import listed_attractors
-from gear_rattle.service.explorer.point.words import number_text, text_of_complex_number
+from gear_rattle.service.explorer.point.words import complex_number_text, number_text
 from gear_rattle.workers import QUANTITIES, Axis, SurveyRequest
 from gear_rattle.workers.pictures.look import replace_periods_with_revolutions
 from gear_rattle.workers.pictures.maps import map_title, meanings_of_codes, words_for_missing_value
@@ -179,7 +179,7 @@ def _status_in_words(status: int) -> str:
 
 def _speed_and_eccentricity(machine: SurveyedMachine, delta: float, epsilon: float) -> list[Row]:
     """Return the speed and the eccentricity of a machine at a point, with names and units."""
-    si = {"rpm": machine.rpm(delta), "eccentricity": machine.eccentricity(epsilon)}
+    si = {"rpm": machine.speed_at_damping(delta), "eccentricity": machine.eccentricity_in_metres(epsilon)}
     return [
         (NUMBERS[name].name.lower(), f"{text_in_field_unit(name, value)} {NUMBERS[name].unit}")
         for name, value in si.items()
@@ -268,7 +268,7 @@ def _orbits_table(cell: xr.Dataset) -> str:
         one = cell.sel(orbit=orbit)
         if bool(one["orbit_exists"]):
             multipliers = ", ".join(
-                text_of_complex_number(complex(value), DIGITS) for value in one["orbit_multiplier"].values
+                complex_number_text(complex(value), DIGITS) for value in one["orbit_multiplier"].values
             )
             stable = "stable" if bool(one["orbit_stable"]) else "unstable"
             numbers = [number_text(float(one[name]), DIGITS) for name in ("orbit_phase", "orbit_velocity")]

@@ -15,7 +15,7 @@ from starlette.concurrency import run_in_threadpool
 from gear_rattle.service.database.tables import JobRow, State
 from gear_rattle.service.explorer.common.address import UNCHOSEN, Limits, Pair, Ranges, View
 from gear_rattle.service.explorer.common.news import LISTED, StatusPublisher
-from gear_rattle.service.explorer.map.colouring import Colouring, colouring
+from gear_rattle.service.explorer.map.colouring import Colouring, compute_colouring
 from gear_rattle.service.explorer.map.overlays import cache_default_lines
 from gear_rattle.service.explorer.map.planes import UNSEEN, MapBlock, MapCache, MapPlane, Room, map_names_by_variable
 from gear_rattle.service.explorer.state.store import PageStore, window_of_request
@@ -109,18 +109,18 @@ def default_survey(jobs: Iterable[JobRow]) -> JobRow | None:
 
 
 @lru_cache(maxsize=MOST_DRAWINGS)
-def cached_drawing(
+def cached_cells_and_colours(
     plane: ReferenceType[MapPlane], limits: Limits | Pair, log: bool, room: Room
 ) -> tuple[MapBlock, Colouring]:
     """Return the drawn cells and the colours of a map that does not change. This cache does not keep the map alive."""
     there = plane()
     assert there is not None  # the caller holds a reference to the map, so the map still exists
-    return _draw_map(there, limits, log, room)
+    return _cells_and_colours(there, limits, log, room)
 
 
-def _draw_map(plane: MapPlane, limits: Limits | Pair, log: bool, room: Room) -> tuple[MapBlock, Colouring]:
+def _cells_and_colours(plane: MapPlane, limits: Limits | Pair, log: bool, room: Room) -> tuple[MapBlock, Colouring]:
     block = plane.block(room=room)
-    return block, colouring(plane, block, limits, log, room)
+    return block, compute_colouring(plane, block, limits, log, room)
 
 
 @dataclass(frozen=True)
@@ -137,7 +137,7 @@ class SharedState:
     exact: UncomputedMaps
     on_map_drawn: Callable[[], None] = lambda: None
 
-    async def prepare(self) -> None:
+    async def compute_default_map(self) -> None:
         """Compute the default map and its lines in advance; otherwise the first page would wait for them."""
         try:
             model, window = await run_in_threadpool(self._draw_default_map)
@@ -174,13 +174,13 @@ class SharedState:
             SurveyRequest.model_validate(job.request), view.variable
         ):
             plane = self.exact.map_of_unfinished_survey(job, *key, lambda: self.atlas.plane(job, *key)[0])
-            block, colours = _draw_map(plane, *how)
+            block, colours = _cells_and_colours(plane, *how)
             note = WAITING if job.state == State.ACCEPTED else EXACT_BEFORE_SURVEY
             return plane, True, block, replace(colours, note=note)
         plane, is_whole = self.atlas.plane(job, *key)
         if not is_whole or job.state != State.SUCCESSFUL:  # the map may still change, so its drawing is not cached
-            return plane, is_whole, *_draw_map(plane, *how)
-        return plane, True, *cached_drawing(ref(plane), *how)
+            return plane, is_whole, *_cells_and_colours(plane, *how)
+        return plane, True, *cached_cells_and_colours(ref(plane), *how)
 
     def maps(self, store: PageStore) -> dict[str, Any]:
         """Return the maps, by variable, of the chosen survey, or of the example if none is chosen."""
@@ -213,4 +213,4 @@ class SharedState:
         """
         plane = self.exact.plane(view.variable, view.index)
         block = plane.block()
-        return plane, block, replace(colouring(plane, block, view.limits, view.log), note=EXAMPLE)
+        return plane, block, replace(compute_colouring(plane, block, view.limits, view.log), note=EXAMPLE)

@@ -19,7 +19,7 @@ from gear_rattle.service.explorer.map.colouring import (
     Colouring,
     LegendColour,
     block_values_or_nan,
-    colouring,
+    compute_colouring,
     values_in_window,
 )
 from gear_rattle.service.explorer.map.figure import MapFigure
@@ -68,9 +68,9 @@ class SurveyMap(ABC):
         self.finer: MapBlock | None = None
         self.drawings = DrawingRunner(viewer, self.show_error)
         self._chosen: MapChoice | None = None
-        self._how: tuple[Limits | Pair, bool] = "auto", False
+        self._colour_range_and_scale: tuple[Limits | Pair, bool] = "auto", False
         # function that returns the drawn cells of the window; None while the whole survey is shown
-        self._seen: Callable[[], MapBlock] | None = None
+        self._visible_cells: Callable[[], MapBlock] | None = None
         self._refined: tuple[MapPlane, Ranges] | None = None
         self._refining: asyncio.Task[None] | None = None
         self._counting: asyncio.Task[None] | None = None
@@ -99,10 +99,10 @@ class SurveyMap(ABC):
             The viewer's choice of the colour range, (low, high) or a rule such as "auto"; True for a log scale.
         """
         is_new = plane is not self.plane
-        self.plane, self.colours, self._chosen, self._how = plane, colours, chosen, (limits, log)
+        self.plane, self.colours, self._chosen, self._colour_range_and_scale = plane, colours, chosen, (limits, log)
         self.figure.draw_cells(block, colours)
         if is_new:
-            self.refine()
+            self.draw_visible_window()
         else:
             self._show_colour_shares()
 
@@ -127,11 +127,11 @@ class SurveyMap(ABC):
     def forget_window(self) -> None:
         """Show only the cells of the whole survey, and cancel the computation of finer cells."""
         self.figure.remove_finer_cells()
-        self.finer = self._seen = self._refined = None
+        self.finer = self._visible_cells = self._refined = None
         if self._refining is not None:
             self._refining.cancel()
 
-    def refine(self) -> None:
+    def draw_visible_window(self) -> None:
         """Draw the survey's cells in the visible window. If they are coarse, have finer cells computed and drawn."""
         self.forget_window()
         self._show_progress("")
@@ -143,10 +143,10 @@ class SurveyMap(ABC):
             return
         self._refined, pixels = (plane, window), self.figure.pixels
         if self.figure.has_too_large_cells:  # the enlarged cells stay until the workers send finer cells
-            self._seen = partial(plane.enlarged_block, window)
-            self.figure.draw_finer_cells(block_values_or_nan(plane, self._seen()), window)
+            self._visible_cells = partial(plane.enlarged_block, window)
+            self.figure.draw_finer_cells(block_values_or_nan(plane, self._visible_cells()), window)
         else:
-            self._seen = partial(plane.block, window, pixels)
+            self._visible_cells = partial(plane.block, window, pixels)
         self._show_colour_shares()
         is_coarser = has_too_coarse_cells(plane.delta, plane.epsilon, window, pixels)
         if is_coarser and (chosen is None or needs_whole_survey(chosen.variable, plane.request)):
@@ -159,7 +159,7 @@ class SurveyMap(ABC):
     async def _draw_all_cells(self, plane: MapPlane, window: Ranges, room: Room) -> None:
         """Draw a window's cells in more detail than the drawing of the whole survey has."""
         values, box = await self._viewer.run_in_thread(partial(values_in_window, plane, window, room))
-        self._viewer.change(
+        self._viewer.schedule_document_change(
             lambda: self.figure.draw_finer_cells(values, box) if (plane, window) == self._refined else None
         )
 
@@ -178,23 +178,23 @@ class SurveyMap(ABC):
 
     def show_finer_cells(self, finer: MapBlock) -> None:
         """Draw finer cells of the window."""
-        self.finer, self._seen = finer, lambda: finer
-        self._viewer.change(lambda: self.figure.draw_finer_cells(finer.values, finer.box))
+        self.finer, self._visible_cells = finer, lambda: finer
+        self._viewer.schedule_document_change(lambda: self.figure.draw_finer_cells(finer.values, finer.box))
         self._show_colour_shares()
 
     def _show_colour_shares(self) -> None:
         """Compute the share of each colour among the visible cells, and show it in the key."""
         if self._counting is not None:
             self._counting.cancel()
-        if self.plane is not None and self._seen is not None:
-            self._counting = self._viewer.start(self._compute_legend_colours(self.plane, self._seen))
+        if self.plane is not None and self._visible_cells is not None:
+            self._counting = self._viewer.start(self._compute_legend_colours(self.plane, self._visible_cells))
         else:
             self.show_legend_colours(self.colours.shades if self.colours is not None else ())
 
     async def _compute_legend_colours(self, plane: MapPlane, visible_cells: Callable[[], MapBlock]) -> None:
-        limits, log = self._how
-        shades = await self._viewer.run_in_thread(lambda: colouring(plane, visible_cells(), limits, log).shades)
-        self._viewer.change(lambda: self.show_legend_colours(shades))
+        limits, log = self._colour_range_and_scale
+        shades = await self._viewer.run_in_thread(lambda: compute_colouring(plane, visible_cells(), limits, log).shades)
+        self._viewer.schedule_document_change(lambda: self.show_legend_colours(shades))
 
     def read_cell(self, read: Callable[[], Read], show: Callable[[Read], object]) -> None:
         """Call `read` in a thread, and then `show` with its result. Cancel the reading that an earlier call began."""
@@ -203,7 +203,7 @@ class SurveyMap(ABC):
 
     async def _read_and_show(self, read: Callable[[], Read], show: Callable[[Read], object]) -> None:
         found = await self._viewer.run_in_thread(read)
-        self._viewer.change(lambda: show(found))
+        self._viewer.schedule_document_change(lambda: show(found))
 
     def stop_reading(self) -> None:
         """Cancel the reading of a cell."""
@@ -211,7 +211,7 @@ class SurveyMap(ABC):
             self._reading.cancel()
 
     def _show_progress(self, text: str) -> None:
-        self._viewer.change(lambda: self.title.show_progress(text))
+        self._viewer.schedule_document_change(lambda: self.title.show_progress(text))
 
 
 def map_block_of_frame(frame: WindowFrame) -> MapBlock:

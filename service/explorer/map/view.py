@@ -20,7 +20,7 @@ from gear_rattle.service.explorer.map.controls import explain_how_to_read_map
 from gear_rattle.service.explorer.map.cursor import CursorKeys
 from gear_rattle.service.explorer.map.figure import MapFigure
 from gear_rattle.service.explorer.map.overlays import MapLinesWithKey
-from gear_rattle.service.explorer.map.picture import drawn_settings
+from gear_rattle.service.explorer.map.picture import settings_of_drawn_map
 from gear_rattle.service.explorer.map.planes import SIDE, MapBlock, MapPlane
 from gear_rattle.service.explorer.map.readout import (
     Readout,
@@ -82,7 +82,7 @@ class MapView(SurveyMap):
             self._store.survey_request_with_all_slices,
             self._store.job,
         )
-        if whole is None or not store.has_surveys:
+        if whole is None or not store.is_list_loaded:
             self._survey_at_choice = None
             return
         now = view.survey, "" if job is None else job.state
@@ -103,7 +103,7 @@ class MapView(SurveyMap):
         store, view, job = self._store, self._store.view, self._store.job
         if self._drawn_slice != (view.survey, view.slice):
             self._drawn_slice, self.plane = (view.survey, view.slice), None
-        if not store.has_surveys:
+        if not store.is_list_loaded:
             return
         if not view.is_example_shown and (job is None or not job.is_readable):
             self.drawings.stop()
@@ -164,7 +164,7 @@ class MapView(SurveyMap):
         note = f" <span class=faint>({escape(colours.note)})</span>" if colours.note else ""
         meaning = explain_how_to_read_map(view.variable)
         title = f"{f'<b>{escape(meaning)}</b><br>' if meaning else ''}{escape(colours.title)}{note}"
-        self.title.show(title if plane.request.machine is None else replace_periods_with_revolutions(title))
+        self.title.show_description(title if plane.request.machine is None else replace_periods_with_revolutions(title))
         if is_first:
             self.figure.show_window(self._store.window)
         self.draw_map(plane, block, colours, MapChoice(view.variable, view.index), view.limits, view.log)
@@ -176,7 +176,7 @@ class MapView(SurveyMap):
         """Dispatch the settings with which the map is drawn, so that links lead to pictures with the same settings."""
         if self.colours is not None:
             pixels = self.figure.pixels if self._store.view.window else None
-            self._store.dispatch(MapDrawn(drawn_settings(self.colours, pixels), self._how[0]))
+            self._store.dispatch(MapDrawn(settings_of_drawn_map(self.colours, pixels), self._colour_range_and_scale[0]))
 
     def _on_size(self, _attribute: str, _old: object, _new: object) -> None:
         self._dispatch_drawn_settings()
@@ -184,13 +184,13 @@ class MapView(SurveyMap):
 
     def _on_window_change(self) -> None:
         self.figure.show_window(self._store.window)
-        self.refine()
+        self.draw_visible_window()
         self._dispatch_drawn_settings()
 
     def show_finer_cells(self, finer: MapBlock) -> None:
         """Draw finer cells of the window, and read the cell under the pointer again."""
         super().show_finer_cells(finer)
-        self._viewer.change(self._read_cell_at_pointer)
+        self._viewer.schedule_document_change(self._read_cell_at_pointer)
 
     def _mark_pointer(self) -> None:
         pointer = self._store.view.pointer

@@ -18,10 +18,10 @@ from gear_rattle.service.explorer.common.changes import handler_in_event_loop
 from gear_rattle.service.explorer.common.viewer import PageSession
 from gear_rattle.service.explorer.common.watch import call_on_press
 from gear_rattle.service.explorer.design.axes import round_range_ends
-from gear_rattle.service.explorer.page.machine_axes import MachineAxes
+from gear_rattle.service.explorer.page.machine_axes import MachineSurveyFields
 from gear_rattle.service.explorer.page.sample_fields import SampleFields
 from gear_rattle.service.harmonics import EXAMPLE, SHAPE, harmonic_texts, read_harmonics
-from gear_rattle.service.operations.estimate import CostEstimate, estimate
+from gear_rattle.service.operations.estimate import CostEstimate, estimate_cost
 from gear_rattle.service.operations.limits import require_within_service_limits
 from gear_rattle.service.operations.surveys import submit_survey
 from gear_rattle.service.operations.windows import clip_to_plane
@@ -69,7 +69,7 @@ class SurveyForm:
             for name, letter, span in zip(("delta", "epsilon"), "δε", NAMED_RANGES[self.plane.value], strict=True)
         }
         self._ranges = pn.Column(*(pn.Row(*ends, **row) for ends in self.axes.values()), margin=0, visible=False, **row)
-        self.machine, self.sample = MachineAxes(sheet), SampleFields(sheet)
+        self.machine, self.sample = MachineSurveyFields(sheet), SampleFields(sheet)
         self.model = pn.widgets.Select(
             label="Model", options={each.title: name for name, each in MODELS.items()}, **style,
             description="Impacting: rigid teeth, as in the paper. Stiff walls: teeth that give way. Inelastic impacts: "
@@ -175,17 +175,17 @@ class SurveyForm:
     def _is_machine_plane(self) -> bool:
         return bool(self.plane.value == MACHINE)
 
-    def fields(self) -> dict[str, Any]:
+    def request_body(self) -> dict[str, Any]:
         """Return the settings as the body of `POST /v1/surveys`. Raises ParameterError if harmonics cannot be read."""
         counts = [widget.value for widget in self.counts]
         own = self._entered_parameters
         return {
             "name": self.name.value,
-            **(self.machine.fields(counts) if self._is_machine_plane else self._fields_without_machine(counts)),
+            **(self.machine.request_fields(counts) if self._is_machine_plane else self._fields_without_machine(counts)),
             "model": self.model.value,
             **{name: widget.value if name in own else None for name, widget in self.added.items()},
             "harmonics": read_harmonics(self._harmonic_texts),
-            **self.sample.fields(),
+            **self.sample.request_fields(),
         }
 
     def _fields_without_machine(self, counts: list[int | None]) -> dict[str, Any]:
@@ -258,7 +258,7 @@ class SurveyForm:
     async def _estimate_cost(self) -> None:
         await asyncio.sleep(ESTIMATE_DELAY)
         try:
-            request = SurveyRequest.model_validate(self.fields())
+            request = SurveyRequest.model_validate(self.request_body())
             require_within_service_limits(request, self._viewer.front.settings)
         except (ValidationError, RattleError) as error:
             self._show_cost(error_message(error), wrong=True)
@@ -276,20 +276,20 @@ class SurveyForm:
 
     async def _estimate_unless_compiling(self, request: SurveyRequest) -> CostEstimate | None:
         try:
-            return await estimate(self._viewer.front, request)
+            return await estimate_cost(self._viewer.front, request)
         except KernelsNotReadyError:  # after the longest wait of a request, which a compilation may exceed
             return None
 
     async def _submit(self) -> None:
         def submit(caller: Caller) -> str:
-            return submit_survey(self._viewer.front, caller, SurveyRequest.model_validate(self.fields())).id
+            return submit_survey(self._viewer.front, caller, SurveyRequest.model_validate(self.request_body())).id
 
         try:
             survey_id = await self._viewer.run_as_caller(submit, Scope.SUBMIT)
         except (ValidationError, RattleError) as error:
             self._show_cost(error_message(error), wrong=True)
         else:
-            self._viewer.change(lambda: self._on_submitted(survey_id))
+            self._viewer.schedule_document_change(lambda: self._on_submitted(survey_id))
 
     def _show_cost(self, text: str, wrong: bool = False) -> None:
         said = f'<p role="{"alert" if wrong else "status"}" class="{"wrong" if wrong else ""}">{escape(text)}</p>'
@@ -298,7 +298,7 @@ class SurveyForm:
             self.cost.object = said
             self.submit.disabled = wrong or not self._viewer.may_submit()
 
-        self._viewer.change(write)
+        self._viewer.schedule_document_change(write)
 
 
 def has_machine_parameter(model: type[Model]) -> bool:

@@ -22,7 +22,7 @@ LEAST_DELTA = 0.1  # least lower end of the range of δ, relative to its upper e
 DEFAULT_AXES = {"rpm": (1000.0, 3000.0), "eccentricity": (1.0, 60.0)}
 
 
-class MachineAxes:
+class MachineSurveyFields:
     """Fields of the survey form for a machine; they replace the fields of δ, ε and β."""
 
     def __init__(self, sheet: str) -> None:
@@ -42,7 +42,7 @@ class MachineAxes:
             sizing_mode="stretch_width", margin=0, visible=False,
         )  # fmt: skip
 
-    def fields(self, counts: Sequence[int | None]) -> dict[str, Any]:
+    def request_fields(self, counts: Sequence[int | None]) -> dict[str, Any]:
         """Return {"machine": numbers and axes of the machine} for a request. counts: of speeds, of eccentricities."""
         axes = {
             name: {
@@ -59,7 +59,7 @@ class MachineAxes:
 
         is_rounded: True if the ends of both ranges are rounded to few digits, False if they are exact.
         """
-        self._machine.show(machine.model_dump())
+        self._machine.fill_from_machine(machine.model_dump())
         delta = max(delta[0], LEAST_DELTA * delta[1]), delta[1]  # a window may reach to δ ≤ 0, where no speed exists
         for name, (low, high) in speed_and_eccentricity_ranges(machine, delta, epsilon).items():
             span = NUMBERS[name].to_field_unit(low), NUMBERS[name].to_field_unit(high)

@@ -70,7 +70,7 @@ class Explorer:
         self._loading: asyncio.Future[PageApplication] | None = None
         self._running = AsyncExitStack()
         self._head = ""
-        self._warming: asyncio.Task[None] | None = None
+        self._preparation_task: asyncio.Task[None] | None = None
         self._assets, self._socket = AssetsApplication(self.load), _PageWebsocketRoute(self.load)
         app.router.routes += [
             Route("/", self._serve_first_document, methods=["GET"], include_in_schema=False),
@@ -82,14 +82,14 @@ class Explorer:
         ]
 
     @asynccontextmanager
-    async def running(self, front: ApplicationState, overlaid: Overlays) -> AsyncIterator[None]:
+    async def serve_pages(self, front: ApplicationState, overlaid: Overlays) -> AsyncIterator[None]:
         """Return the context in which the application runs: open pages get job status, and closed pages are dropped."""
         self._front, self._overlaid = front, overlaid
         self.news = StatusPublisher(front)
-        async with self._running, self.news.running():
+        async with self._running, self.news.publish_status():
             yield
 
-    async def prepare(self) -> None:
+    async def preload_page(self) -> None:
         """Load the packages of the page once the cluster has started; with the setting `preload` also the first map."""
         assert self._front is not None
         try:
@@ -97,7 +97,7 @@ class Explorer:
                 await asyncio.sleep(LOOK_SECONDS)
             await self.load()
             if self._front.settings.preload and self._shared is not None:
-                await self._shared.prepare()
+                await self._shared.compute_default_map()
         except Exception:  # `load` tries again at the next request of a page
             log.exception("the explorer cannot be loaded")
 
@@ -105,12 +105,12 @@ class Explorer:
         """Return the application that serves the pages; load it at the first call, or again after a failure."""
         failed = self._loading is not None and self._loading.done() and self._loading.exception() is not None
         if self._loading is None or failed:
-            self._loading = asyncio.ensure_future(self._load())
+            self._loading = asyncio.ensure_future(self._load_pages())
         return await asyncio.shield(self._loading)
 
-    async def _load(self) -> PageApplication:
+    async def _load_pages(self) -> PageApplication:
         pages = await run_in_threadpool(self._build_pages)  # in a thread, because the imports take more than a second
-        await self._running.enter_async_context(pages.running())
+        await self._running.enter_async_context(pages.expire_unused_pages())
         return pages
 
     def _build_pages(self) -> PageApplication:
@@ -143,10 +143,10 @@ class Explorer:
         The processes are not needed without a page. Started earlier, they would slow down the first page.
         """
         assert self._front is not None
-        if self._front.settings.preload and self._warming is None:
+        if self._front.settings.preload and self._preparation_task is None:
             from gear_rattle.service.explorer.point.work import prepare_processes
 
-            self._warming = asyncio.create_task(prepare_processes(self._front))
+            self._preparation_task = asyncio.create_task(prepare_processes(self._front))
 
     async def _serve_first_document(self, _request: Request) -> Response:
         """Return the first document, whose scripts request the page itself.

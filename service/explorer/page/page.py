@@ -78,11 +78,11 @@ class Page:
         self.store = store = PageStore(view, shared.exact.request)
         location: Any = pn.state.location
         self._location = location
-        self._location.param.watch(lambda _event: viewer.change(self._show_address), "search")
+        self._location.param.watch(lambda _event: viewer.schedule_document_change(self._show_address), "search")
         self._has_list = False  # True once the list of surveys has arrived
         self._default_survey = ""  # id of the survey that is shown because the viewer chose none
         self._form: SurveyForm | None = None
-        viewer.tell = self._show_notice
+        viewer.show_message = self._show_notice
         sheet = read_asset("widgets.css")
         self._notice = pn.pane.HTML("", stylesheets=[sheet], margin=(0, 10), sizing_mode="stretch_width")
         self._list = SurveyMenu(
@@ -154,7 +154,9 @@ class Page:
     async def _update_statuses(self, statuses: Sequence[JobStatus]) -> None:
         # this call raises an error if the API key was revoked
         statuses = await self._viewer.run_in_thread(lambda: self._add_chosen_survey(statuses))
-        self._viewer.change(lambda: self.store.update_surveys({each.job.id: each for each in statuses}))
+        self._viewer.schedule_document_change(
+            lambda: self.store.update_surveys({each.job.id: each for each in statuses})
+        )
 
     def _add_chosen_survey(self, statuses: Sequence[JobStatus]) -> Sequence[JobStatus]:
         """Return the statuses, and the chosen survey's status if it is not among them and the survey exists."""
@@ -189,7 +191,7 @@ class Page:
     def _show_survey_list(self) -> None:
         """Show the surveys in the list, and the example as its last entry."""
         view, jobs, owns = self.store.view, self.store.jobs, self._viewer.caller.is_owner_of
-        if self.store.has_surveys:
+        if self.store.is_list_loaded:
             rows = [survey_row(each, view, owns(each.job)) for each in jobs.values()]
             rows.append(example_row(self._shared.exact.request))
             with self._watch.ignore_changes():
@@ -226,7 +228,7 @@ class Page:
                 self.store.update_surveys({**self.store.jobs, survey_id: JobStatus(job, None, None)})
                 self.store.dispatch(SurveyChosen(survey_id, is_new=True))
 
-            self._viewer.change(choose)
+            self._viewer.schedule_document_change(choose)
 
         self._viewer.start(show())
 
@@ -280,7 +282,7 @@ class Page:
         def write() -> None:
             self._notice.object = alert_html(text)
 
-        self._viewer.change(write)
+        self._viewer.schedule_document_change(write)
 
     def end(self) -> None:
         """Stop all work of the page, and remove its listeners, after the browser has left."""

@@ -107,7 +107,7 @@ class PageApplication:
         """Handle one ASGI connection."""
         await self._app(dict(scope), receive, send)
 
-    def running(self) -> AbstractAsyncContextManager[Any]:
+    def expire_unused_pages(self) -> AbstractAsyncContextManager[Any]:
         """Return a context in which unused pages are ended."""
         return self._app.router.lifespan_context(self._app)
 

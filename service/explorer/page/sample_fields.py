@@ -97,7 +97,7 @@ class SampleFields:
         """Offer these groups of quantities. A chosen group stays chosen if it is offered."""
         self.quantities.param.update(options=groups, value=[each for each in self.quantities.value if each in groups])
 
-    def fields(self) -> dict[str, Any]:
+    def request_fields(self) -> dict[str, Any]:
         """Return the entered settings as fields of a request."""
         return {
             "quantities": self.quantities.value,

@@ -79,7 +79,7 @@ class PinsView:
         pins, opened = self._store.view.pins, pin_of_open_point(self._store)
         if action == "pin" and opened is not None and opened not in pins:
             if len(pins) == MOST_PINS:
-                self._viewer.tell(FULL)
+                self._viewer.show_message(FULL)
             else:
                 self._store.dispatch(PinAdded(opened))
         elif action == "remove" and 0 <= number < len(pins):
@@ -89,7 +89,7 @@ class PinsView:
             if pin.model == self._store.model:
                 self._store.dispatch(PointOpened((pin.delta, pin.epsilon)))
             else:
-                self._viewer.tell(OTHER)
+                self._viewer.show_message(OTHER)
 
     def _start_computing(self) -> None:
         if self._next_pin_to_compute() is not None and (self._task is None or self._task.done()):
@@ -121,7 +121,7 @@ class PinsView:
             self._results[pin] = result
             self._show_pins_and_results()
 
-        await work.change(show)
+        await work.apply_document_change(show)
 
     def _show_pins_and_results(self) -> None:
         pins, opened = self._store.view.pins, pin_of_open_point(self._store)

@@ -34,7 +34,7 @@ class PinResults(NamedTuple):
 
     region: int | None
     quiet_limit: float
-    chances: SampledAttractors
+    found_attractors: SampledAttractors
 
 
 def compute_pin_results(pin: Pin, count: int) -> PinResults:
@@ -89,13 +89,13 @@ def _region_name(results: PinResults) -> str:
 
 def _named_motions(results: PinResults) -> list[tuple[str, rattle.Attractor]]:
     """Return (name, attractor) of each attractor. If an attractor is a motion A to D, its name includes the letter."""
-    pairs = zip(results.chances.attractors, results.chances.letters, strict=True)
+    pairs = zip(results.found_attractors.attractors, results.found_attractors.letters, strict=True)
     return [(name_with_letter(each, letter), each) for each, letter in pairs]
 
 
 def _largest_exponent_text(results: PinResults) -> str:
     """Return the largest Lyapunov exponent of the periodic and chaotic attractors as text; a dash if there are none."""
-    rattling = (each.lyapunov[0] for each in results.chances.attractors if each.kind in RATTLING)
+    rattling = (each.lyapunov[0] for each in results.found_attractors.attractors if each.kind in RATTLING)
     return number_text(max(rattling, default=math.nan))
 
 
@@ -130,10 +130,10 @@ def csv_text(pins: Sequence[Pin], results: Mapping[Pin, PinResults | str]) -> st
             continue
         added = (dict(pin.added).get(name, "") for name in ADDED)
         here = *pin[:3], *added, " ".join(harmonic_texts(pin.harmonics)), _region_name(found), found.quiet_limit
-        for each, letter in zip(found.chances.attractors, found.chances.letters, strict=True):
+        for each, letter in zip(found.found_attractors.attractors, found.found_attractors.letters, strict=True):
             writer.writerow(
                 (
-                    *here, found.chances.starts, legend_name(each), each.kind, letter,
+                    *here, found.found_attractors.starts, legend_name(each), each.kind, letter,
                     each.m, each.n_plus, each.n_minus, each.contacts, each.fraction, *each.fraction_interval,
                     each.lyapunov[0], each.lyapunov_error, each.lyapunov[1], each.tau, each.v,
                 )

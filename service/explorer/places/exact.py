@@ -33,7 +33,7 @@ from gear_rattle.workers.survey.values.quantities import dimension_labels, varia
 MOST_UNFINISHED = 8  # most maps of unfinished surveys in memory
 
 
-class ExactPlane(MapPlane):
+class ClosedFormPlane(MapPlane):
     """Map whose values are closed forms, without a computed survey. The constructor blocks: use a thread.
 
     `cell_at` computes the closed forms at exactly the point that it is given, not at the centre of a cell.
@@ -54,7 +54,7 @@ class ExactPlane(MapPlane):
         return _closed_form_dataset(here).isel(delta=0, epsilon=0)
 
 
-class ExamplePlane(ExactPlane):
+class ExamplePlane(ClosedFormPlane):
     """Map of the survey that comes with the explorer as an example."""
 
     def __init__(self, cells: Cells, dataset: xr.Dataset, variable: str, index: int) -> None:
@@ -78,7 +78,7 @@ class ExamplePlane(ExactPlane):
         return here.merge(around.drop_vars(["delta", "epsilon"]))
 
 
-class UnfinishedSurveyPlane(ExactPlane):
+class UnfinishedSurveyPlane(ClosedFormPlane):
     """Closed-form map of an unfinished survey, at most SIDE cells along an axis. The constructor blocks: use a thread.
 
     load_computed_map: a function that returns the map of the cells that the survey has computed. `cell_at` reads the

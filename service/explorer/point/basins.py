@@ -12,7 +12,7 @@ from bokeh.models import ColumnDataSource, CustomJSHover, HoverTool, LinearColor
 import rattle
 from gear_rattle.service.explorer.common.changes import handler_in_event_loop
 from gear_rattle.service.explorer.common.figures import themed_figure
-from gear_rattle.service.explorer.common.glyphs import clear
+from gear_rattle.service.explorer.common.glyphs import remove_rows
 from gear_rattle.service.explorer.point.parts import PlaneLine
 from gear_rattle.service.explorer.point.words import percent_text, swatch_html
 from gear_rattle.service.explorer.state.events import Event, InitialConditionChosen
@@ -89,9 +89,9 @@ class BasinsPicture:
                 "tau", "v", source=self._chosen, marker="circle", size=size, fill_alpha=0, line_color=shade,
                 line_width=width,
             )  # fmt: skip
-        self.figure.on_event(Tap, handler_in_event_loop(self.tap))
+        self.figure.on_event(Tap, handler_in_event_loop(self.choose_clicked_state))
 
-    def tap(self, event: Any) -> None:
+    def choose_clicked_state(self, event: Any) -> None:
         """Choose the motion that begins where the picture was clicked."""
         if event.x is not None and event.y is not None and 0 < event.y < self._v_max:
             self._dispatch(InitialConditionChosen((float(event.x % 1.0), float(event.y))))
@@ -131,12 +131,12 @@ class BasinsPicture:
     def remove_lines(self) -> None:
         """Remove Γ and the manifolds."""
         for source in self._lines.values():
-            clear(source)
+            remove_rows(source)
 
     def clear(self) -> None:
         """Remove the basins, the lines and all marks from the picture."""
         for source in (self._cells, self._orbits, self._chosen, *self._lines.values()):
-            clear(source)
+            remove_rows(source)
 
     def mark_initial_state(self, tau: float, v: float) -> None:
         """Draw a ring around the initial state of the shown motion; remove it if this state is above the picture."""

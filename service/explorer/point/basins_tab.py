@@ -53,7 +53,7 @@ class BasinsTab:
         self._open_point_parts: list[Part] = [first, (panel.about_lines, self._compute_lines), *finer]
         self._other_point_parts: list[Part] = []
         self._tasks: dict[bool, asyncio.Task[None]] = {}
-        point.follow(self._on_view_change, "point_state")
+        point.subscribe_to_view(self._on_view_change, "point_state")
         point.subscribe(self._on_view_change, READY)
         point.subscribe(self._mark_initial_state, ATTRACTORS, SHOWN_POINT)
         point.subscribe(self._show_orbits, ORBITS)
@@ -61,7 +61,7 @@ class BasinsTab:
 
     def _on_view_change(self) -> None:
         point = self._point
-        chosen = chosen_diagram_point(point.gear, point.state)
+        chosen = chosen_diagram_point(point.gear, point.tabs_state)
         self._show_slider(chosen)
         if chosen != self._chosen_point:
             self._chosen_point = chosen
@@ -75,12 +75,12 @@ class BasinsTab:
         self._mark_initial_state()
         for is_at_other_point in (False, True):
             task = self._tasks.get(is_at_other_point)
-            if point.is_ready and self._missing_parts(is_at_other_point) and (task is None or task.done()):
+            if point.is_ready and self._parts_to_compute(is_at_other_point) and (task is None or task.done()):
                 self._tasks[is_at_other_point] = point.work.start(self._compute_missing_parts(is_at_other_point))
 
     def _show_slider(self, chosen: Pair | None) -> None:
         """Set the slider to the chosen point (δ, ε) of the diagram, or to the open point if `chosen` is None."""
-        gear, state = self._point.gear, self._point.state
+        gear, state = self._point.gear, self._point.tabs_state
         (begin, end), here = ends_of_diagram_line(gear, state), (gear.delta, gear.epsilon)
         axis = max((0, 1), key=lambda each: abs(end[each] - begin[each]))
         length = end[axis] - begin[axis]
@@ -89,7 +89,7 @@ class BasinsTab:
             open_point_stop if state.at is None else round(SLIDER_STEPS * state.at), open_point_stop, chosen or here
         )
 
-    def _missing_parts(self, is_at_other_point: bool) -> list[Part]:
+    def _parts_to_compute(self, is_at_other_point: bool) -> list[Part]:
         """Return the parts of the basins that the open tab needs and whose computation has not begun.
 
         is_at_other_point: True for the parts at the other point that the slider chooses, False for the parts at the
@@ -102,19 +102,19 @@ class BasinsTab:
             empty if the open tab shows no basins, or if `is_at_other_point` is True while the slider is at the open
             point, or False while the slider is at another point.
         """
-        tab = self._point.state.shown_tab
+        tab = self._point.tabs_state.shown_tab
         if is_at_other_point:
             return self._other_point_parts if self._chosen_point is not None and tab in (BASINS, MOTION) else []
         return self._open_point_parts if self._chosen_point is None and tab == BASINS else []
 
     async def _compute_missing_parts(self, is_at_other_point: bool) -> None:
-        while missing := self._missing_parts(is_at_other_point):
+        while missing := self._parts_to_compute(is_at_other_point):
             await self._point.work.run_part_or_show_error(*missing.pop(0))
 
     async def _compute_open_point_basins(self, side: int, method: str) -> None:
         slow = method != "cells"
         found = await self._point.work.compute(
-            parts.basins, self._point.gear, side, method, what="The basins", slow=slow
+            parts.compute_basins, self._point.gear, side, method, what="The basins", slow=slow
         )
 
         def show() -> None:
@@ -122,7 +122,7 @@ class BasinsTab:
             if self._chosen_point is None:
                 self._show_open_point_basins()
 
-        await self._point.work.change(show)
+        await self._point.work.apply_document_change(show)
 
     async def _compute_lines(self) -> None:
         found = await self._point.work.compute(
@@ -134,13 +134,13 @@ class BasinsTab:
             if self._chosen_point is None:
                 self._show_open_point_lines()
 
-        await self._point.work.change(show)
+        await self._point.work.apply_document_change(show)
 
     async def _compute_basins_at(self, chosen: Pair, side: int, method: str) -> None:
         """Compute basins at a point of the diagram on side × side cells, and show them if the point is still chosen."""
         gear, slow = model_of_gear(self._point.gear).gear(*chosen), method != "cells"
         found = await self._point.work.compute(
-            parts.basins_at_other_point, gear, side, method, what="The basins", slow=slow
+            parts.compute_basins_and_orbits, gear, side, method, what="The basins", slow=slow
         )
 
         def show() -> None:
@@ -151,7 +151,7 @@ class BasinsTab:
                 self._panel.under_basins.html = basins_caption(found.basins, (), self._point.palette)
                 self._point.update(shown_point=ShownPoint(gear, found.basins.attractors))
 
-        await self._point.work.change(show)
+        await self._point.work.apply_document_change(show)
 
     def _show_cells(self, found: rattle.Basins, orbits: tuple[rattle.Orbit, ...]) -> None:
         self._panel.picture.show_cells(found, self._point.palette)
@@ -182,7 +182,7 @@ class BasinsTab:
     def _mark_initial_state(self) -> None:
         """Mark the initial state of the chosen motion."""
         attractor = self._point.shown_attractor
-        if (start := self._point.state.start) is not None:
+        if (start := self._point.tabs_state.start) is not None:
             self._panel.mark_initial_state(*start)
         elif attractor is not None:
             self._panel.mark_initial_state(attractor.tau, attractor.v)

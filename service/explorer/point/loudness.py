@@ -12,7 +12,7 @@ from bokeh.models import ColumnDataSource
 
 import rattle
 from gear_rattle.service.explorer.common.figures import line_colour, themed_figure
-from gear_rattle.service.explorer.common.glyphs import clear
+from gear_rattle.service.explorer.common.glyphs import remove_rows
 from gear_rattle.service.explorer.design.rattling import HIGHEST_SPECTRUM_ORDER
 from gear_rattle.service.explorer.point.words import html_table, number_text, swatch_html
 from rattle import Machine, SpectralDensity, SpectralLines
@@ -111,7 +111,7 @@ class SpectrumPicture:
     def clear(self) -> None:
         """Remove the spectrum from the picture."""
         for source in (self.lines, self._density):
-            clear(source)
+            remove_rows(source)
 
     def show(self, found: SpectralLines | SpectralDensity, machine: Machine | None, colour: str) -> None:
         """Draw a spectrum in a colour: in N or N²/Hz over Hz if a machine is given, else dimensionless over orders."""

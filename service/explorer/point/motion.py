@@ -10,7 +10,7 @@ from bokeh.models.annotations import Span
 
 import rattle
 from gear_rattle.service.explorer.common.figures import foreground_colour, line_colour, themed_figure
-from gear_rattle.service.explorer.common.glyphs import clear
+from gear_rattle.service.explorer.common.glyphs import remove_rows
 from gear_rattle.service.explorer.point.words import PERIOD, count_in_words, repetition_in_words
 
 # half the extent of an axis of Φ, relative to β, and of the axis of Φ', relative to the largest speed
@@ -25,7 +25,7 @@ class MotionPictures:
         walls = (-1.0, 1.0)
         self.trace: Any = themed_figure("trace", theme, "", "Φ", 260, (0.0, 1.0), walls)
         self.portrait: Any = themed_figure("portrait", theme, "Φ", "", 260, walls, (-7.0, 7.0))
-        self.samples = ColumnDataSource({"t": [], "phi": [], "velocity": []})
+        self.trajectory_source = ColumnDataSource({"t": [], "phi": [], "velocity": []})
         self._impacts = ColumnDataSource({"t": [], "phi": [], "speed": []})
         ink = foreground_colour(theme)
         style: dict[str, Any] = {"line_color": ink, "line_width": 3, "line_alpha": 0.55}
@@ -37,8 +37,8 @@ class MotionPictures:
             self.trace.add_layout(over)
             self.portrait.add_layout(under)
         self._drawn = [
-            self.trace.line("t", "phi", source=self.samples, line_width=1.6),
-            self.portrait.line("phi", "velocity", source=self.samples, line_width=1.2),
+            self.trace.line("t", "phi", source=self.trajectory_source, line_width=1.6),
+            self.portrait.line("phi", "velocity", source=self.trajectory_source, line_width=1.2),
         ]
         impacts = self.trace.scatter("t", "phi", source=self._impacts, size=4, color=ink, alpha=0.8)
         tooltips = [("impact at", "@t{%.4f}"), ("speed", "@speed{%.4g}")]
@@ -47,8 +47,8 @@ class MotionPictures:
 
     def clear(self) -> None:
         """Remove the motion from both pictures."""
-        for source in (self.samples, self._impacts):
-            clear(source)
+        for source in (self.trajectory_source, self._impacts):
+            remove_rows(source)
 
     def show(self, found: rattle.Trajectory, beta: float, colour: str, period: str) -> None:
         """Draw a motion between walls at ±beta in a colour. period: the name of the forcing period."""
@@ -61,7 +61,7 @@ class MotionPictures:
         self.trace.x_range.update(start=0.0, end=float(found.time[-1]))
         fastest = AXIS_EXTENT * max(float(np.abs(found.velocity).max()), 1e-3 * beta)
         self.portrait.y_range.update(start=-fastest, end=fastest)
-        self.samples.data = {"t": found.time, "phi": found.phi, "velocity": found.velocity}
+        self.trajectory_source.data = {"t": found.time, "phi": found.phi, "velocity": found.velocity}
         shown = slice(0, 2000)
         self._impacts.data = {
             "t": found.impact_time[shown],

@@ -67,17 +67,24 @@ class PointPanel:
         self._watch = WidgetWatcher()
         self._texts = [self._create_text() for _ in range(18)]
         (
-            self.likely, self.shares, self.where, self.loudest, self.safe, self.under_basins, self.about_lines,
-            self.under_motion, self.under_diagram, self.under_spectrum, self.heard, self.take, self.table, self.loud,
-            self.orbits, self.events, self.extents, self.limits,
+            self.likelihood_text, self.basin_fractions_text, self.parameters_text, self.loudest_motion_text,
+            self.margin_text, self.under_basins, self.about_lines, self.under_motion, self.under_diagram,
+            self.under_spectrum, self.sound_text, self.notebook_link_text, self.table, self.intensities_text,
+            self.orbits, self.events, self.extents, self.quiet_limit_text,
         ) = self._texts  # fmt: skip
         self._tolerance = pn.Column(sizing_mode="stretch_width", margin=0)
         texts = {
-            ANSWER: (self.shares, self.loudest, self.extents, self.safe, self.limits),
+            ANSWER: (
+                self.basin_fractions_text,
+                self.loudest_motion_text,
+                self.extents,
+                self.margin_text,
+                self.quiet_limit_text,
+            ),
             BASINS: (self.under_basins, self.about_lines),
             MOTION: (self.under_motion,),
             DIAGRAM: (self.under_diagram,),
-            NUMBERS: (self.table, self.loud, self.orbits, self.events),
+            NUMBERS: (self.table, self.intensities_text, self.orbits, self.events),
         }
         self._bodies = {
             tab: pn.Column(
@@ -94,7 +101,8 @@ class PointPanel:
         )  # fmt: skip
         self._watch.call_on_change(self._tabs, self._choose_tab)
         self.column = pn.Column(
-            self.likely.pane, self.where.pane, self._tabs, self.diagram_slider, *self._bodies.values(), self.take.pane,
+            self.likelihood_text.pane, self.parameters_text.pane, self._tabs, self.diagram_slider,
+            *self._bodies.values(), self.notebook_link_text.pane,
             css_classes=["point"], sizing_mode="stretch_width", margin=0, stylesheets=[PRINTED],
         )  # fmt: skip
 
@@ -120,7 +128,7 @@ class PointPanel:
 
     def clear(self) -> None:
         """Remove everything that the panel shows of a point, and hide its tabs."""
-        self.where.html = ""
+        self.parameters_text.html = ""
         self._tabs.visible = self.diagram_slider.visible = False
         for body in self._bodies.values():
             body.visible = False
@@ -129,7 +137,7 @@ class PointPanel:
     def clear_results(self) -> None:
         """Remove all results of a point. Its parameters stay: they may already be those of the next point."""
         for text in self._texts:
-            if text is not self.where:
+            if text is not self.parameters_text:
                 text.html = ""
         self._tolerance.visible = False
         for name in ("picture", "motions", "spectrum", "diagram"):
@@ -203,7 +211,8 @@ class PointPanel:
             self._create_text("<h2 class=tab>Motion</h2>").pane, self.motion_choice,
             pn.Row(*panes, **WIDE, stylesheets=[WRAPPED]),
             self.under_motion.pane,
-            pn.Row(self.rpm, self._play_button, self.heard.pane, **WIDE), pn.pane.Bokeh(self.spectrum.figure, **WIDE),
+            pn.Row(self.rpm_field, self._play_button, self.sound_text.pane, **WIDE),
+            pn.pane.Bokeh(self.spectrum.figure, **WIDE),
             self.under_spectrum.pane,
         ]  # fmt: skip
         return found
@@ -214,7 +223,7 @@ class PointPanel:
         return loudness.SpectrumPicture(self.theme)
 
     @cached_property
-    def rpm(self) -> pn.widgets.FloatInput:
+    def rpm_field(self) -> pn.widgets.FloatInput:
         """Field for the speed in rpm at which a motion is played as a sound."""
         style: dict[str, Any] = {"width": 130, "margin": (2, 4), "stylesheets": self._panel_stylesheets}
         return pn.widgets.FloatInput(label="Speed, rpm", value=3000.0, start=0.0, **style)
@@ -224,7 +233,7 @@ class PointPanel:
         found = pn.widgets.Button(
             label="Play", css_classes=["play"], margin=(2, 4), align="end", stylesheets=self._panel_stylesheets
         )
-        call_on_press(found, lambda: self._dispatch(SoundRequested(self.rpm.value)))
+        call_on_press(found, lambda: self._dispatch(SoundRequested(self.rpm_field.value)))
         return found
 
     @cached_property
@@ -234,13 +243,13 @@ class PointPanel:
         return found
 
     @property
-    def tolerance(self) -> ToleranceFields:
+    def visible_tolerance_fields(self) -> ToleranceFields:
         """Fields of the tolerances. Reading this property makes them visible."""
         self._tolerance.visible = True
         return self._tolerance_fields
 
     @cached_property
-    def direction(self) -> pn.widgets.RadioButtonGroup:
+    def direction_buttons(self) -> pn.widgets.RadioButtonGroup:
         """Buttons that choose the direction of the diagram, along ε or along δ."""
         found = pn.widgets.RadioButtonGroup(
             label="Direction of the diagram",
@@ -260,14 +269,14 @@ class PointPanel:
     def show_direction(self, chosen: str) -> None:
         """Select the button of the diagram's direction, "epsilon" or "delta"."""
         with self._watch.ignore_changes():
-            self.direction.value = chosen
+            self.direction_buttons.value = chosen
 
     @cached_property
     def diagram(self) -> point_diagram.DiagramPicture:
         """Picture of the one-parameter diagram. The picture and its tab are made at first use."""
         found = point_diagram.DiagramPicture(self.theme, self._profile_place.x_range)
         self._bodies[DIAGRAM][:] = [
-            self._create_text("<h2 class=tab>One-parameter diagram</h2>").pane, self.direction, found.speeds,
+            self._create_text("<h2 class=tab>One-parameter diagram</h2>").pane, self.direction_buttons, found.speeds,
             pn.pane.Bokeh(found.figure, **WIDE), self.under_diagram.pane, self._profile_place.panel,
         ]  # fmt: skip
         return found

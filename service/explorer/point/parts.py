@@ -132,18 +132,19 @@ class DiagramEvent(NamedTuple):
 
 
 class DiagramContents(NamedTuple):
-    """A one-parameter diagram: its branches (`strokes`), its events, and states of attractors that sweeps found.
+    """A one-parameter diagram: its branches (`branch_parts`), its events, and states of attractors that sweeps found.
 
     direction: the parameter x, "epsilon" or "delta". If `to` is not None, x is instead the position on the line from
-    the open point (x = 0) to the point `to` (x = 1). span: the range of x. marks: the impacts of all events. x, v, tau
-    (n,): parameter, speed and phase of each state. upward (n,): True if x grew in the sweep that found the state.
+    the open point (x = 0) to the point `to` (x = 1). span: the range of x. event_impacts: the impacts of all events. x,
+    v, tau (n,): parameter, speed and phase of each state. upward (n,): True if x grew in the sweep that found the
+    state.
     """
 
     direction: str
     to: tuple[float, float] | None
     span: tuple[float, float]
-    strokes: tuple[DrawnBranchPart, ...]
-    marks: EventImpacts
+    branch_parts: tuple[DrawnBranchPart, ...]
+    event_impacts: EventImpacts
     events: tuple[DiagramEvent, ...]
     x: Array
     v: Array
@@ -191,7 +192,7 @@ def sampled_attractors(gear: AnyGear, count: int) -> SampledAttractors:
     return SampledAttractors(count, found, multipliers, tuple(_letter_of_attractor(orbits, each) for each in found))
 
 
-def period_one(gear: AnyGear) -> PeriodOneOrbits:
+def compute_period_one_orbits(gear: AnyGear) -> PeriodOneOrbits:
     """Return the period-one motions and their region: in closed form if there is one, else by continuation."""
     return PeriodOneOrbits(gear.region(), gear.orbits())
 
@@ -223,7 +224,7 @@ def _letter_of_attractor(orbits: Iterable[rattle.Orbit], attractor: rattle.Attra
     return ""
 
 
-def margin(gear: Any) -> QuietMargin:
+def compute_quiet_margin(gear: Any) -> QuietMargin:
     """Return the least impact that ends quiet motion. The gear's model must have `Capability.MARGIN`."""
     v, tau, undecided = gear.boundary_distance()
     leads_to = None
@@ -253,7 +254,7 @@ def compute_plane_lines(gear: AnyGear, arclength: float = ARCLENGTH) -> StatePla
     return StatePlaneLines(tuple(line for line in found if len(line.points)), tuple(missing))
 
 
-def diagram(
+def compute_diagram_contents(
     gear: AnyGear,
     direction: str,
     half_span: float | None = None,
@@ -277,7 +278,7 @@ def diagram(
     DiagramContents
         The branches and the events of the diagram, and the states of attractors that its sweeps found.
     """
-    from rattle.plot import impact_curves_along_branch, impacts_at_event, parameter_axis, strokes
+    from rattle.plot import admissible_curve_parts, impact_curves_along_branch, impacts_at_event, parameter_axis
     from rattle.plot import legend_name as name_of_type
 
     require_capability(Capability.DIAGRAMS, model_of_gear(gear))
@@ -290,7 +291,7 @@ def diagram(
     pieces = []
     for branch in found.branches:
         for curve in impact_curves_along_branch(found, branch, scale, offset):
-            for stable, part in strokes(curve):
+            for stable, part in admissible_curve_parts(curve):
                 named = curve.name[part.start]
                 motion = name_of_type(branch.label) + (f", {named}" if named else "")
                 pieces.append(DrawnBranchPart(curve.x[part], curve.v[part], curve.tau[part], motion, stable))
@@ -329,15 +330,15 @@ def diagram(
     )
 
 
-def basins(gear: AnyGear, side: int, method: str) -> rattle.Basins:
+def compute_basins(gear: AnyGear, side: int, method: str) -> rattle.Basins:
     """Return the basins of attraction on side × side cells of the (τ, v) plane. method: see `rattle.Gear.basins`."""
     return gear.basins(side, None, method)
 
 
-def basins_at_other_point(gear: AnyGear, side: int, method: str) -> BasinsAndOrbits:
+def compute_basins_and_orbits(gear: AnyGear, side: int, method: str) -> BasinsAndOrbits:
     """Return the basins of attraction, and the motions A to D, of a gear at another point than the clicked one."""
     orbits = gear.orbits() if model_of_gear(gear).has_closed_forms else ()
-    return BasinsAndOrbits(basins(gear, side, method), orbits)
+    return BasinsAndOrbits(compute_basins(gear, side, method), orbits)
 
 
 def motion_from_state(gear: AnyGear, tau: float, v: float, periods: float, points: int) -> rattle.Trajectory:
@@ -349,13 +350,15 @@ def load_point_kernels(gear: AnyGear) -> None:
     """Load all kernels that a point of the gear's model needs: compute each part of the view at a small size."""
     sampled_attractors(gear, 16)
     for method in ("cells", "refined", "direct"):
-        basins(gear, 20, method)
+        compute_basins(gear, 20, method)
     motion_from_state(gear, 0.3, 4.0, 1.0, 2)
     rattling.load_sound_kernels(gear)
     has = model_of_gear(gear).has
     if Capability.MANIFOLDS in has:
         compute_plane_lines(gear, arclength=1.0)
     if Capability.MARGIN in has:
-        margin(gear)
+        compute_quiet_margin(gear)
     if Capability.DIAGRAMS in has:
-        diagram(gear, "epsilon", steps=4, count=4, half_span=0.25 * diagrams.SPANS["epsilon"] * plane_scale(gear.delta))
+        compute_diagram_contents(
+            gear, "epsilon", steps=4, count=4, half_span=0.25 * diagrams.SPANS["epsilon"] * plane_scale(gear.delta)
+        )

@@ -13,7 +13,7 @@ from bokeh.models.annotations import Span
 from gear_rattle.service.explorer.common.address import Pair
 from gear_rattle.service.explorer.common.changes import handler_in_event_loop
 from gear_rattle.service.explorer.common.figures import LEFT_BORDER, foreground_colour, themed_figure
-from gear_rattle.service.explorer.common.glyphs import clear
+from gear_rattle.service.explorer.common.glyphs import remove_rows
 from gear_rattle.service.explorer.common.watch import WidgetWatcher
 from gear_rattle.service.explorer.files import read_asset
 from gear_rattle.service.explorer.point.parts import DiagramContents, EventImpacts
@@ -102,7 +102,7 @@ class DiagramPicture:
         self._found = None
         self.speeds.visible = False
         for source in (*self._seen.values(), self._strokes, self._marks, self._names):
-            clear(source)
+            remove_rows(source)
 
     def show(self, found: DiagramContents, at: float) -> None:
         """Draw a diagram, and mark the point whose basins and motion are shown. at: its value on the parameter axis."""
@@ -115,7 +115,7 @@ class DiagramPicture:
             which = found.upward == upward
             source.data = {"x": found.x[which], "v": found.v[which]}
         # stable branches are drawn last, over unstable ones
-        strokes = sorted(found.strokes, key=lambda each: each.stable)
+        strokes = sorted(found.branch_parts, key=lambda each: each.stable)
         self._strokes.data = {
             "x": [each.x for each in strokes],
             "v": [each.v for each in strokes],
@@ -124,7 +124,7 @@ class DiagramPicture:
             "stable": ["stable" if each.stable else "unstable" for each in strokes],
             "dash": ["solid" if each.stable else "dashed" for each in strokes],
         }
-        marks = found.marks
+        marks = found.event_impacts
         self._marks.data = {
             "x": marks.x,
             "v": marks.v,
@@ -177,7 +177,7 @@ class PlacedEventName(NamedTuple):
     row: int
     align: str
     left: float  # where the text begins, in pixels from the left edge of the picture
-    line: float  # where the event is, in pixels from the left edge of the picture
+    line_x: float  # where the event is, in pixels from the left edge of the picture
     right: float  # where the text ends, in pixels from the left edge of the picture
 
     def collides_with(self, other: PlacedEventName) -> bool:
@@ -185,12 +185,12 @@ class PlacedEventName(NamedTuple):
         if self.row == other.row:
             return self.left < other.right and other.left < self.right
         upper, lower = (self, other) if self.row > other.row else (other, self)
-        return lower.left <= upper.line <= lower.right
+        return lower.left <= upper.line_x <= lower.right
 
 
 def speed_range(found: DiagramContents) -> Pair:
     """Return the range of all speeds in a diagram, with a margin at both ends."""
-    speeds = [each for each in (found.v, found.marks.v, *(one.v for one in found.strokes)) if each.size]
+    speeds = [each for each in (found.v, found.event_impacts.v, *(one.v for one in found.branch_parts)) if each.size]
     if not speeds:
         return 0.0, 7.0
     return _add_margin(min(float(each.min()) for each in speeds), max(float(each.max()) for each in speeds))
@@ -240,7 +240,7 @@ def place_event_names(found: DiagramContents, across: float, shown: Pair = (-np.
     list[PlacedEventName]
         Names that do not overlap.
     """
-    marks, (low, high) = found.marks, found.span
+    marks, (low, high) = found.event_impacts, found.span
     events: dict[tuple[float, str, str, str], list[float]] = {}
     for x, v, kind, name, motion in zip(
         marks.x.tolist(), marks.v.tolist(), marks.kind, marks.name, marks.motion, strict=True
@@ -313,8 +313,8 @@ def _link_to_point(delta: float, epsilon: float, text: str) -> str:
 
 def diagram_caption(found: DiagramContents) -> str:
     """Return the caption of a diagram: its axis and range, and how many periodic motions and events it has."""
-    named = sorted({name for name in found.marks.name if name})
-    motions = count_in_words(len({each.motion for each in found.strokes}), "periodic motion")
+    named = sorted({name for name in found.event_impacts.name if name})
+    motions = count_in_words(len({each.motion for each in found.branch_parts}), "periodic motion")
     curves = f", among them {', '.join(named)}" if named else ""
     events = count_in_words(len(found.events), "event")
     span = f"{number_text(found.span[0])} to {number_text(found.span[1])}"
@@ -326,7 +326,7 @@ def diagram_caption(found: DiagramContents) -> str:
 
 def diagram_legend_html(found: DiagramContents, theme: str) -> str:
     """Return the key of a diagram's lines, dots and event markers, in HTML."""
-    there = {each.stable for each in found.strokes}
+    there = {each.stable for each in found.branch_parts}
     lines = [
         (f"3px {dash} currentColor", name)
         for is_stable, dash, name in ((True, "solid", "stable"), (False, "dashed", "unstable"))
@@ -338,11 +338,11 @@ def diagram_legend_html(found: DiagramContents, theme: str) -> str:
     ]
     sweeps = ((True, UPWARD[theme], "swept upward"), (False, DOWNWARD, "swept downward"))
     signs = [("●", shade, name) for is_upward, shade, name in sweeps if (found.upward == is_upward).any()]
-    signs += [(SIGNS[kind], EVENT_COLOUR, MEANINGS[kind]) for kind in MARKERS if kind in found.marks.kind]
+    signs += [(SIGNS[kind], EVENT_COLOUR, MEANINGS[kind]) for kind in MARKERS if kind in found.event_impacts.kind]
     parts += [
         f'<li><span class="sign" style="color:{shade}" aria-hidden="true">{sign}</span> {name}</li>'
         for sign, shade, name in signs
     ]
-    if any(found.marks.name):
+    if any(found.event_impacts.name):
         parts.append("<li>large: on a curve of the map, small: of another motion</li>")
     return f'<ul class="legend" aria-label="Key of the diagram">{"".join(parts)}</ul>'

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 import rattle
-from gear_rattle.service.explorer.common.address import EnteredMachine, Pair, Pin, View, pin_of
+from gear_rattle.service.explorer.common.address import EnteredMachine, Pair, Pin, View, create_pin
 from gear_rattle.service.explorer.common.point_state import PointTabsState
 from gear_rattle.service.explorer.design.fields import machine_at
 from gear_rattle.service.explorer.design.tolerance import tolerance_outline
@@ -41,7 +41,7 @@ class OpenPoint(ObservableValues):
     """The open point: its gear, the results that are computed so far, and the tasks that compute further results.
 
     The tabs of the point subscribe to the results by name (ATTRACTORS, CHAOS, ORBITS, SHOWN_POINT, READY), and to
-    fields of the store's view by `follow`.
+    fields of the store's view by `subscribe_to_view`.
 
     Attributes
     ----------
@@ -71,7 +71,7 @@ class OpenPoint(ObservableValues):
         self.is_ready = False
         self._followed: list[Callable[[], object]] = []
 
-    def follow(self, listener: Callable[[], object], *names: str) -> None:
+    def subscribe_to_view(self, listener: Callable[[], object], *names: str) -> None:
         """Call a listener after changes of the named fields of the view, until `end` is called."""
         self.store.subscribe(listener, *names)
         self._followed.append(listener)
@@ -89,7 +89,7 @@ class OpenPoint(ObservableValues):
             self.store.unsubscribe(listener)
 
     @property
-    def state(self) -> PointTabsState:
+    def tabs_state(self) -> PointTabsState:
         """State of the tabs. An initial condition above the largest speed in the picture of the basins is left out."""
         return self.store.view.point_state.without_start_above(self._fastest)
 
@@ -105,7 +105,7 @@ class OpenPoint(ObservableValues):
     @property
     def attractor_number(self) -> int:
         """Number of the attractor to show: the chosen one, else the first that is not quiet, else 0."""
-        chosen, known = self.state.attractor, self._known_attractors
+        chosen, known = self.tabs_state.attractor, self._known_attractors
         if chosen is not None and chosen < len(known):
             return chosen
         return next((i for i, each in enumerate(known) if each.kind != "quiet"), 0)
@@ -153,7 +153,7 @@ def machine_and_model(
 def machine_and_model_of_open_point(store: PageStore) -> tuple[Machine | None, Model] | None:
     """Return the machine and the model of the open point; None if no point is open or the map's survey is unknown."""
     view = store.view
-    if view.point is None or not store.has_surveys or (view.survey and store.request is None):
+    if view.point is None or not store.is_list_loaded or (view.survey and store.request is None):
         return None
     return machine_and_model(view.point, view.machine, store.machine, store.model)
 
@@ -161,7 +161,7 @@ def machine_and_model_of_open_point(store: PageStore) -> tuple[Machine | None, M
 def pin_of_open_point(store: PageStore) -> Pin | None:
     """Return the open point as a pin; None if no point is open, or if the map's survey is not known yet."""
     opened, point = machine_and_model_of_open_point(store), store.view.point
-    return None if opened is None or point is None else pin_of(*point, opened[1])
+    return None if opened is None or point is None else create_pin(*point, opened[1])
 
 
 def marks_of_open_point(

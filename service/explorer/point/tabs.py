@@ -40,18 +40,18 @@ class MotionTab:
         self._shown: tuple[object, ...] | None = None
         self._motion: asyncio.Task[None] | None = None
         self._sound: asyncio.Task[None] | None = None
-        point.follow(self._on_view_change, "point_state")
-        point.follow(self._on_sound_request, "sounds")
+        point.subscribe_to_view(self._on_view_change, "point_state")
+        point.subscribe_to_view(self._on_sound_request, "sounds")
         point.subscribe(self._on_view_change, ATTRACTORS, SHOWN_POINT, READY)
         if point.machine is not None:
-            panel.rpm.value = float(f"{point.machine.rpm:.6g}")
+            panel.rpm_field.value = float(f"{point.machine.rpm:.6g}")
 
     def _on_view_change(self) -> None:
         """Fill the menu of motions. If the tab of the motion is open, compute and show the chosen motion."""
         point = self._point
         if point.attractors is not None:
             self._offer_motions(point.attractors.attractors)
-        if point.is_ready and point.state.shown_tab == MOTION and self._shown != self._motion_key:
+        if point.is_ready and point.tabs_state.shown_tab == MOTION and self._shown != self._motion_key:
             self._shown = self._motion_key
             part = point.work.run_part_or_show_error(self._panel.under_motion, self._compute_motion)
             self._motion = point.work.start(part, self._motion)
@@ -60,22 +60,22 @@ class MotionTab:
         """Fill the menu of motions: the attractors, and the motion from the clicked state if there is one."""
         options = {f"{i + 1}. {legend_name(each)}": i for i, each in enumerate(attractors)}
         number = self._point.attractor_number
-        if self._point.state.start is not None:
-            tau, v = self._point.state.start
+        if self._point.tabs_state.start is not None:
+            tau, v = self._point.tabs_state.start
             options[f"from τ = {tau:.4f}, v = {v:.4g}"] = number = CLICKED_STATE
         self._panel.offer_motions(options, number)
 
     @property
     def _motion_key(self) -> tuple[object, ...]:
         """Values that decide which motion is shown: number of the attractor, clicked initial condition, gear."""
-        return self._point.state.attractor, self._point.state.start, self._point.shown_point.gear
+        return self._point.tabs_state.attractor, self._point.tabs_state.start, self._point.shown_point.gear
 
     async def _compute_motion(self) -> None:
         point, panel = self._point, self._panel
         requested, gear, periods, shade = self._motion_key, point.shown_point.gear, PERIODS, CLICKED_MOTION_COLOUR
         attractor = None
-        if point.state.start is not None:
-            (tau, v), what = point.state.start, "From the chosen initial condition"
+        if point.tabs_state.start is not None:
+            (tau, v), what = point.tabs_state.start, "From the chosen initial condition"
         elif (attractor := point.shown_attractor) is None:
             raise rattle.RattleError(
                 "No attractor is known at this point. Click in the basins to see the motion from the clicked state."
@@ -92,11 +92,11 @@ class MotionTab:
                 return  # another motion has been chosen meanwhile
             panel.motions.show(found, gear.beta, shade, point.period)
             panel.under_motion.html = faint_html(motion.motion_caption(found, what, point.period, attractor))
-            panel.heard.html = ""
+            panel.sound_text.html = ""
             panel.under_spectrum.html = ""
             panel.spectrum.clear()
 
-        await point.work.change(show)
+        await point.work.apply_document_change(show)
         if attractor is not None and attractor.kind != "undecided" and requested == self._motion_key:
             await point.work.run_part_or_show_error(
                 panel.under_spectrum, lambda: self._compute_spectrum(attractor, shade)
@@ -116,23 +116,23 @@ class MotionTab:
                 self._panel.spectrum.show(found, machine, shade)
                 self._panel.under_spectrum.html = faint_html(loudness.spectrum_caption(found, legend_name(attractor)))
 
-        await point.work.change(show)
+        await point.work.apply_document_change(show)
 
     def _on_sound_request(self) -> None:
-        self._panel.heard.html = waiting_html("the sound")
+        self._panel.sound_text.html = waiting_html("the sound")
         work = self._point.work
-        self._sound = work.start(work.run_part_or_show_error(self._panel.heard, self._compute_sound), self._sound)
+        self._sound = work.start(work.run_part_or_show_error(self._panel.sound_text, self._compute_sound), self._sound)
 
     async def _compute_sound(self) -> None:
         point, attractor, rpm = self._point, self._point.shown_attractor, self._point.store.view.rpm
-        if point.state.start is not None or attractor is None:
+        if point.tabs_state.start is not None or attractor is None:
             raise rattle.RattleError("Only an attractor has a sound. Choose an attractor in the list of motions.")
         if not rpm:
             raise rattle.RattleError("A sound needs a speed above 0 rpm.")
         found = await point.work.compute(
             rattling.sound_file_bytes, point.shown_point.gear, attractor, rpm, what="The sound"
         )
-        await point.work.set_text(self._panel.heard, loudness.audio_html(found))
+        await point.work.set_text(self._panel.sound_text, loudness.audio_html(found))
 
 
 class DiagramTab:
@@ -140,17 +140,17 @@ class DiagramTab:
 
     def __init__(self, point: OpenPoint, panel: PointPanel) -> None:
         self._point, self._panel = point, panel
-        self._choice = point.state.diagram_choice
+        self._choice = point.tabs_state.diagram_choice
         self._known: DiagramContents | None = None
         self._drawn: DiagramContents | None = None
         self._task: asyncio.Task[None] | None = None
-        point.follow(self._on_view_change, "point_state")
+        point.subscribe_to_view(self._on_view_change, "point_state")
         point.subscribe(self._on_view_change, READY)
         point.subscribe(self._list_events, CHAOS)
 
     def _on_view_change(self) -> None:
         """Compute the chosen diagram if a tab that shows it is open, and mark the point that the slider chooses."""
-        point, panel, state = self._point, self._panel, self._point.state
+        point, panel, state = self._point, self._panel, self._point.tabs_state
         if not point.is_ready:
             return
         panel.show_direction(state.direction)
@@ -167,7 +167,7 @@ class DiagramTab:
     @property
     def _parameter_at_chosen_point(self) -> float:
         """Value on the diagram's parameter axis at the point that the slider chooses."""
-        gear, state = self._point.gear, self._point.state
+        gear, state = self._point.gear, self._point.tabs_state
         if state.to is not None:
             return state.at or 0.0
         delta, epsilon = chosen_diagram_point(gear, state) or (gear.delta, gear.epsilon)
@@ -177,19 +177,19 @@ class DiagramTab:
         choice = self._choice
         if self._known is None:
             found = await self._point.work.compute(
-                parts.diagram, self._point.gear, *choice, what="The diagram", slow=True
+                parts.compute_diagram_contents, self._point.gear, *choice, what="The diagram", slow=True
             )
             if choice != self._choice:
                 return  # the viewer has chosen another diagram, which another task computes
             self._known = found
-        await self._point.work.change(self._show_diagram)
+        await self._point.work.apply_document_change(self._show_diagram)
 
     def _show_diagram(self) -> None:
         found, panel = self._known, self._panel
         if found is None:
             return
         self._list_events()
-        if self._point.state.shown_tab == DIAGRAM:
+        if self._point.tabs_state.shown_tab == DIAGRAM:
             self._drawn = found
             panel.diagram.show(found, self._parameter_at_chosen_point)
             said = faint_html(point_diagram.diagram_caption(found))
@@ -208,22 +208,22 @@ class YieldSection:
         self._point, self._panel = point, panel
         self._requested: tuple[PointTolerances | None, int] = None, point.store.view.yields
         self._task: asyncio.Task[None] | None = None
-        point.follow(self._on_view_change, "point_state", "yields")
+        point.subscribe_to_view(self._on_view_change, "point_state", "yields")
         point.subscribe(self._fill_fields_from_view, READY)
 
     def _fill_fields_from_view(self) -> None:
         """Set the fields to the tolerances of the view. If the view has tolerances, compute the yield."""
         point = self._point
-        self._panel.tolerance.fill(point.gear, point.machine, point.state.tolerance)
+        self._panel.visible_tolerance_fields.fill(point.gear, point.machine, point.tabs_state.tolerance)
         self._on_view_change()
 
     def _on_view_change(self) -> None:
-        widths, requested = self._point.state.tolerance, self._requested
+        widths, requested = self._point.tabs_state.tolerance, self._requested
         if not self._point.is_ready or widths is None:
             return
         self._requested = widths, self._point.store.view.yields
         if requested != self._requested:
-            said, work = self._panel.tolerance.said, self._point.work
+            said, work = self._panel.visible_tolerance_fields.said, self._point.work
             said.html = waiting_html("the yield")
             self._task = work.start(work.run_part_or_show_error(said, lambda: self._compute_yield(widths)), self._task)
 
@@ -234,7 +234,9 @@ class YieldSection:
         )
 
         def show() -> None:
-            if widths == point.state.tolerance:
-                self._panel.tolerance.said.html = f"<p>{escape(tolerance.describe_yield(found, widths.share))}</p>"
+            if widths == point.tabs_state.tolerance:
+                self._panel.visible_tolerance_fields.said.html = (
+                    f"<p>{escape(tolerance.describe_yield(found, widths.share))}</p>"
+                )
 
-        await point.work.change(show)
+        await point.work.apply_document_change(show)

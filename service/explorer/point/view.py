@@ -62,20 +62,20 @@ class PointView:
             self.gear = model.gear(delta, epsilon)
         except rattle.RattleError as error:
             panel.clear()
-            panel.likely.html = f'<p class="wrong">{escape(str(error))}</p>'
+            panel.likelihood_text.html = f'<p class="wrong">{escape(str(error))}</p>'
             return
         self._point = point = OpenPoint(store, self.work, self.gear, machine)
         # The position is written first, because a browser then needs 0.5 s to remove the previous point's results.
-        panel.where.html = f"<p>{escape(words.point_in_words(self.gear))}</p>"
+        panel.parameters_text.html = f"<p>{escape(words.point_in_words(self.gear))}</p>"
         panel.clear_results()
-        panel.limits.html = f"<p>{escape(words.quiet_limit_in_words(self.gear, point.period))}</p>" + (
+        panel.quiet_limit_text.html = f"<p>{escape(words.quiet_limit_in_words(self.gear, point.period))}</p>" + (
             f"<p>{escape(words.machine_in_words(machine, self.gear))}</p>" if machine else ""
         )
         for text, what in (
             (panel.orbits, "the period-one orbits"),
-            (panel.likely, "how likely quiet running is"), (panel.under_basins, "the basins"),
+            (panel.likelihood_text, "how likely quiet running is"), (panel.under_basins, "the basins"),
             (panel.under_motion, "a motion"), (panel.under_diagram, "the diagram"), (panel.events, "the diagram"),
-            (panel.safe, "the margin"), (panel.extents, "where each motion begins and ends"),
+            (panel.margin_text, "the margin"), (panel.extents, "where each motion begins and ends"),
         ):  # fmt: skip
             text.html = waiting_html(what)
         self._answer = PointAnswer(point, panel, front)
@@ -85,7 +85,7 @@ class PointView:
     def show_survey_attractors(self, found: parts.SampledAttractors) -> None:
         """Show the attractors of the survey's cell that contains the point, unless the point's own are known."""
         if self._point is not None and self._point.attractors is None:
-            self._answer.show(found, FROM_SURVEY_CELL)
+            self._answer.show_likelihood(found, FROM_SURVEY_CELL)
 
     def stop(self) -> None:
         """Give up the computations that still run, because another point is shown."""
@@ -107,23 +107,23 @@ class PointAnswer:
         self._is_margin_requested = False
         is_compiled = front.kernels.is_compiled(self._model.name)
         if not is_compiled:
-            panel.likely.html = faint_html(COMPILING)
+            panel.likelihood_text.html = faint_html(COMPILING)
         if self._model.has_closed_forms and is_compiled:
-            self._show_orbits(parts.period_one(self._gear))
+            self._show_orbits(parts.compute_period_one_orbits(self._gear))
         elif self._model.has_closed_forms:
             point.work.start(point.work.run_part_or_show_error(panel.orbits, self._show_closed_form_orbits))
-        point.follow(self._on_view_change, "point_state")
+        point.subscribe_to_view(self._on_view_change, "point_state")
         point.subscribe(self._on_view_change, READY)
         self._on_view_change()
         point.work.start(self._compute_in_order())
 
     def _on_view_change(self) -> None:
-        point, state = self._point, self._point.state
+        point, state = self._point, self._point.tabs_state
         self._panel.show_tab(state.shown_tab)
-        self._panel.take.html = words.notebook_link(self._gear, *state.diagram_choice)
+        self._panel.notebook_link_text.html = words.notebook_link(self._gear, *state.diagram_choice)
         if point.is_ready and state.shown_tab == ANSWER and not self._is_margin_requested:
             self._is_margin_requested = True
-            point.work.start(point.work.run_part_or_show_error(self._panel.safe, self._compute_margin))
+            point.work.start(point.work.run_part_or_show_error(self._panel.margin_text, self._compute_margin))
 
     async def _compute_in_order(self) -> None:
         """Compute and show attractors and intensities, then set `is_ready`; then compute and show orbits and extents.
@@ -131,10 +131,10 @@ class PointAnswer:
         `is_ready` lets the open tab begin its computations.
         """
         point, panel = self._point, self._panel
-        await point.work.run_part_or_show_error(panel.likely, self._compute_attractors)
-        await point.work.run_part_or_show_error(panel.loud, self._compute_intensities)
+        await point.work.run_part_or_show_error(panel.likelihood_text, self._compute_attractors)
+        await point.work.run_part_or_show_error(panel.intensities_text, self._compute_intensities)
         await asyncio.sleep(PAINT_SECONDS)
-        await point.work.change(lambda: point.update(is_ready=True))
+        await point.work.apply_document_change(lambda: point.update(is_ready=True))
         if self._gear.parameters.harmonics:
             await point.work.set_text(panel.orbits, f"<p>{OF_ONE_COSINE}</p>")
         elif not self._model.has_closed_forms:
@@ -143,16 +143,16 @@ class PointAnswer:
 
     async def _compute_attractors(self) -> None:
         found = await self._point.work.compute(parts.sampled_attractors, self._gear, self._count, what="The attractors")
-        await self._point.work.change(lambda: self._show_attractors(found))
+        await self._point.work.apply_document_change(lambda: self._show_attractors(found))
 
-    def show(self, found: parts.SampledAttractors, note: str = "") -> None:
+    def show_likelihood(self, found: parts.SampledAttractors, note: str = "") -> None:
         """Show in a sentence how likely the gear is to run quietly. note: HTML after the sentence."""
         said = escape(words.likelihood_in_words(self._gear, found, self._point.period))
-        self._panel.likely.html = f'<p class="answer"><strong>{said}</strong>{note}</p>'
-        self._panel.shares.html = words.basin_fractions_bar_html(found, self._point.palette)
+        self._panel.likelihood_text.html = f'<p class="answer"><strong>{said}</strong>{note}</p>'
+        self._panel.basin_fractions_text.html = words.basin_fractions_bar_html(found, self._point.palette)
 
     def _show_attractors(self, found: parts.SampledAttractors) -> None:
-        self.show(found)
+        self.show_likelihood(found)
         self._panel.table.html = words.attractors_table(found, self._point.palette)
         self._point.update(attractors=found)
 
@@ -163,9 +163,9 @@ class PointAnswer:
         attractors = point.attractors.attractors
         found = await point.work.compute(rattling.motion_intensities, gear, attractors, what="The intensities")
         said = loudness.intensity_table(attractors, found, gear.delta, point.machine, point.palette)
-        await point.work.set_text(self._panel.loud, said)
+        await point.work.set_text(self._panel.intensities_text, said)
         loudest = loudness.describe_loudest_motion(attractors, found, gear.delta, point.machine)
-        await point.work.set_text(self._panel.loudest, f"<p>{escape(loudest)}</p>" if loudest else "")
+        await point.work.set_text(self._panel.loudest_motion_text, f"<p>{escape(loudest)}</p>" if loudest else "")
 
     async def _compute_extents(self) -> None:
         """Compute the extents of the motions one by one, so that their table grows and each computation is short."""
@@ -173,7 +173,7 @@ class PointAnswer:
         if point.attractors is None:
             return
         attractors, request = point.attractors.attractors, point.store.request
-        within = extents.followed_range(gear, None if request is None else window_of_request(request)[1])
+        within = extents.epsilon_search_range(gear, None if request is None else window_of_request(request)[1])
         known: list[extents.MotionExtent | None] = []
         for each in attractors[: extents.MOST_FOLLOWED]:
             try:
@@ -183,16 +183,16 @@ class PointAnswer:
             except UnavailableError:  # not computed in time: the other motions are followed nevertheless
                 found = None
             known.append(found)
-            await point.work.change(partial(self._show_extents, known))
+            await point.work.apply_document_change(partial(self._show_extents, known))
         if extents.has_bracketed_chaos_end(attractors, known):
             with suppress(UnavailableError):  # if this fails, the end of chaos stays the bracket that the sweep found
                 known[:] = await point.work.compute(
                     extents.add_crisis_to_extents, gear, attractors, known, what="The boundary crisis", slow=True
                 )
-            await point.work.change(partial(self._show_extents, known))
+            await point.work.apply_document_change(partial(self._show_extents, known))
         chaos = words.chaos_events(gear, attractors, known)
         if chaos:  # only at the end, because a new table of events folds rows that a viewer has unfolded
-            await point.work.change(lambda: point.update(chaos=chaos))
+            await point.work.apply_document_change(lambda: point.update(chaos=chaos))
 
     def _show_extents(self, known: Sequence[extents.MotionExtent | None]) -> None:
         point = self._point
@@ -201,27 +201,31 @@ class PointAnswer:
 
     async def _show_closed_form_orbits(self) -> None:
         await self._point.work.wait_for_kernels()
-        await self._point.work.change(lambda: self._show_orbits(parts.period_one(self._gear)))
+        await self._point.work.apply_document_change(
+            lambda: self._show_orbits(parts.compute_period_one_orbits(self._gear))
+        )
 
     async def _compute_orbits(self) -> None:
-        found = await self._point.work.compute(parts.period_one, self._gear, what="The period-one orbits", slow=True)
+        found = await self._point.work.compute(
+            parts.compute_period_one_orbits, self._gear, what="The period-one orbits", slow=True
+        )
 
         def show() -> None:
             self._show_orbits(found)
             if self._point.attractors is not None:
                 self._show_attractors(parts.add_orbit_letters(self._point.attractors, found.orbits))
 
-        await self._point.work.change(show)
+        await self._point.work.apply_document_change(show)
 
     def _show_orbits(self, found: parts.PeriodOneOrbits) -> None:
         self._panel.orbits.html = words.orbits_table(found)
         self._point.update(orbits=found.orbits)
 
     async def _compute_margin(self) -> None:
-        point, safe = self._point, self._panel.safe
+        point, safe = self._point, self._panel.margin_text
         if Capability.MARGIN not in self._model.has:
             await point.work.set_text(safe, f"<p>{missing_capability_error(Capability.MARGIN, self._model)}</p>")
             return
-        found = await point.work.compute(parts.margin, self._gear, what="The margin", slow=True)
+        found = await point.work.compute(parts.compute_quiet_margin, self._gear, what="The margin", slow=True)
         said = words.margin_in_words(self._gear, found, point.period)
         await point.work.set_text(safe, f"<p>{escape(said)}</p>")

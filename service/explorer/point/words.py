@@ -81,7 +81,7 @@ def percent_text(share: float) -> str:
     return f"{100 * share:.3g} %"
 
 
-def text_of_complex_number(value: complex, digits: int = 4) -> str:
+def complex_number_text(value: complex, digits: int = 4) -> str:
     """Return a complex number as text. An imaginary part of the size of rounding errors is left out."""
     if abs(value.imag) < 1e-12 * max(1.0, abs(value.real)):
         return number_text(value.real, digits)
@@ -96,7 +96,7 @@ def multipliers_text(values: tuple[complex, complex] | None) -> str:
     first, second = values
     if first.imag and abs(first - second.conjugate()) < 1e-9:
         return f"{number_text(first.real)} ± {number_text(abs(first.imag))}i"
-    return f"{text_of_complex_number(first)}, {text_of_complex_number(second)}"
+    return f"{complex_number_text(first)}, {complex_number_text(second)}"
 
 
 def motion_in_words(attractor: rattle.Attractor, letter: str = "", period: str = PERIOD) -> str:

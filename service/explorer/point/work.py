@@ -148,9 +148,9 @@ class PointTasks:
         def change() -> None:
             text.html = html
 
-        await self.change(change)
+        await self.apply_document_change(change)
 
-    async def change(self, action: Callable[[], object]) -> None:
+    async def apply_document_change(self, action: Callable[[], object]) -> None:
         """Run `action`, which changes the document, and wait for it. Raises CancelledError if the view has ended."""
         self._require_open()
         if self._document is None or self._document.session_context is None:

@@ -9,7 +9,7 @@ from bokeh.models import BasicTicker, ColumnDataSource, FixedTicker, HoverTool, 
 
 from gear_rattle.service.explorer.common.address import Pair
 from gear_rattle.service.explorer.common.figures import LEFT_BORDER, foreground_colour, themed_figure
-from gear_rattle.service.explorer.common.glyphs import clear
+from gear_rattle.service.explorer.common.glyphs import remove_rows
 from gear_rattle.service.explorer.section.profile import MapProfile
 
 HEIGHT = 190
@@ -31,7 +31,7 @@ class ProfileFigure:
 
     def clear(self) -> None:
         """Remove the profile from the figure."""
-        clear(self.steps)
+        remove_rows(self.steps)
 
     def show(self, profile: MapProfile, span: Pair, limits: Pair | None) -> Pair:
         """Draw a profile over the parameter of the diagram.

@@ -72,7 +72,7 @@ def crossed_cells(box: Ranges, shape: tuple[int, int], ends: Ends) -> tuple[np.n
     return at, row, column
 
 
-def profile_of(plane: MapPlane, ends: Ends) -> MapProfile:
+def compute_profile(plane: MapPlane, ends: Ends) -> MapProfile:
     """Return the profile of a map along a line between two points (δ, ε). The call blocks: use a thread."""
     delta, epsilon = ((min(pair), max(pair)) for pair in zip(*ends, strict=True))
     block = plane.block((delta, epsilon), MOST_READ)

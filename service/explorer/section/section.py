@@ -20,7 +20,7 @@ from gear_rattle.service.explorer.map.shared import SharedState
 from gear_rattle.service.explorer.point.panel import FigureBelowDiagram
 from gear_rattle.service.explorer.point.state import machine_and_model_of_open_point
 from gear_rattle.service.explorer.section.picture import ProfileFigure
-from gear_rattle.service.explorer.section.profile import Ends, profile_in_words, profile_of
+from gear_rattle.service.explorer.section.profile import Ends, compute_profile, profile_in_words
 from gear_rattle.service.explorer.state.events import DiagramEndChosen, ProfileChosen
 from gear_rattle.service.explorer.state.store import JOBS, PageStore
 from gear_rattle.service.operations.diagrams import diagram_ends, diagram_span
@@ -60,7 +60,7 @@ class ProfileSection:
         )  # fmt: skip
 
     @cached_property
-    def picture(self) -> ProfileFigure:
+    def profile_figure(self) -> ProfileFigure:
         """Figure of the profile, made when a profile is first shown."""
         found = ProfileFigure(self._theme, self.profile_place.x_range)
         self.profile_place.panel[:] = [
@@ -101,11 +101,11 @@ class ProfileSection:
         plane = await self._viewer.run_in_thread(
             partial(self._shared.plane, job, chosen.variable, chosen.index, view.slice)
         )
-        found = await self._viewer.run_in_thread(partial(profile_of, plane, ends))
+        found = await self._viewer.run_in_thread(partial(compute_profile, plane, ends))
 
         def show() -> None:
             self._set_options(options, chosen, ends)
-            limits = self.picture.show(found, span, view.profile_limits if view.profile == chosen else None)
+            limits = self.profile_figure.show(found, span, view.profile_limits if view.profile == chosen else None)
             with self._watch.ignore_changes():
                 self.low.value, self.high.value = limits
             if self._shown_ends != (ends, span):  # otherwise the axis stays where a viewer has moved it
@@ -122,19 +122,19 @@ class ProfileSection:
             self.delta.value, self.epsilon.value = ends[1]
 
     def _show_error(self, why: RattleError | str) -> None:
-        self.picture.clear()
+        self.profile_figure.clear()
         self.said.html = alert_html(str(why))
         self.profile_place.panel.visible = True
 
     def _on_variable_change(self) -> None:
-        self._store.dispatch(ProfileChosen(MapChoice.read(str(self.variable.value))))
+        self._store.dispatch(ProfileChosen(MapChoice.parse(str(self.variable.value))))
 
     def _on_profile_limits(self) -> None:
         low, high = self.low.value, self.high.value
         if low is None or high is None or not low < high:
             self._show_error("The profile needs two limits, the first below the second.")
         else:
-            chosen = MapChoice.read(str(self.variable.value))
+            chosen = MapChoice.parse(str(self.variable.value))
             self._store.dispatch(ProfileChosen(chosen, (float(low), float(high))))
 
     def _on_end_point(self) -> None:

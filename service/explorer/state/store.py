@@ -67,7 +67,7 @@ class PageStore(ObservableValues):
         super().__init__()
         self.view = view
         self.jobs: Mapping[str, JobStatus] = {}
-        self.has_surveys = False  # True once the list of surveys has arrived
+        self.is_list_loaded = False  # True once the list of surveys has arrived
         self._example = example
         self._known: tuple[str, SurveyRequest] | None = None
 
@@ -85,7 +85,7 @@ class PageStore(ObservableValues):
 
     def update_surveys(self, jobs: Mapping[str, JobStatus]) -> None:
         """Replace the list of surveys by the current one, and call its listeners."""
-        self.jobs, self.has_surveys = jobs, True
+        self.jobs, self.is_list_loaded = jobs, True
         self.call_listeners({JOBS})
 
     @property

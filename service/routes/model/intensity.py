@@ -8,7 +8,7 @@ from typing import Any
 from fastapi import APIRouter, Depends
 from pydantic import BaseModel, Field
 
-from gear_rattle.service.operations.points import finite_or_none, intensities
+from gear_rattle.service.operations.points import compute_intensities, finite_or_none
 from gear_rattle.service.operations.processes import compute_in_process
 from gear_rattle.service.routes.model.machine import PointQuery, RequestedPoint
 from gear_rattle.service.routes.model.points import (
@@ -106,7 +106,7 @@ async def intensity(
     require_few_samples(front, count)
     found = await compute_in_process(
         front,
-        intensities,
+        compute_intensities,
         point.gear,
         count,
         v_max,

@@ -28,7 +28,7 @@ from rattle.models import ADDED, AnyGear, model_of, with_harmonics
 router = APIRouter(prefix="/v1", tags=["points"])
 
 
-def annotate_positive_query(description: str, example: float | None = None, *, zero: bool = False) -> Any:
+def declare_positive_query(description: str, example: float | None = None, *, zero: bool = False) -> Any:
     """Return the declaration of a query parameter that must be positive; with `zero`, it may also be 0."""
     above, least = (None, 0.0) if zero else (0.0, None)
     examples = None if example is None else [example]
@@ -61,7 +61,7 @@ Harmonics = Annotated[Sequence[str], Query(description=HARMONIC_HELP, max_length
 ADDED_QUERIES: dict[str, dict[str, Any]] = {
     "beta": {name: annotate_added_parameter_query(name) for name in ADDED},
     "drive": {
-        name: Annotated[float | None, annotate_positive_query(text, zero=name not in POSITIVE_NUMBERS)]
+        name: Annotated[float | None, declare_positive_query(text, zero=name not in POSITIVE_NUMBERS)]
         for name, text in (machine_number_descriptions() | SECOND_GEAR).items()
     },
 }
@@ -71,12 +71,12 @@ ADDED_QUERIES: dict[str, dict[str, Any]] = {
     {"drive": {"restitution": annotate_added_parameter_query("restitution", example=0.7), **ADDED_QUERIES["drive"]}}
 )
 async def machine_of_query(
-    inertia: Annotated[float, annotate_positive_query(INERTIA, 0.003)],
-    drag: Annotated[float, annotate_positive_query(DRAG, 0.0005)],
-    backlash: Annotated[float, annotate_positive_query(ALONG_LINE_OF_ACTION, 0.0001)],
-    eccentricity: Annotated[float, annotate_positive_query(ECCENTRICITY, 0.000015, zero=True)],
-    radius: Annotated[float, annotate_positive_query("m, of the base circle", 0.05)],
-    rpm: Annotated[float, annotate_positive_query("revolutions per minute", 3000.0)],
+    inertia: Annotated[float, declare_positive_query(INERTIA, 0.003)],
+    drag: Annotated[float, declare_positive_query(DRAG, 0.0005)],
+    backlash: Annotated[float, declare_positive_query(ALONG_LINE_OF_ACTION, 0.0001)],
+    eccentricity: Annotated[float, declare_positive_query(ECCENTRICITY, 0.000015, zero=True)],
+    radius: Annotated[float, declare_positive_query("m, of the base circle", 0.05)],
+    rpm: Annotated[float, declare_positive_query("revolutions per minute", 3000.0)],
     drive: Drive = "torque",
     **further_numbers: Any,
 ) -> Machine:
@@ -88,11 +88,11 @@ async def machine_of_query(
     {"drive": {"restitution": annotate_added_parameter_query("restitution", example=0.7), **ADDED_QUERIES["drive"]}}
 )
 async def measured_machine_of_query(
-    inertia: Annotated[float, annotate_positive_query(INERTIA, 0.003)],
-    drag: Annotated[float, annotate_positive_query(DRAG, 0.0005)],
-    backlash: Annotated[float, annotate_positive_query(ALONG_LINE_OF_ACTION, 0.0001)],
-    radius: Annotated[float, annotate_positive_query("m, of the base circle", 0.05)],
-    rpm: Annotated[float, annotate_positive_query("revolutions per minute", 3000.0)],
+    inertia: Annotated[float, declare_positive_query(INERTIA, 0.003)],
+    drag: Annotated[float, declare_positive_query(DRAG, 0.0005)],
+    backlash: Annotated[float, declare_positive_query(ALONG_LINE_OF_ACTION, 0.0001)],
+    radius: Annotated[float, declare_positive_query("m, of the base circle", 0.05)],
+    rpm: Annotated[float, declare_positive_query("revolutions per minute", 3000.0)],
     drive: Drive = "torque",
     **further_numbers: Any,
 ) -> Machine:
@@ -110,17 +110,17 @@ class RequestedPoint:
 
 @with_query_parameters(ADDED_QUERIES)
 async def point_of_query(
-    delta: Annotated[float | None, annotate_positive_query("damping; needed without a machine", 0.6)] = None,
+    delta: Annotated[float | None, declare_positive_query("damping; needed without a machine", 0.6)] = None,
     epsilon: Annotated[
-        float | None, annotate_positive_query("eccentricity; needed without a machine", 0.1, zero=True)
+        float | None, declare_positive_query("eccentricity; needed without a machine", 0.1, zero=True)
     ] = None,
-    beta: Annotated[float | None, annotate_positive_query("half-backlash, by default 0.6", 0.6)] = None,
-    inertia: Annotated[float | None, annotate_positive_query(f"a machine instead: {INERTIA}")] = None,
-    drag: Annotated[float | None, annotate_positive_query(DRAG)] = None,
-    backlash: Annotated[float | None, annotate_positive_query(ALONG_LINE_OF_ACTION)] = None,
-    eccentricity: Annotated[float | None, annotate_positive_query(ECCENTRICITY, zero=True)] = None,
-    radius: Annotated[float | None, annotate_positive_query("m, of the base circle")] = None,
-    rpm: Annotated[float | None, annotate_positive_query("revolutions per minute")] = None,
+    beta: Annotated[float | None, declare_positive_query("half-backlash, by default 0.6", 0.6)] = None,
+    inertia: Annotated[float | None, declare_positive_query(f"a machine instead: {INERTIA}")] = None,
+    drag: Annotated[float | None, declare_positive_query(DRAG)] = None,
+    backlash: Annotated[float | None, declare_positive_query(ALONG_LINE_OF_ACTION)] = None,
+    eccentricity: Annotated[float | None, declare_positive_query(ECCENTRICITY, zero=True)] = None,
+    radius: Annotated[float | None, declare_positive_query("m, of the base circle")] = None,
+    rpm: Annotated[float | None, declare_positive_query("revolutions per minute")] = None,
     drive: Annotated[Literal["torque", "speed"] | None, Query(description=DRIVE)] = None,
     harmonic: Harmonics = (),
     **more: float | None,

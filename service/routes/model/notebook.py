@@ -9,7 +9,7 @@ from fastapi import APIRouter, Depends, Query, Response
 
 from gear_rattle.service.operations.diagrams import LEAST_SPAN, MOST_SPAN, diagram_ends
 from gear_rattle.service.operations.notebook import create_notebook
-from gear_rattle.service.routes.model.machine import PointQuery, annotate_positive_query
+from gear_rattle.service.routes.model.machine import PointQuery, declare_positive_query
 from gear_rattle.service.web.conditional import NOT_MODIFIED, set_query_etag
 from gear_rattle.service.web.problems import declare_problems
 from rattle import ParameterError
@@ -36,10 +36,10 @@ async def notebook(
     ] = None,
     to_delta: Annotated[
         float | None,
-        annotate_positive_query("damping at the end of a diagram that begins at the point; needs to_epsilon"),
+        declare_positive_query("damping at the end of a diagram that begins at the point; needs to_epsilon"),
     ] = None,
     to_epsilon: Annotated[
-        float | None, annotate_positive_query("eccentricity at its end; needs to_delta", zero=True)
+        float | None, declare_positive_query("eccentricity at its end; needs to_delta", zero=True)
     ] = None,
 ) -> Response:
     """Return a Jupyter notebook that computes the attractors, the basins and a bifurcation diagram of a point.

@@ -144,7 +144,12 @@ def test_intensities_are_told_in_both_units() -> None:
 
 def test_a_machine_s_point_is_told_in_si_and_heard(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def quick(work: Callable[..., Any], *arguments: Any) -> Any:
-        if work in (parts.basins, parts.compute_plane_lines, parts.margin, parts.diagram):
+        if work in (
+            parts.compute_basins,
+            parts.compute_plane_lines,
+            parts.compute_quiet_margin,
+            parts.compute_diagram_contents,
+        ):
             raise UnavailableError("not in this test")
         return work(*((arguments[0], 64) if work is parts.sampled_attractors else arguments))
 
@@ -158,32 +163,32 @@ def test_a_machine_s_point_is_told_in_si_and_heard(tmp_path: Path, monkeypatch: 
 
         monkeypatch.setattr(view.work, "compute", compute)
         monkeypatch.setattr(Impacting, "design_gears", 16)
-        assert "A machine at 3000 rpm with an eccentricity of 15 µm" in panel.limits.html
-        await eventually(lambda: "J per revolution" in panel.loud.html)
-        assert "dB re 1 pW" in panel.loudest.html
+        assert "A machine at 3000 rpm with an eccentricity of 15 µm" in panel.quiet_limit_text.html
+        await eventually(lambda: "J per revolution" in panel.intensities_text.html)
+        assert "dB re 1 pW" in panel.loudest_motion_text.html
         dispatch(TabChosen("motion"))
         await eventually(lambda: "exact lines" in panel.under_spectrum.html)
         lines = panel.spectrum.lines.data
         np.testing.assert_allclose(lines["x"][:3], [0.0, 50.0, 100.0])
         assert lines["y"][0] == pytest.approx(4 * np.pi * MACHINE.delta * MACHINE.units.force)  # carries the drag
-        await eventually(lambda: "of the gears pass" in panel.tolerance.said.html)
-        assert panel.rpm.value == 3000
+        await eventually(lambda: "of the gears pass" in panel.visible_tolerance_fields.said.html)
+        assert panel.rpm_field.value == 3000
         dispatch(SoundRequested(1500.0))
-        await eventually(lambda: "<audio" in panel.heard.html)
-        data = b64decode(panel.heard.html.split("base64,")[1].split('"')[0])
+        await eventually(lambda: "<audio" in panel.sound_text.html)
+        data = b64decode(panel.sound_text.html.split("base64,")[1].split('"')[0])
         rate, heard = wavfile.read(io.BytesIO(data))
         assert heard.size == rattling.SECONDS * rate
         assert np.abs(heard).max() > 20_000
         dispatch(SoundRequested(None))
-        await eventually(lambda: "above 0 rpm" in panel.heard.html)
-        first, second, _ = panel.tolerance.widgets
+        await eventually(lambda: "above 0 rpm" in panel.sound_text.html)
+        first, second, _ = panel.visible_tolerance_fields.widgets
         assert (first.label, second.label, second.value) == ("σ of speed, rpm", "σ of eccentricity, µm", 1.0)
         second.value = 2.0
-        panel.tolerance.request_yield()
+        panel.visible_tolerance_fields.request_yield()
         assert view.store.view.point_state == PointTabsState(tolerance=PointTolerances(0.0, 2e-6, 0.9), tab="motion")
         second.value = None
-        panel.tolerance.request_yield()
-        assert "needs a number" in panel.tolerance.said.html
+        panel.visible_tolerance_fields.request_yield()
+        assert "needs a number" in panel.visible_tolerance_fields.said.html
         view.stop()
 
     with_front(tmp_path, body)

@@ -23,7 +23,7 @@ from gear_rattle.service.explorer.design.extents import (
     ExtentEnd,
     MotionExtent,
     add_crisis_to_extents,
-    followed_range,
+    epsilon_search_range,
     has_bracketed_chaos_end,
     motion_extent,
 )
@@ -42,7 +42,7 @@ MAP = (0.0, 0.3)
 def extent_of(gear: rattle.Gear, label: tuple[int, int, int]) -> MotionExtent:
     orbit = next(each for each in gear.orbits() if each.stable and (each.m, each.n_plus, each.n_minus) == label)
     found = gear.reached([orbit.tau], [orbit.v]).attractors[0]
-    extent = motion_extent(gear, found, followed_range(gear, MAP))
+    extent = motion_extent(gear, found, epsilon_search_range(gear, MAP))
     assert extent is not None
     return extent
 
@@ -172,7 +172,7 @@ def test_the_events_list_the_beginning_and_the_end_of_chaos() -> None:
     ]
     chaos = words.chaos_events(gear, attractors, extents)
     assert [each[0] for each in chaos] == ["beginning of chaos", "end of chaos"]
-    found = parts.diagram(gear, "epsilon", 1e-3, steps=4, count=4)
+    found = parts.compute_diagram_contents(gear, "epsilon", 1e-3, steps=4, count=4)
     said = diagram_table_html(found, chaos)
     assert "Of which motion" in said
     assert 'data-point="0.6,0.0977"' in said
@@ -191,7 +191,7 @@ def test_the_answer_says_where_each_motion_begins_and_ends(tmp_path: Path, monke
         monkeypatch.setattr(view.work, "compute", here)
         await eventually(lambda: "P(4,4,2)" in view.panel.extents.html)
         said = view.panel.extents.html
-        assert view.panel.likely.html  # the answer does not wait for it
+        assert view.panel.likelihood_text.html  # the answer does not wait for it
         assert "ends at the quiet limit" in said
         assert "begins by a saddle-node (SN1)" in said
         view.stop()

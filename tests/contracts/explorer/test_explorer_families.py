@@ -16,7 +16,7 @@ from gear_rattle.service.explorer.common.address import Pin, View
 from gear_rattle.service.explorer.families.description import longest_run_of_true
 from gear_rattle.service.explorer.families.view import FamiliesView
 from gear_rattle.service.explorer.further.difference import DifferenceMap
-from gear_rattle.service.explorer.map.colouring import colouring, valueless_cells_by_reason
+from gear_rattle.service.explorer.map.colouring import compute_colouring, valueless_cells_by_reason
 from gear_rattle.service.explorer.map.picture import picture_query
 from gear_rattle.service.explorer.map.readout import cell_in_words
 from gear_rattle.service.explorer.state.events import FamilyChosen, PinAdded, PinRemoved
@@ -130,7 +130,7 @@ def test_an_empty_slot_is_not_taken_for_a_cell_without_attractors(tmp_path: Path
         compute(front, survey_id, REQUEST)
         atlas, store = shown.shared.atlas, front.directory.store(survey_id)
         before, _ = atlas.plane(front.database.job(survey_id), "attractor_kind", 0)
-        found = colouring(before, before.block(), "auto", False)
+        found = compute_colouring(before, before.block(), "auto", False)
         assert "by falling share until families are joined" in found.title
         complete(REQUEST, store)
         front.database.set_state(survey_id, State.SUCCESSFUL)
@@ -141,7 +141,7 @@ def test_an_empty_slot_is_not_taken_for_a_cell_without_attractors(tmp_path: Path
         )[:1]
         plane, _ = atlas.plane(front.database.job(survey_id), "attractor_kind", int(slot))
         np.testing.assert_array_equal(plane.values, kinds[slot])  # slots as they are since the join
-        found = colouring(plane, plane.block(), "auto", False)
+        found = compute_colouring(plane, plane.block(), "auto", False)
         assert f"slot {slot}, by family: a cell's other attractors are in other slots" in found.title
         shades = {each.label: each.share for each in found.shades}
         assert "none" not in shades
@@ -186,7 +186,7 @@ def test_families_of_two_surveys_are_not_compared(tmp_path: Path) -> None:
         with pytest.raises(SurveyError, match="numbered differently"):
             DifferenceMap(plane, plane)
         window = plane.block(((0.42, 0.43), (0.1, 0.11)))
-        whole, part = (colouring(plane, each, "auto", False) for each in (plane.block(), window))
+        whole, part = (compute_colouring(plane, each, "auto", False) for each in (plane.block(), window))
         assert (part.palette, part.low, part.high) == (whole.palette, whole.low, whole.high)  # in every window
 
     with_families(tmp_path, body)

@@ -86,7 +86,7 @@ def with_form(data: Path, body: Callable[[SurveyForm], None]) -> None:
 def test_the_form_stands_for_the_survey_that_fills_it(request_: SurveyRequest, tmp_path: Path) -> None:
     def body(form: SurveyForm) -> None:
         form.fill(request_)
-        assert SurveyRequest.model_validate(form.fields()) == request_  # to the bit: the same survey
+        assert SurveyRequest.model_validate(form.request_body()) == request_  # to the bit: the same survey
         assert form.machine.panel.visible == (request_.machine is not None)
 
     with_form(tmp_path, body)
@@ -101,7 +101,7 @@ def test_three_questions_make_a_survey_and_all_else_is_folded(tmp_path: Path) ->
         for name, (delta, epsilon) in NAMED_RANGES.items():
             for fine, (across, up) in FINENESS.items():
                 form.plane.value, form.fine.value = name, fine
-                found = SurveyRequest.model_validate(form.fields())
+                found = SurveyRequest.model_validate(form.request_body())
                 assert (found.delta.start, found.delta.stop) == delta
                 assert (found.epsilon.start, found.epsilon.stop) == epsilon
                 assert found.shape == (up, across)
@@ -111,7 +111,7 @@ def test_three_questions_make_a_survey_and_all_else_is_folded(tmp_path: Path) ->
         assert "own: 7 × 120, 840 cells" in form.fine.options
         form.plane.value = IN_MACHINE
         assert [each.label for each in form.counts] == ["rpm values", "µm values"]
-        assert SurveyRequest.model_validate(form.fields()).shape == (120, 7)
+        assert SurveyRequest.model_validate(form.request_body()).shape == (120, 7)
 
     with_form(tmp_path, body)
 
@@ -162,16 +162,16 @@ def test_harmonics_are_entered_of_the_model_that_takes_them(tmp_path: Path) -> N
         assert not form.harmonics.visible
         form.model.value = "inelastic"
         assert form.harmonics.visible
-        assert SurveyRequest.model_validate(form.fields()).load == 0.0
+        assert SurveyRequest.model_validate(form.request_body()).load == 0.0
         form.harmonics.value = " 20:0.0033:0  40:1e-3:0.25 "
-        found = SurveyRequest.model_validate(form.fields())
+        found = SurveyRequest.model_validate(form.request_body())
         assert found.harmonics == ((20, 0.0033, 0.0), (40, 1e-3, 0.25))
         assert set(found.quantities) == {"attractors", "lyapunov"}  # those of one cosine are not offered
         form.harmonics.value = "20:0.0033"
         with pytest.raises(ParameterError, match="is not ORDER:AMPLITUDE:PHASE: write three numbers, such as"):
-            form.fields()
+            form.request_body()
         form.model.value = "impacting"
-        assert SurveyRequest.model_validate(form.fields()).harmonics == ()
+        assert SurveyRequest.model_validate(form.request_body()).harmonics == ()
         form.plane.value = IN_MACHINE
         assert "stiff" not in form.model.options.values()
 
@@ -194,15 +194,15 @@ def test_a_machine_is_entered_in_the_units_of_a_drawing(tmp_path: Path) -> None:
             each for each in form.machine.panel.select(pn.widgets.FloatInput) if each.label == "Backlash, µm"
         )
         backlash.value = 120.0
-        found = SurveyRequest.model_validate(form.fields())
+        found = SurveyRequest.model_validate(form.request_body())
         machine = rattle.Machine(0.003, 5e-4, 120e-6, 60e-6, 0.05, rpm=1000)
         assert (found.beta, found.delta.stop, found.epsilon.stop) == (machine.beta, machine.delta, machine.epsilon)
         backlash.value = None
         with pytest.raises(ValueError, match=r"machine\.backlash"):
-            SurveyRequest.model_validate(form.fields())
+            SurveyRequest.model_validate(form.request_body())
         backlash.value = 120e3
         with pytest.raises(ValueError, match="backlash must be in metres"):
-            SurveyRequest.model_validate(form.fields())
+            SurveyRequest.model_validate(form.request_body())
 
     with_form(tmp_path, body)
 
@@ -211,7 +211,7 @@ def test_a_window_of_a_machine_s_survey_is_saved_in_si(tmp_path: Path) -> None:
     def body(form: SurveyForm) -> None:
         assert IN_SI.machine is not None
         form.set_fields_to_window(((0.05, 0.06), (2e-4, 3e-4)), Impacting(IN_SI.beta), IN_SI.machine)
-        found = SurveyRequest.model_validate(form.fields())
+        found = SurveyRequest.model_validate(form.request_body())
         assert found.machine == IN_SI.machine
         assert (found.delta.start, found.delta.stop) == pytest.approx((0.05, 0.06), rel=1e-3)
         assert (found.epsilon.start, found.epsilon.stop) == pytest.approx((2e-4, 3e-4), rel=1e-3)
@@ -220,9 +220,9 @@ def test_a_window_of_a_machine_s_survey_is_saved_in_si(tmp_path: Path) -> None:
             assert len(f"{ends[label]!r}".replace(".", "")) <= 6, ends[label]  # no digits below a thousandth
         assert found.shape == CELLS[::-1]
         form.set_fields_to_window(((0.0, 0.06), (0.0, 3e-4)), Impacting(IN_SI.beta), IN_SI.machine)  # zoomed out
-        assert SurveyRequest.model_validate(form.fields()).delta.start == pytest.approx(6e-3, rel=1e-3)
+        assert SurveyRequest.model_validate(form.request_body()).delta.start == pytest.approx(6e-3, rel=1e-3)
         form.set_fields_to_window(((0.5, 0.6), (0.1, 0.2)), Impacting(0.6))
-        assert SurveyRequest.model_validate(form.fields()).machine is None
+        assert SurveyRequest.model_validate(form.request_body()).machine is None
 
     with_form(tmp_path, body)
 
@@ -240,7 +240,7 @@ def test_a_window_becomes_ranges_that_a_survey_may_have_in_few_digits(tmp_path: 
     def body(form: SurveyForm) -> None:
         for window, (delta, epsilon) in cases:
             form.set_fields_to_window(window, Impacting(0.6))
-            found = SurveyRequest.model_validate(form.fields())
+            found = SurveyRequest.model_validate(form.request_body())
             assert (found.delta.start, found.delta.stop) == delta
             assert (found.epsilon.start, found.epsilon.stop) == epsilon
 

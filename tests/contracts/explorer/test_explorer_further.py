@@ -22,7 +22,7 @@ from gear_rattle.service.explorer.further.difference import DifferenceMap, requi
 from gear_rattle.service.explorer.further.maps import ComparisonMaps
 from gear_rattle.service.explorer.further.one import NO_FIRST
 from gear_rattle.service.explorer.map import overlays
-from gear_rattle.service.explorer.map.colouring import colouring
+from gear_rattle.service.explorer.map.colouring import compute_colouring
 from gear_rattle.service.explorer.map.planes import MapPlane
 from gear_rattle.service.explorer.map.shared import SharedState
 from gear_rattle.service.explorer.state.events import (
@@ -86,7 +86,7 @@ def test_a_difference_is_of_each_cell_with_the_one_that_it_is_in(
                     expected -= round(expected)
                 assert found.values[i, j] == pytest.approx(expected, abs=1e-6)
         assert np.isfinite(found.values).sum() == 4 * 5  # of six columns the last is beyond
-        shades = {each.label: each.share for each in colouring(found, found.block(), "auto", False).shades}
+        shades = {each.label: each.share for each in compute_colouring(found, found.block(), "auto", False).shades}
         changed = np.mean([rattle.regions(d, e, 0.6) != rattle.regions(o, e, 0.5) for d, e, o in _pairs(first, other)])
         assert shades["different"] == pytest.approx(changed)
         (same,) = planes("orbit_velocity", 3)[:1]
@@ -95,7 +95,7 @@ def test_a_difference_is_of_each_cell_with_the_one_that_it_is_in(
         known = np.isfinite(same.values)
         assert known.any()
         assert (nothing.values[known] == 0).all()
-        colours = colouring(nothing, nothing.block(), "auto", False)
+        colours = compute_colouring(nothing, nothing.block(), "auto", False)
         assert colours.low == -colours.high  # nothing is in the middle
         assert colours.title.startswith("difference: ")
         monkeypatch.setattr(difference, "MOST_CELLS", 23)

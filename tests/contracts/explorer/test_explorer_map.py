@@ -23,7 +23,7 @@ from gear_rattle.service.explorer.map.colouring import (
     NAME_SIZE,
     Colouring,
     block_values_or_nan,
-    colouring,
+    compute_colouring,
     family_name_positions,
 )
 from gear_rattle.service.explorer.map.cursor import cursor_after_steps, move_window_to_cursor, zoomed_window
@@ -101,12 +101,12 @@ def new_map(heard: Callable[[Event], None] = lambda _event: None) -> MapFigure:
 
 
 def shares_of(plane: MapPlane, block: MapBlock) -> dict[str, float]:
-    return {shade.label: shade.share for shade in colouring(plane, block, "auto", False).shades}
+    return {shade.label: shade.share for shade in compute_colouring(plane, block, "auto", False).shades}
 
 
 def test_cells_are_drawn_where_they_are(plane: MapPlane) -> None:
     drawn = new_map()
-    drawn.draw_cells(plane.block(), colouring(plane, plane.block(), "auto", False))
+    drawn.draw_cells(plane.block(), compute_colouring(plane, plane.block(), "auto", False))
     source = drawn.figure.select_one({"name": "cells0"}).data_source.data
     rows, columns = source["image"][0].shape
     x = source["x"][0] + (np.arange(columns) + 0.5) * source["dw"][0] / columns
@@ -197,13 +197,13 @@ def test_a_map_that_takes_long_is_read_a_piece_at_a_time(
 
 def test_legend_colours_and_limits_are_the_map_s(plane: MapPlane) -> None:
     block = plane.block()
-    found = colouring(plane, block, "auto", False)
+    found = compute_colouring(plane, block, "auto", False)
     for shade in found.shades:
         code = REGIONS.index(shade.label)
         assert shade.colour == REGION_COLOURS[code]
         assert shade.share == pytest.approx((plane.values == code).mean())
         assert found.palette[int(code - found.low - 0.5)] == shade.colour
-    own = colouring(plane, block, (2.0, 3.0), False)
+    own = compute_colouring(plane, block, (2.0, 3.0), False)
     assert (own.low, own.high) == (found.low, found.high)  # codes have none of their own
     drawn = new_map()
     drawn.draw_cells(block, found)
@@ -215,7 +215,7 @@ def test_legend_colours_and_limits_are_the_map_s(plane: MapPlane) -> None:
 def test_own_limits_and_the_scale_of_colours(client: TestClient, survey: str, log: bool) -> None:
     front = front_of(client)
     speeds, _ = MapCache(front).plane(front.database.job(survey), "orbit_velocity", 0)
-    found = colouring(speeds, speeds.block(), (1.5, 4.0), log)
+    found = compute_colouring(speeds, speeds.block(), (1.5, 4.0), log)
     drawn = new_map()
     drawn.draw_cells(speeds.block(), found)
     shown, other = (drawn.figure.select_one({"name": f"cells{number:d}"}) for number in (log, not log))
@@ -233,7 +233,7 @@ def test_values_beyond_the_limits_are_marked(
 ) -> None:
     front = front_of(client)
     speeds, _ = MapCache(front).plane(front.database.job(survey), "orbit_velocity", 0)
-    found = colouring(speeds, speeds.block(), limits, False)
+    found = compute_colouring(speeds, speeds.block(), limits, False)
     values = speeds.values[np.isfinite(speeds.values)]
     low, high = (found.low, found.high) if limits == "full" else limits
     beyond = float((values < np.float32(low)).mean()), float((values > np.float32(high)).mean())
@@ -252,7 +252,7 @@ def test_zeros_have_no_colour_of_a_log_scale(client: TestClient, survey: str) ->
     block = speeds.block()
     where = np.flatnonzero(np.isfinite(block.values))[:5]
     block.values.flat[where] = [0.0, 0.0, 0.0, -1.0, -2.0]
-    found = colouring(speeds, block, "auto", True)
+    found = compute_colouring(speeds, block, "auto", True)
     (zero,) = [each for each in found.shades if each.label == "zero or below"]
     assert zero.share == pytest.approx(5 / block.values.size)
     assert found.reason_colours[found.reasons.flat[where[0]] - 1] == zero.colour
@@ -263,7 +263,7 @@ def test_zeros_have_no_colour_of_a_log_scale(client: TestClient, survey: str) ->
     for name in ("cells1", "fine1"):
         image = drawn.figure.select_one({"name": name}).data_source.data["image"][0]
         np.testing.assert_array_equal(np.isfinite(image), block.values > 0)
-    drawn.draw_cells(block, colouring(speeds, block, "auto", False))
+    drawn.draw_cells(block, compute_colouring(speeds, block, "auto", False))
     image = drawn.figure.select_one({"name": "fine0"}).data_source.data["image"][0]
     np.testing.assert_array_equal(image, block.values)
 
@@ -283,14 +283,14 @@ def test_attractors_have_phases_that_mean_something(
     periodic = kinds.values == KINDS.index("periodic")
     assert 0 < periodic.sum() < periodic.size
     np.testing.assert_array_equal(np.isfinite(phases.values), periodic)
-    found = colouring(phases, phases.block(), "auto", False)
+    found = compute_colouring(phases, phases.block(), "auto", False)
     assert [each.label for each in found.shades] == ["no periodic attractor in this slot"]
     assert "attractor 0 of each cell, by falling share" in found.title
     many = np.ones((40, 50), np.float32)
     many[0, 0], many[1:3] = 144.0, 2.0
     same = MapBlock(np.linspace(0, 1, 50), np.linspace(0, 1, 40), many, np.ones(many.shape, np.int8), phases.box)
-    assert colouring(periods, same, "auto", False).high == 2.0  # one long period is not what colours are for
-    assert colouring(periods, same, "full", False).high == 144.0
+    assert compute_colouring(periods, same, "auto", False).high == 2.0  # one long period is not what colours are for
+    assert compute_colouring(periods, same, "full", False).high == 144.0
 
 
 def test_lines_have_the_colours_of_the_key_and_their_points() -> None:
@@ -360,10 +360,10 @@ def test_a_map_that_stays_as_it_is_is_drawn_once_for_all_pages(
 ) -> None:
     drawn, other = list[Any](), copy(plane)  # the same cells, of another survey or computed again
     monkeypatch.setattr(shared, "colouring", lambda *of: drawn.append(of) or len(drawn))
-    shared.cached_drawing.cache_clear()
+    shared.cached_cells_and_colours.cache_clear()
 
     def draw(of: MapPlane, log: bool, side: int = 20) -> Any:
-        return shared.cached_drawing(ref(of), "auto", log, (side, side))[1]
+        return shared.cached_cells_and_colours(ref(of), "auto", log, (side, side))[1]
 
     assert draw(plane, False) == draw(plane, False) == 1
     assert draw(plane, True) == 2
@@ -376,7 +376,7 @@ def test_a_map_that_stays_as_it_is_is_drawn_once_for_all_pages(
     del other
     drawn.clear()
     assert alone() is None  # nothing but the atlas keeps maps
-    shared.cached_drawing.cache_clear()
+    shared.cached_cells_and_colours.cache_clear()
 
 
 def test_labels_of_no_axis_lie_over_each_other() -> None:
@@ -485,10 +485,10 @@ def test_a_name_without_room_is_left_out() -> None:
     assert arrange_names([(20.0, 20.0)], [(45.0, 18.0)], (40.0, 40.0)) == [None]
     (found,) = arrange_names([(50.0, 50.0)], [(45.0, 18.0)], (400.0, 400.0))
     assert found is not None
-    assert found.leader is None
+    assert found.leader_end is None
     everywhere = [(200.0, 200.0)] * 12
     placed = arrange_names(everywhere, [(45.0, 18.0)] * 12, (400.0, 400.0))
-    assert sum(each is not None and each.leader is not None for each in placed) >= 3
+    assert sum(each is not None and each.leader_end is not None for each in placed) >= 3
 
 
 def test_names_and_titles_of_maps_are_written_as_everywhere() -> None:

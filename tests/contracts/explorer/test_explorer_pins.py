@@ -17,7 +17,7 @@ import rattle
 from gear_rattle.service.access.keys import Caller
 from gear_rattle.service.app import create_app
 from gear_rattle.service.errors import UnavailableError
-from gear_rattle.service.explorer.common.address import MOST_PINS, Pin, View, pin_of
+from gear_rattle.service.explorer.common.address import MOST_PINS, Pin, View, create_pin
 from gear_rattle.service.explorer.common.viewer import PageSession
 from gear_rattle.service.explorer.pins import pins_view
 from gear_rattle.service.explorer.pins.pins_view import PinsView
@@ -56,7 +56,7 @@ def test_an_address_keeps_the_pins_to_the_bit() -> None:
 
 def test_an_address_keeps_the_harmonics_of_a_pin() -> None:
     assert MESH.model.gear(0.6, 0.25).parameters.harmonics == MESH.harmonics
-    assert pin_of(0.6, 0.25, MESH.model) == MESH
+    assert create_pin(0.6, 0.25, MESH.model) == MESH
     shape = tuple((order, 0.01 / 3 / order, order / 7 % 1) for order in range(2, 30))
     pins = (MESH, *(MESH._replace(delta=0.1 * each, harmonics=shape) for each in range(1, MOST_PINS)))
     assert parsed(View(pins=pins)).pins == pins
@@ -150,7 +150,7 @@ def test_pins_are_taken_and_given_up(tmp_path: Path, monkeypatch: pytest.MonkeyP
         app = create_app(Settings(data=tmp_path, preload=False, explorer=False), no_cluster)
         async with app.router.lifespan_context(app):
             viewer = PageSession(app.state.front, Caller(), Document())
-            viewer.tell = said.append
+            viewer.show_message = said.append
             await several(PageStore(View(pins=(HERE, STIFF)), EXAMPLE), viewer)
             await use(PageStore(View(pins=(HERE,)), EXAMPLE), viewer)
             viewer.end()

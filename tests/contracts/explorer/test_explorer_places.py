@@ -42,10 +42,10 @@ def test_a_figure_s_diagram_goes_as_far_as_the_paper_s() -> None:
         assert place.point is not None
         state = place.state
         assert state is not None
-        assert PointTabsState.read(state.text()) == state
+        assert PointTabsState.parse(state.address_texts()) == state
         assert diagrams.diagram_span(rattle.Gear(*place.point), "epsilon", state.span) == pytest.approx(span)
     for wrong in ("0", "-1", "nan", "inf", "1", "wide"):
-        assert PointTabsState.read({"span": wrong}).span is None
+        assert PointTabsState.parse({"span": wrong}).span is None
 
 
 def test_the_example_is_what_its_survey_finds() -> None:
@@ -122,7 +122,7 @@ def test_the_form_of_a_point_closes_once_the_point_is_shown(tmp_path: Path) -> N
 
 def test_the_way_to_another_point_has_the_events_between() -> None:
     here, to = (0.55, 0.05), (0.65, 0.08)  # SN1, SN2 and PD1 lie between
-    found = parts.diagram(rattle.Gear(*here), "epsilon", to=to, steps=30, count=4)
+    found = parts.compute_diagram_contents(rattle.Gear(*here), "epsilon", to=to, steps=30, count=4)
     assert found.span == (0.0, 1.0)
     named = {each.name: each for each in found.events if each.name}
     assert {"SN1", "SN2"} <= named.keys()
@@ -139,11 +139,11 @@ def test_the_way_to_another_point_has_the_events_between() -> None:
         assert f'data-point="{each.delta!r},{each.epsilon!r}"' in said
     assert said.count("<tr>") == len(found.events) + 1
     assert ("∞, 0" in said) == any(each.kind == "GR" for each in found.events)
-    state = PointTabsState.read({"to": "0.65,0.08"})
+    state = PointTabsState.parse({"to": "0.65,0.08"})
     assert state.to == to
-    assert PointTabsState.read(state.text()) == state
+    assert PointTabsState.parse(state.address_texts()) == state
     for wrong in ("0,1", "1", "1,-1", "nan,1", "a,b"):
-        assert PointTabsState.read({"to": wrong}).to is None
+        assert PointTabsState.parse({"to": wrong}).to is None
 
 
 def test_a_click_with_shift_goes_through(tmp_path: Path) -> None:

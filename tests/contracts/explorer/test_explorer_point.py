@@ -67,7 +67,7 @@ def test_a_sentence_for_an_engineer(delta: float, epsilon: float, likely: list[s
     gear = rattle.Gear(delta, epsilon)
     said = words.likelihood_in_words(gear, parts.sampled_attractors(gear, 1024))
     assert all(word in said for word in likely), said
-    said = words.margin_in_words(gear, parts.margin(gear))
+    said = words.margin_in_words(gear, parts.compute_quiet_margin(gear))
     assert all(word in said for word in safe), said
 
 
@@ -79,7 +79,7 @@ def test_the_numbers_of_the_sentence_are_the_library_s() -> None:
     low, high = quiet.fraction_interval
     assert numbers[:4] == pytest.approx([100 * quiet.fraction, 95, 100 * low, 100 * high], rel=5e-3)
     assert words.number_text(gear.quiet_limit) in words.quiet_limit_in_words(gear)
-    margin = parts.margin(gear)
+    margin = parts.compute_quiet_margin(gear)
     assert margin[:3] == gear.boundary_distance(7.0)
     assert margin.leads_to is not None
     assert margin.leads_to.kind != "quiet"
@@ -153,14 +153,16 @@ def test_a_view_where_real_gears_are_has_their_scales() -> None:
     gear = rattle.Gear(0.003632, 5.8468e-4, 0.0047582)
     highest = parts.largest_sampled_speed(gear.delta, gear.epsilon, gear.beta)
     assert highest == pytest.approx(1.5 * np.sqrt(16 * np.pi * gear.delta * gear.beta) + 2 * np.pi * gear.epsilon)
-    assert parts.basins(gear, 20, "cells").v_max == highest
+    assert parts.compute_basins(gear, 20, "cells").v_max == highest
     for line in parts.compute_plane_lines(gear).lines:
         steps = np.abs(np.diff(line.points, axis=0)) / [1.0, highest / 7]
         assert np.nanmax(steps[:, 1]) < 0.05 + 1e-9, line.name
     low, high = diagrams.diagram_span(gear, "epsilon")
     assert high - low < gear.epsilon
     more = rattle.Gear(0.03, 0.005, 0.03)  # more damping: a margin of weak damping takes a while
-    assert parts.margin(more).v_max == parts.largest_sampled_speed(more.delta, more.epsilon, more.beta) < 7
+    assert (
+        parts.compute_quiet_margin(more).v_max == parts.largest_sampled_speed(more.delta, more.epsilon, more.beta) < 7
+    )
     assert PointTabsState(start=(0.3, 0.02)).without_start_above(highest).start == (0.3, 0.02)
     assert PointTabsState(start=(0.3, 4.0)).without_start_above(highest).start is None
 
@@ -168,7 +170,7 @@ def test_a_view_where_real_gears_are_has_their_scales() -> None:
 def test_a_set_of_orbits_that_is_no_region_is_named() -> None:
     gear = rattle.Gear(0.049079, 0.01905, 0.022042)
     assert ": orbits A, B and D, no region of the paper." in words.point_in_words(gear)
-    assert "orbits A, B and D" in words.orbits_table(parts.period_one(gear))
+    assert "orbits A, B and D" in words.orbits_table(parts.compute_period_one_orbits(gear))
     assert ": region III." in words.point_in_words(rattle.Gear(0.6, 0.07))
 
 
@@ -293,7 +295,7 @@ def test_a_diagram_s_axis_is_fitted_to_its_speeds_with_room_for_the_names_of_eve
 
 def test_a_cascade_beside_slow_motions_fills_most_of_the_axis() -> None:
     at, beyond = FIGURE_5
-    found = parts.diagram(rattle.Gear(at, sum(beyond) / 2), "epsilon", (beyond[1] - beyond[0]) / 2)
+    found = parts.compute_diagram_contents(rattle.Gear(at, sum(beyond) / 2), "epsilon", (beyond[1] - beyond[0]) / 2)
     low, high = speed_range(found)
     assert low < 0.5  # slow motions beyond the crisis
     dense = dense_speed_range(found)
@@ -343,18 +345,18 @@ def test_impacts_of_a_periodic_motion_are_those_of_its_period() -> None:
 @pytest.mark.parametrize("direction", ["epsilon", "delta"])
 def test_a_diagram_through_the_point(direction: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(diagrams, "STEPS", either(20, diagrams.STEPS))
-    found = parts.diagram(rattle.Gear(0.6, 0.1), direction)
+    found = parts.compute_diagram_contents(rattle.Gear(0.6, 0.1), direction)
     assert 0 < found.x.size <= 2 * parts.DRAWN_POINTS
-    assert {each.stable for each in found.strokes} == {True, False}
-    along_a = [each for each in found.strokes if each.motion == "P(1,1,0), A"]
+    assert {each.stable for each in found.branch_parts} == {True, False}
+    along_a = [each for each in found.branch_parts if each.motion == "P(1,1,0), A"]
     assert along_a
     for each in along_a:  # v = 2πδ all along the branch
         at = each.x if direction == "delta" else np.full_like(each.x, 0.6)
         np.testing.assert_allclose(each.v, 2 * np.pi * at, rtol=1e-8)
         assert not each.stable
-    assert set(found.marks.kind) <= {"SN", "PD", "GR"}
+    assert set(found.event_impacts.kind) <= {"SN", "PD", "GR"}
     low, high = found.span
-    assert np.all((found.marks.x >= low) & (found.marks.x <= high))
+    assert np.all((found.event_impacts.x >= low) & (found.event_impacts.x <= high))
 
 
 def test_the_link_to_the_notebook_has_the_point_and_the_diagram_to_the_last_bit() -> None:
@@ -373,7 +375,7 @@ def test_the_link_to_the_notebook_has_the_point_and_the_diagram_to_the_last_bit(
 def test_a_diagram_has_as_many_steps_as_are_set_when_it_is_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(diagrams, "STEPS", 4)
     monkeypatch.setattr(diagrams, "COUNT", 2)
-    assert np.unique(parts.diagram(rattle.Gear(0.6, 0.03), "epsilon").x).size <= 5
+    assert np.unique(parts.compute_diagram_contents(rattle.Gear(0.6, 0.03), "epsilon").x).size <= 5
 
 
 # State
@@ -387,7 +389,7 @@ def test_a_diagram_has_as_many_steps_as_are_set_when_it_is_asked_for(monkeypatch
     ],
 )  # fmt: skip
 def test_a_state_is_kept(state: dict[str, str]) -> None:
-    assert PointTabsState.read(state).text() == state
+    assert PointTabsState.parse(state).address_texts() == state
 
 
 @pytest.mark.parametrize(
@@ -400,7 +402,7 @@ def test_a_state_is_kept(state: dict[str, str]) -> None:
     ],
 )  # fmt: skip
 def test_what_of_a_state_cannot_be_read_is_as_by_default(state: dict[str, str]) -> None:
-    assert PointTabsState.read(state).without_start_above(7.0) == PointTabsState()
+    assert PointTabsState.parse(state).without_start_above(7.0) == PointTabsState()
 
 
 @pytest.mark.parametrize(
@@ -412,7 +414,7 @@ def test_what_of_a_state_cannot_be_read_is_as_by_default(state: dict[str, str]) 
     ],
 )  # fmt: skip
 def test_an_address_without_a_tab_opens_the_one_of_its_choice(state: dict[str, str], tab: str) -> None:
-    assert PointTabsState.read(state).shown_tab == tab
+    assert PointTabsState.parse(state).shown_tab == tab
 
 
 # The view
@@ -445,7 +447,7 @@ def with_front(data: Path, body: Callable[[ApplicationState], Awaitable[None]], 
 
 def coarse(work: Callable[..., Any], arguments: tuple[Any, ...]) -> Any:
     """A part of a view, computed here, with few cells and starts."""
-    if work in (parts.basins, parts.basins_at_other_point):
+    if work in (parts.compute_basins, parts.compute_basins_and_orbits):
         arguments = (arguments[0], 40, "cells")
     if work is parts.sampled_attractors:
         arguments = (arguments[0], 64)
@@ -476,7 +478,7 @@ def test_all_parts_fill_in_and_follow_what_is_chosen(tmp_path: Path, monkeypatch
     async def in_process_and_noted(front: ApplicationState, *work: Any, **words: Any) -> Any:
         if (asked := repr(work)) in known:
             return known[asked]
-        if work[0] is parts.basins:
+        if work[0] is parts.compute_basins:
             work = (*work[:2], work[2] // COARSER, work[3])
         process, found = await compute_in_process(front, with_process, *work, **words)
         computed.setdefault(words["what"], set()).add(process)
@@ -487,7 +489,7 @@ def test_all_parts_fill_in_and_follow_what_is_chosen(tmp_path: Path, monkeypatch
         await prepare_processes(front)
         monkeypatch.setattr(work, "compute_in_process", in_process_and_noted)
         view = new_view(front, 0.6, 0.1, Impacting(0.6))
-        assert "region IV" in view.panel.where.html
+        assert "region IV" in view.panel.parameters_text.html
         assert "2.602, 0.2109" in view.panel.orbits.html
         await eventually(lambda: is_filled(view, "likely", "safe", "loud", "loudest"))
         expected = {"The attractors", "The intensities", "The margin", "The range of a motion", "The boundary crisis"}
@@ -502,7 +504,7 @@ def test_all_parts_fill_in_and_follow_what_is_chosen(tmp_path: Path, monkeypatch
         processes = set.union(*computed.values())
         assert os.getpid() not in processes  # the loop runs on
         assert len(processes) <= front.settings.max_points  # which stay warm
-        assert "quietly in 7" in view.panel.likely.html
+        assert "quietly in 7" in view.panel.likelihood_text.html
         assert "<caption>Attractors from 1,024 starts</caption>" in view.panel.table.html
         assert "chaotic" in view.panel.under_motion.html  # the first that is not quiet
         assert view.panel.events.html.count("data-point") > 6
@@ -513,14 +515,14 @@ def test_all_parts_fill_in_and_follow_what_is_chosen(tmp_path: Path, monkeypatch
         view.store.subscribe(lambda: states.append(view.store.view.point_state), "point_state")
         view.panel.motion_choice.value = 2
         await eventually(lambda: view.panel.under_motion.html.startswith('<p class="faint">P(1,1,0)'))
-        view.panel.picture.tap(type("Tap", (), {"x": 1.25, "y": 4.5}))
+        view.panel.picture.choose_clicked_state(type("Tap", (), {"x": 1.25, "y": 4.5}))
         await eventually(lambda: "initial condition" in view.panel.under_motion.html)
-        samples = view.panel.motions.samples.data
+        samples = view.panel.motions.trajectory_source.data
         expected = rattle.Gear(0.6, 0.1).trajectory(0.25, 4.5, float(samples["t"][-1]), len(samples["t"]))
         np.testing.assert_array_equal(samples["phi"], expected.phi)
-        view.panel.direction.value = "delta"
+        view.panel.direction_buttons.value = "delta"
         await eventually(lambda: "damping δ" in view.panel.under_diagram.html)
-        assert "direction=delta" in view.panel.take.html
+        assert "direction=delta" in view.panel.notebook_link_text.html
         start = 0.25, 4.5
         assert states == [
             PointTabsState(attractor=2, tab="motion"), PointTabsState(start=start, tab="motion"),
@@ -552,10 +554,10 @@ def test_a_part_that_fails_says_so_and_leaves_the_others(tmp_path: Path, monkeyp
         await eventually(lambda: is_filled(view, "likely", "safe", "loud"))
         await opened(view, "basins", "under_basins")
         await opened(view, "diagram", "under_diagram")
-        assert "too long" in view.panel.safe.html
-        assert "<b>" not in view.panel.safe.html
-        assert 'role="alert"' in view.panel.safe.html
-        assert "quietly in 7" in view.panel.likely.html
+        assert "too long" in view.panel.margin_text.html
+        assert "<b>" not in view.panel.margin_text.html
+        assert 'role="alert"' in view.panel.margin_text.html
+        assert "quietly in 7" in view.panel.likelihood_text.html
         view.stop()
 
     with_front(tmp_path, body)
@@ -566,9 +568,9 @@ def test_a_view_that_is_put_away_computes_and_changes_nothing_more(tmp_path: Pat
         view = new_view(front, 0.6, 0.1, Impacting(0.6))
         await eventually(lambda: front.point_limiter.borrowed_tokens > 0)
         view.stop()
-        said = view.panel.likely.html
+        said = view.panel.likelihood_text.html
         await eventually(lambda: not view.work.tasks)  # what was at work has ended, and nothing can follow
-        assert view.panel.likely.html == said
+        assert view.panel.likelihood_text.html == said
         assert front.point_limiter.borrowed_tokens == 0
         assert front.point_limiter.statistics().tasks_waiting == 0
 
@@ -580,14 +582,16 @@ def test_where_the_next_point_is_comes_before_what_the_last_had_is_taken_away(tm
         first, left = new_view(front, 0.6, 0.1, Impacting(0.6)), list[str]()
         panel = first.panel
         first.stop()
-        panel.safe.html = "safe so far"
-        panel.where.pane.object.on_change("text", lambda _attr, _old, _new: left.append(panel.safe.html))
+        panel.margin_text.html = "safe so far"
+        panel.parameters_text.pane.object.on_change(
+            "text", lambda _attr, _old, _new: left.append(panel.margin_text.html)
+        )
         new_view(front, 0.55, 0.08, Impacting(0.6), panel=panel).stop()
         assert left == ["safe so far"]
-        assert "margin" in panel.safe.html  # of the next one, that is computed
-        assert panel.where.html
+        assert "margin" in panel.margin_text.html  # of the next one, that is computed
+        assert panel.parameters_text.html
         panel.clear()  # a point that is closed
-        assert panel.where.html == panel.safe.html == ""
+        assert panel.parameters_text.html == panel.margin_text.html == ""
 
     with_front(tmp_path, body)
 
@@ -599,11 +603,11 @@ def test_a_point_outside_the_plane_is_told(tmp_path: Path, delta: float, epsilon
         panel = first.panel
         first.stop()
         view = new_view(front, delta, epsilon, Impacting(0.6), panel=panel)
-        assert "must" in view.panel.likely.html
-        assert panel.where.html == panel.safe.html == ""
+        assert "must" in view.panel.likelihood_text.html
+        assert panel.parameters_text.html == panel.margin_text.html == ""
         view.store.dispatch(TabChosen("motion"))
         view.stop()
-        assert "must" in view.panel.likely.html
+        assert "must" in view.panel.likelihood_text.html
 
     with_front(tmp_path, body)
 
@@ -617,12 +621,12 @@ def test_the_survey_s_answer_comes_first_and_the_sharper_one_replaces_it(tmp_pat
     async def body(front: ApplicationState) -> None:
         view = new_view(front, 0.6, 0.1, Impacting(0.6))
         view.show_survey_attractors(surveyed)
-        assert "from 64 starts" in view.panel.likely.html
-        assert "from the survey's grid cell" in view.panel.likely.html
-        await eventually(lambda: "from 1,024 starts" in view.panel.likely.html)
-        assert "grid cell" not in view.panel.likely.html
+        assert "from 64 starts" in view.panel.likelihood_text.html
+        assert "from the survey's grid cell" in view.panel.likelihood_text.html
+        await eventually(lambda: "from 1,024 starts" in view.panel.likelihood_text.html)
+        assert "grid cell" not in view.panel.likelihood_text.html
         view.show_survey_attractors(surveyed)  # too late
-        assert "from 1,024 starts" in view.panel.likely.html
+        assert "from 1,024 starts" in view.panel.likelihood_text.html
         view.stop()
 
     with_front(tmp_path, body)
@@ -642,7 +646,7 @@ def test_basins_and_motion_follow_the_slider_along_the_diagram(tmp_path: Path, m
         def is_followed(gear: rattle.Gear, attractors: tuple[rattle.Attractor, ...]) -> bool:
             named = [each for each in attractors if each.name == first.name]
             shown = (named or [each for each in attractors if each.kind != "quiet"])[0]
-            t, phi = (view.panel.motions.samples.data[each] for each in ("t", "phi"))
+            t, phi = (view.panel.motions.trajectory_source.data[each] for each in ("t", "phi"))
             return len(t) > 0 and np.array_equal(phi, gear.trajectory(shown.tau, shown.v, float(t[-1]), len(t)).phi)
 
         monkeypatch.setattr(view.work, "compute", compute)
@@ -682,7 +686,7 @@ def test_a_point_of_the_stiff_model(tmp_path: Path, monkeypatch: pytest.MonkeyPa
 
         monkeypatch.setattr(view.work, "compute", compute)
         monkeypatch.setattr(diagrams, "STEPS", 4)
-        assert "stiffness κ = 10000" in view.panel.where.html
+        assert "stiffness κ = 10000" in view.panel.parameters_text.html
         await eventually(lambda: is_filled(view, "likely", "safe", "orbits"))
         await opened(view, "basins", "under_basins")
         await eventually(lambda: asked.count("The basins") == 3)
@@ -690,13 +694,13 @@ def test_a_point_of_the_stiff_model(tmp_path: Path, monkeypatch: pytest.MonkeyPa
         await opened(view, "diagram", "under_diagram")
         gear = StiffGear(0.6, 0.075, 0.6, 1e4)
         quiet = next(each for each in gear.attractors(64) if each.kind == "quiet")
-        assert words.percent_text(quiet.fraction) in view.panel.likely.html
+        assert words.percent_text(quiet.fraction) in view.panel.likelihood_text.html
         assert "region III" in view.panel.orbits.html
         assert words.number_text(gear.orbits()[0].v) in view.panel.orbits.html
         named = {each.name for each in gear.orbits() if each.stable}
         assert named
         for name in named:  # known after the attractors were told
-            assert f" = {name}" in view.panel.likely.html
+            assert f" = {name}" in view.panel.likelihood_text.html
             assert f" = {name}</th>" in view.panel.table.html
         tools = [each for each in view.panel.diagram.figure.toolbar.tools if isinstance(each, HoverTool)]
         (told,) = [each.renderers[0].data_source.data["what"] for each in tools if each.attachment == "right"]
@@ -704,9 +708,9 @@ def test_a_point_of_the_stiff_model(tmp_path: Path, monkeypatch: pytest.MonkeyPa
         assert all(
             re.fullmatch(r"(\w+, )?(saddle-node|period doubling|grazing) of P\(\d+,\d+,\d+\)", it) for it in told
         )
-        samples = view.panel.motions.samples.data
+        samples = view.panel.motions.trajectory_source.data
         assert np.abs(samples["phi"]).max() > 0.6  # the walls give way
-        assert "only for the impacting model" in view.panel.safe.html
+        assert "only for the impacting model" in view.panel.margin_text.html
         assert "The margin" not in asked
         named = re.findall(r"</span>([^<]*\([AB]\)|Γ)</li>", view.panel.under_basins.html)
         assert named == ["Wˢ(A)", "Wˢ(B)", "Wᵘ(A)"]

@@ -15,7 +15,7 @@ from gear_rattle.service.explorer.common.point_state import PointTabsState
 from gear_rattle.service.explorer.places.exact import ExactMaps
 from gear_rattle.service.explorer.point.point_diagram import DiagramPicture
 from gear_rattle.service.explorer.section.picture import value_range
-from gear_rattle.service.explorer.section.profile import OUTSIDE, crossed_cells, profile_in_words, profile_of
+from gear_rattle.service.explorer.section.profile import OUTSIDE, compute_profile, crossed_cells, profile_in_words
 from gear_rattle.service.explorer.section.section import NO_END_POINT, ProfileSection
 from gear_rattle.service.explorer.state.events import PointOpened
 from gear_rattle.service.state import ApplicationState
@@ -42,7 +42,7 @@ def test_a_profile_has_the_values_of_the_cells_that_are_crossed(
     exact: ExactMaps, ends: tuple[tuple[float, float], tuple[float, float]]
 ) -> None:
     plane = exact.plane("region", 0)
-    found = profile_of(plane, ends)
+    found = compute_profile(plane, ends)
     assert (found.positions[0], found.positions[-1]) == (0.0, 1.0)
     assert (np.diff(found.positions) > 0).all()
     assert found.cells_per_value == (1, 1)
@@ -73,7 +73,7 @@ def test_a_line_crosses_cells_one_after_the_other() -> None:
 
 def test_gaps_are_where_a_map_has_no_value(exact: ExactMaps) -> None:
     plane = exact.plane("orbit_velocity", 2)  # C
-    found = profile_of(plane, ((0.45, 0.02), (0.95, 0.28)))
+    found = compute_profile(plane, ((0.45, 0.02), (0.95, 0.28)))
     lengths, none = np.diff(found.positions), np.isnan(found.values)
     assert 0 < found.gaps["no such orbit"] < 1
     assert found.gaps["no such orbit"] == pytest.approx(lengths[none].sum())
@@ -101,26 +101,26 @@ def test_the_profile_is_of_the_map_that_is_seen_or_of_the_one_that_is_chosen(tmp
         await eventually(lambda: panel.visible)
         assert section.variable.value == "region,0"
         assert [field.value for field in fields] == [0.68, 0.14]
-        data = section.picture.steps.data
+        data = section.profile_figure.steps.data
         assert (data["x"][0], data["x"][-1]) == (0.0, 1.0)
         assert shown.plane is not None
         region = int(shown.plane.values[0, 1])
         assert (data["value"][0], data["what"][0]) == (region, rattle.REGIONS[region])
-        axis = section.picture.figure.yaxis
+        axis = section.profile_figure.figure.yaxis
         assert axis.major_label_overrides[region] == rattle.REGIONS[region]
         picture = DiagramPicture("light", section.profile_place.x_range)
-        assert picture.figure.x_range is section.picture.figure.x_range
-        assert picture.figure.min_border_left == section.picture.figure.min_border_left
+        assert picture.figure.x_range is section.profile_figure.figure.x_range
+        assert picture.figure.min_border_left == section.profile_figure.figure.min_border_left
         section.variable.value = "attractor_kind,1"
         assert shown.view.profile == MapChoice("attractor_kind", 1)
         told = {name: [value.encode()] for name, value in parse_qsl(shown.view.query()[1:])}
         assert View.parse(told).profile == shown.view.profile
         await eventually(lambda: "Kind of" in section.said.html)
-        assert set(section.picture.steps.data["what"]) <= {"", *KINDS}
+        assert set(section.profile_figure.steps.data["what"]) <= {"", *KINDS}
         section.variable.value = "attractor_fraction,0"
         await eventually(lambda: "Share of" in section.said.html)
         section.low.value, section.high.value = 0.25, 0.75
-        await eventually(lambda: section.picture.figure.y_range.start == 0.25)
+        await eventually(lambda: section.profile_figure.figure.y_range.start == 0.25)
         assert shown.view.profile_limits == (0.25, 0.75)
         section.low.value = 2.0
         assert "two limits" in section.said.html

@@ -29,7 +29,7 @@ from gear_rattle.service.explorer.files import help_html
 from gear_rattle.service.explorer.map import shared as map_shared
 from gear_rattle.service.explorer.map import view as map_view
 from gear_rattle.service.explorer.map.beside import PanelBesideMap
-from gear_rattle.service.explorer.map.colouring import Colouring, colouring
+from gear_rattle.service.explorer.map.colouring import Colouring, compute_colouring
 from gear_rattle.service.explorer.map.controls import FEATURED, MapControls
 from gear_rattle.service.explorer.map.figure import MapFigure
 from gear_rattle.service.explorer.map.overlays import legend_entries_of_map
@@ -39,7 +39,7 @@ from gear_rattle.service.explorer.map.shared import SharedState, default_variabl
 from gear_rattle.service.explorer.map.survey_map import map_block_of_frame
 from gear_rattle.service.explorer.map.view import MapView
 from gear_rattle.service.explorer.page.rows import example_row, survey_row
-from gear_rattle.service.explorer.places.exact import ExactMaps, ExactPlane
+from gear_rattle.service.explorer.places.exact import ClosedFormPlane, ExactMaps
 from gear_rattle.service.explorer.point.panel import FigureBelowDiagram
 from gear_rattle.service.explorer.state.events import (
     BookmarkChosen,
@@ -200,7 +200,7 @@ def test_what_the_first_page_shows_is_found_before_anybody_looks(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, is_there: bool
 ) -> None:
     drawn, lines, looked = list[Any](), list[Any](), list[bool]()
-    monkeypatch.setattr(map_shared, "colouring", lambda *args: drawn.append(args) or colouring(*args))
+    monkeypatch.setattr(map_shared, "colouring", lambda *args: drawn.append(args) or compute_colouring(*args))
     monkeypatch.setattr(map_shared, "cache_default_lines", lambda *args: lines.append(args))
 
     async def ready(*_: Any, **__: Any) -> None:
@@ -209,7 +209,7 @@ def test_what_the_first_page_shows_is_found_before_anybody_looks(
     async def body(front: ApplicationState, shown: Shown) -> None:
         monkeypatch.setattr(front.kernels, "wait_until_compiled", ready)
         job = done(front, REGIONS) if is_there else None
-        await shown.shared.prepare()
+        await shown.shared.compute_default_map()
         assert len(drawn) == 1
         assert not looked  # and no processes are started for whoever may click
         if job:
@@ -233,7 +233,7 @@ def test_what_is_damaged_or_gone_is_no_hindrance_beforehand(tmp_path: Path, requ
         if request_in_database:
             with sqlite3.connect(tmp_path / "jobs.sqlite") as database:
                 database.execute("UPDATE jobs SET request = ?", [request_in_database])
-        await shown.shared.prepare()
+        await shown.shared.compute_default_map()
 
     with_map(tmp_path, body)
 
@@ -422,7 +422,7 @@ def test_without_any_survey_the_plane_is_shown_as_it_is_known(tmp_path: Path) ->
         await eventually(lambda: cells(shown) and "the gear runs quietly from most starts" in shown.title.html)
         assert shown.view.variable == shown.controls.variable.value == "quiet_fraction"
         example = shown.plane
-        assert isinstance(example, ExactPlane)
+        assert isinstance(example, ClosedFormPlane)
         shown.controls.buttons.chosen = "lyapunov_max"
         await eventually(lambda: "chaotic where the exponent is above 0" in shown.title.html)
         assert shown.view.variable == shown.controls.variable.value == "lyapunov_max"
@@ -430,7 +430,7 @@ def test_without_any_survey_the_plane_is_shown_as_it_is_known(tmp_path: Path) ->
         shown.controls.variable.value = "region"
         await eventually(lambda: shown.plane is not example and "region of the plane" in shown.title.html)
         plane, figure = shown.plane, shown.map.figure
-        assert isinstance(plane, ExactPlane)
+        assert isinstance(plane, ClosedFormPlane)
         assert (plane.values == rattle.regions(plane.delta[None], plane.epsilon[:, None], 0.6)).all()
         assert (figure.x_range.start, figure.x_range.end) == pytest.approx((0.4, 1.0))
         assert (figure.y_range.start, figure.y_range.end) == pytest.approx((0.0, 0.3))
@@ -488,7 +488,7 @@ def test_the_example_is_still_there_beside_surveys(tmp_path: Path) -> None:
         await eventually(lambda: cells(shown))
         shown.store.dispatch(SurveyChosen(EXAMPLE))
         await eventually(lambda: cells(shown) and "which comes with the explorer" in shown.title.html)
-        assert isinstance(shown.plane, ExactPlane)
+        assert isinstance(shown.plane, ClosedFormPlane)
         assert shown.store.request is shown.shared.exact.request
         assert shown.store.model == Impacting()
         assert shown.map.figure.x_range.start == pytest.approx(0.4)

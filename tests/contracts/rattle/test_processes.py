@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from rattle.numerics.processes import SAFE_PATH, environment, trusted_import_directories
+from rattle.numerics.processes import SAFE_PATH, child_process_environment, trusted_import_directories
 
 ROOT = Path(__file__).parents[3]
 #: Files that start processes by a library, which inherit the environment of the command or the service.
@@ -34,8 +34,8 @@ def test_children_run_the_code_that_this_process_runs(tmp_path: Path, monkeypatc
     monkeypatch.setattr(sys, "path", [str(tmp_path)])
     monkeypatch.setenv("PYTHONPATH", str(tmp_path / "named"))
     assert trusted_import_directories() == [str(tmp_path / "named"), str(ROOT), str(tmp_path)]
-    assert environment()[SAFE_PATH] == "1"
-    assert environment()["PYTHONPATH"] == os.pathsep.join(trusted_import_directories())
+    assert child_process_environment()[SAFE_PATH] == "1"
+    assert child_process_environment()["PYTHONPATH"] == os.pathsep.join(trusted_import_directories())
 
 
 def test_every_process_that_is_started_has_this_environment() -> None:

@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 from gear_rattle.service.cli import app
 from rattle.errors import ParameterError
 from rattle.plot import diagram, stiff, stiff_figure
-from rattle.plot.diagram import impact_curves_along_branch, parameter_axis, strokes
+from rattle.plot.diagram import admissible_curve_parts, impact_curves_along_branch, parameter_axis
 from rattle.stiff import StiffGear
 from rattle.stiff import diagram as stiff_diagram
 
@@ -48,7 +48,7 @@ def test_a_diagram_is_drawn_as_that_of_the_impacting_model() -> None:
         curve for branch in found.branches for curve in impact_curves_along_branch(found, branch, scale, offset)
     ):
         names |= set(curve.name)
-        for stable, part in strokes(curve):
+        for stable, part in admissible_curve_parts(curve):
             x, tau = curve.x[part], curve.tau[part]
             for k in np.flatnonzero((x[:-1] - 0.08) * (x[1:] - 0.08) <= 0):
                 drawn.append((tau[k] + (0.08 - x[k]) / (x[k + 1] - x[k]) * (tau[k + 1] - tau[k]), stable))

@@ -60,7 +60,7 @@ def kinds(found: list[Any]) -> dict[str, int]:
 def test_a_connection_that_a_thread_gives_back_after_the_close_is_closed(database_url: str) -> None:
     """Such a thread serves a stream that ended while it still read."""
     database = Database(database_url)
-    with database._read() as session:
+    with database._begin_read_transaction() as session:
         session.execute(text("SELECT 1"))
         connection = session.connection().connection.dbapi_connection
         database.close()
@@ -70,28 +70,30 @@ def test_a_connection_that_a_thread_gives_back_after_the_close_is_closed(databas
 
 
 def test_one_key_is_one_survey_for_any_number_of_threads(database: Database) -> None:
-    found = outcomes(lambda _: database.accept(new("once"), 100).id, range(3 * THREADS))
+    found = outcomes(lambda _: database.add_or_find_job(new("once"), 100).id, range(3 * THREADS))
     assert len(set(found)) == 1
-    bodies = outcomes(lambda number: database.accept(new("twice", f"body {number % 2}"), 100), range(2 * THREADS))
+    bodies = outcomes(
+        lambda number: database.add_or_find_job(new("twice", f"body {number % 2}"), 100), range(2 * THREADS)
+    )
     assert kinds(bodies) == {"JobRow": THREADS, "ConflictError": THREADS}
     assert database.jobs(10)[1] == 2
 
 
 def test_the_latest_answers_are_remembered(database: Database) -> None:
-    first = database.accept(new("first"), 100)
+    first = database.add_or_find_job(new("first"), 100)
     for number in range(MOST_REPEATED_KEYS + 10):
-        assert database.accept(new(f"again {number}"), 100, lambda _: True).id == first.id
-    with database._read() as session:
+        assert database.add_or_find_job(new(f"again {number}"), 100, lambda _: True).id == first.id
+    with database._begin_read_transaction() as session:
         kept = set(session.scalars(select(RepeatedKeyRow.idempotency_key)))
     assert len(kept) == MOST_REPEATED_KEYS
     assert f"again {MOST_REPEATED_KEYS + 9}" in kept
-    assert database.accept(new("first"), 100).id == first.id  # its own is in its row
+    assert database.add_or_find_job(new("first"), 100).id == first.id  # its own is in its row
     with pytest.raises(ConflictError):
-        database.accept(new(f"again {MOST_REPEATED_KEYS + 9}", "other"), 100)
+        database.add_or_find_job(new(f"again {MOST_REPEATED_KEYS + 9}", "other"), 100)
 
 
 def test_the_queue_never_holds_more_than_it_may(database: Database) -> None:
-    found = outcomes(lambda _: database.accept(new(), 5), range(3 * THREADS))
+    found = outcomes(lambda _: database.add_or_find_job(new(), 5), range(3 * THREADS))
     assert kinds(found) == {"JobRow": 5, "QueueFullError": 3 * THREADS - 5}
     assert database.count_jobs(State.ACCEPTED) == database.jobs(10)[1] == 5
 
@@ -99,20 +101,20 @@ def test_the_queue_never_holds_more_than_it_may(database: Database) -> None:
 def test_an_owner_has_its_own_quota_and_idempotency_keys(database: Database) -> None:
     first = database.add_key("first", "1", [Scope.SUBMIT], max_running=2).id
     second = database.add_key("second", "2", [Scope.SUBMIT]).id
-    found = outcomes(lambda _: database.accept(new(owner=first), 100), range(2 * THREADS))
+    found = outcomes(lambda _: database.add_or_find_job(new(owner=first), 100), range(2 * THREADS))
     assert kinds(found) == {"JobRow": 2, "QueueFullError": 2 * THREADS - 2}
     assert "of your key" in str(next(item for item in found if isinstance(item, QueueFullError)))
-    others = {database.accept(new("same", body=str(owner), owner=owner), 100).id for owner in (second, None)}
+    others = {database.add_or_find_job(new("same", body=str(owner), owner=owner), 100).id for owner in (second, None)}
     assert len(others) == 2
     ended = next(item for item in found if not isinstance(item, QueueFullError))
     assert ended.owner == first
     database.set_state(ended.id, State.DISMISSED)
-    assert database.accept(new("same", owner=first), 100).id not in others
+    assert database.add_or_find_job(new("same", owner=first), 100).id not in others
 
 
 def test_tiles_and_a_dismissal_at_once_leave_true_counts(database: Database) -> None:
     for _ in range(4):
-        survey_id = database.accept(new(tiles=40), 100).id
+        survey_id = database.add_or_find_job(new(tiles=40), 100).id
         database.set_state(survey_id, State.RUNNING)
 
         def act(number: int, survey_id: str = survey_id) -> None:
@@ -122,7 +124,7 @@ def test_tiles_and_a_dismissal_at_once_leave_true_counts(database: Database) -> 
                 database.add_tile(survey_id, DoneTile(number, 6, 0.1, number % 2, [{"message": "no"}] * (number % 2)))
 
         outcomes(act, range(40))
-        job, tiles = database.job(survey_id), database.tiles_done(survey_id)
+        job, tiles = database.job(survey_id), database.recorded_tile_indices(survey_id)
         events = database.events(survey_id, 0)
         assert job.state == State.DISMISSED
         assert (job.tiles_done, job.cells_done) == (len(tiles), 6 * len(tiles))
@@ -133,7 +135,7 @@ def test_tiles_and_a_dismissal_at_once_leave_true_counts(database: Database) -> 
 
 
 def test_a_survey_is_deleted_once_and_ends_once(database: Database) -> None:
-    survey_id = database.accept(new(), 100).id
+    survey_id = database.add_or_find_job(new(), 100).id
     ends = [State.SUCCESSFUL, State.FAILED, State.DISMISSED] * 4
     assert outcomes(lambda state: database.set_state(survey_id, state), ends).count(True) == 1
     assert [event.kind for event in database.events(survey_id, 0)] == ["state", "state"]
@@ -143,12 +145,12 @@ def test_a_survey_is_deleted_once_and_ends_once(database: Database) -> None:
 
 
 def test_text_that_a_database_cannot_hold_neither_fails_nor_matches(database: Database) -> None:
-    survey_id = database.accept(new(), 100).id
+    survey_id = database.add_or_find_job(new(), 100).id
     database.add_tile(survey_id, DoneTile(0, 6, 0.1, 1, [{"message": "a\0b\ud800"}]))
     assert database.failures(survey_id, 1) == [{"message": "a\0b\ud800"}]
     database.set_state(survey_id, State.FAILED, "a\0b\ud800 δ")
     assert database.job(survey_id).message == "a\ufffdb? δ"
-    for call in (database.job, database.tiles_done, database.delete, lambda text: database.events(text, 0)):
+    for call in (database.job, database.recorded_tile_indices, database.delete, lambda text: database.events(text, 0)):
         with pytest.raises(UnknownSurveyError):
             call(f"{survey_id}\0")
 
@@ -167,7 +169,7 @@ def test_a_second_service_is_refused_until_the_first_is_gone(database_url: str) 
     first = Database(database_url)
     with pytest.raises(DataDirectoryError, match="Another service uses the job database"):
         Database(database_url)
-    first.accept(new(), 1)  # a refused one takes nothing away
+    first.add_or_find_job(new(), 1)  # a refused one takes nothing away
     first.close()
     second = Database(database_url)
     with pytest.raises(DataDirectoryError, match="Another service"):
@@ -185,11 +187,11 @@ def test_one_sqlite_file_by_two_names_is_one_database(tmp_path: Path) -> None:
 
 def test_a_service_whose_database_was_taken_writes_no_more(database_url: str) -> None:
     database = Database(database_url)
-    survey_id = database.accept(new(), 1).id
+    survey_id = database.add_or_find_job(new(), 1).id
     with open_engine(database_url, UNPOOLED).execution_options(writes=True).begin() as connection:
         connection.execute(text("UPDATE service SET epoch = epoch + 1"))  # what another one does first
     for write in (
-        lambda: database.accept(new(), 9),
+        lambda: database.add_or_find_job(new(), 9),
         lambda: database.set_state(survey_id, State.RUNNING),
         lambda: database.add_tile(survey_id, DoneTile(0, 6, 0.1, 0, [])),
         lambda: database.keep_only_tiles(survey_id, set()),
@@ -218,7 +220,7 @@ def test_a_lost_lock_is_taken_again_by_the_next_write(postgres_url: str) -> None
     database = Database(postgres_url)
     (pid,) = holders(postgres_url)
     kill_session(postgres_url, pid)
-    survey_id = database.accept(new(), 1).id  # nobody else came: this service may go on
+    survey_id = database.add_or_find_job(new(), 1).id  # nobody else came: this service may go on
     (again,) = holders(postgres_url)
     assert again != pid
     with pytest.raises(DataDirectoryError, match="Another service"):
@@ -233,11 +235,11 @@ def test_a_lock_that_another_service_took_is_not_taken_back(postgres_url: str) -
     kill_session(postgres_url, holders(postgres_url)[0])
     second = Database(postgres_url)
     with pytest.raises(UnavailableError, match="Another service"):
-        first.accept(new(), 9)
-    assert second.accept(new(), 9).number == 1
+        first.add_or_find_job(new(), 9)
+    assert second.add_or_find_job(new(), 9).number == 1
     second.close()
     with pytest.raises(UnavailableError, match="Another service"):
-        first.accept(new(), 9)
+        first.add_or_find_job(new(), 9)
     assert holders(postgres_url) == []  # the first one leaves the database to the next service that starts
     Database(postgres_url).close()
     first.close()
@@ -245,16 +247,20 @@ def test_a_lock_that_another_service_took_is_not_taken_back(postgres_url: str) -
 
 def test_a_crash_of_the_database_server_loses_nothing_that_was_committed(postgres: Postgres, postgres_url: str) -> None:
     database = Database(postgres_url)
-    survey_id = database.accept(new(), 1).id
+    survey_id = database.add_or_find_job(new(), 1).id
     database.add_tile(survey_id, DoneTile(0, 6, 0.1, 0, []))
     postgres.stop(signal.SIGQUIT)
     try:
-        for call in (database.job, database.tiles_done, lambda name: database.set_state(name, State.RUNNING)):
+        for call in (
+            database.job,
+            database.recorded_tile_indices,
+            lambda name: database.set_state(name, State.RUNNING),
+        ):
             with pytest.raises(SQLAlchemyError):
                 call(survey_id)
     finally:
         postgres.start()
-    assert database.tiles_done(survey_id) == {0}
+    assert database.recorded_tile_indices(survey_id) == {0}
     assert database.set_state(survey_id, State.RUNNING)
     assert holders(postgres_url)
     database.close()

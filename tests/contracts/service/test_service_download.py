@@ -18,10 +18,10 @@ from written import write_tile
 from gear_rattle.service.database import DoneTile
 from gear_rattle.service.database.tables import State
 from gear_rattle.service.errors import MissingPartError
-from gear_rattle.service.explorer.map.colouring import colouring
+from gear_rattle.service.explorer.map.colouring import compute_colouring
 from gear_rattle.service.explorer.map.planes import MapCache
 from gear_rattle.service.explorer.page.form import cost_in_words
-from gear_rattle.service.operations.estimate import estimate, measure_cell_seconds, most_similar_survey
+from gear_rattle.service.operations.estimate import estimate_cost, measure_cell_seconds, most_similar_survey
 from gear_rattle.workers import SurveyRequest, compute_tile, open_survey, tiles_of
 from gear_rattle.workers.storage.store import open_groups
 from gear_rattle.workers.survey.values.schema import RowForm
@@ -181,7 +181,7 @@ def test_a_map_of_a_survey_that_runs_grows_by_the_tiles_that_are_new(client: Tes
     done = np.ones(REQUEST.shape, bool)
     done[last.epsilon, last.delta] = False
     np.testing.assert_array_equal(plane.status > 0, done)
-    shades = {shade.label: shade.share for shade in colouring(plane, plane.block(), "auto", False).shades}
+    shades = {shade.label: shade.share for shade in compute_colouring(plane, plane.block(), "auto", False).shades}
     assert shades["not computed"] == pytest.approx(last.n_cells / REQUEST.n_cells)
     arrays, _ = compute_tile(REQUEST, last)
     write_tile(REQUEST, str(front.directory.store(running)), last, arrays)
@@ -207,7 +207,7 @@ def test_a_cost_is_taken_from_the_survey_most_like(client: TestClient, running: 
     refined = SurveyRequest(**BODY | {"refine": True, "tile": {}})
     assert most_similar_survey(refined, jobs) is None  # few of its cells are computed
     assert 0 < measure_cell_seconds(other) < 1
-    of_all, at_most = (asyncio.run(estimate(front, each)) for each in (more, refined))
+    of_all, at_most = (asyncio.run(estimate_cost(front, each)) for each in (more, refined))
     assert (at_most.seconds, at_most.is_upper_bound, of_all.is_upper_bound) == (of_all.seconds, True, False)
     assert "at most about" in cost_in_words(at_most)
     assert "if all cells were computed" in cost_in_words(at_most)

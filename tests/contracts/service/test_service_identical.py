@@ -134,7 +134,7 @@ def test_many_at_once_are_one_survey(database_url: str) -> None:
 
     def accept(number: int) -> str:
         key = f"key {number % 4}" if number % 2 else None
-        return database.accept(NewJob("", {}, "c", "b", 24, 4, key), 100, lambda _: True).id
+        return database.add_or_find_job(NewJob("", {}, "c", "b", 24, 4, key), 100, lambda _: True).id
 
     with ThreadPoolExecutor(12) as pool:
         assert len(set(pool.map(accept, range(48)))) == 1

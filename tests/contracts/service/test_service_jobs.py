@@ -162,7 +162,7 @@ def test_nothing_happens_to_a_survey_after_its_end(client: TestClient) -> None:
     database.add_tile(survey_id, DoneTile(0, 6, 0.5, 0, []))
     assert not database.set_state(survey_id, State.SUCCESSFUL)
     assert events(client, survey_id) == before
-    assert database.tiles_done(survey_id) == set()
+    assert database.recorded_tile_indices(survey_id) == set()
 
 
 def test_tiles_whose_chunks_are_lost_are_forgotten(client: TestClient) -> None:
@@ -178,7 +178,7 @@ def test_tiles_whose_chunks_are_lost_are_forgotten(client: TestClient) -> None:
     assert database.keep_only_tiles(survey_id, {0, 2}) == 0
     assert len(database.events(survey_id, 0)) == told + 1
     document = client.get(f"/v1/surveys/{survey_id}").json()
-    assert database.tiles_done(survey_id) == {0, 2}
+    assert database.recorded_tile_indices(survey_id) == {0, 2}
     assert (document["tiles_done"], document["cells_done"], document["cells_failed"]) == (2, 12, 2)
 
 
@@ -243,7 +243,9 @@ def test_a_survey_that_has_ended_is_verified_by_running_again(client: TestClient
     document = again.json()
     assert (document["state"], document["finished"], document["cells_failed"]) == ("accepted", None, 1)
     assert document["failures"]
-    assert front_of(client).database.tiles_done(survey_id) == set(range(4))  # what is whole is not computed again
+    assert front_of(client).database.recorded_tile_indices(survey_id) == set(
+        range(4)
+    )  # what is whole is not computed again
     assert front_of(client).database.active_surveys()[0].id == survey_id
     assert_problem(client.post(f"{path}/verify"), 409, "accepted")
     front_of(client).database.set_state(survey_id, State.FAILED, "no permission")

@@ -30,7 +30,7 @@ from gear_rattle.service.operations.overlaid import Overlays, PictureOptions
 from gear_rattle.service.routes import picture
 from gear_rattle.workers import ClusterLostError, SurveyError, SurveyRequest, open_survey
 from gear_rattle.workers.pictures import maps
-from gear_rattle.workers.pictures.look import OWN_STYLES, SHARE, FinerCells, OverlayData, PictureLook
+from gear_rattle.workers.pictures.look import OWN_STYLES, SHARE, FinerCells, MapPictureOptions, OverlayData
 from gear_rattle.workers.pictures.maps import draw_map, render_map_picture
 from gear_rattle.workers.pictures.overlay import draw_curves
 from rattle.models import Capability
@@ -43,7 +43,7 @@ ASKED = {
     "quantities": ["region", "orbits"],
 }
 WINDOW = {"delta_min": 0.61, "delta_max": 0.69, "epsilon_min": 0.05, "epsilon_max": 0.09}
-LOOK = PictureLook((0.61, 0.69), (0.05, 0.09))
+LOOK = MapPictureOptions((0.61, 0.69), (0.05, 0.09))
 
 
 @pytest.fixture(scope="module")
@@ -66,7 +66,7 @@ def survey(client: TestClient, survey_id: str) -> xr.Dataset:
         return dataset.load()
 
 
-def drawn(dataset: xr.Dataset, plane: xr.DataArray, look: PictureLook) -> tuple[np.ndarray, object, Figure]:
+def drawn(dataset: xr.Dataset, plane: xr.DataArray, look: MapPictureOptions) -> tuple[np.ndarray, object, Figure]:
     """Return the values and the scale of the cells of a map, and the figure."""
     figure = Figure()
     axes = figure.add_subplot()
@@ -84,7 +84,7 @@ def test_a_window_has_its_cells_and_those_around_them(survey: xr.Dataset) -> Non
     assert figure.axes[0].get_xlim() == LOOK.delta
     assert figure.axes[0].get_ylim() == LOOK.epsilon
     for beyond in ((0.4, 0.41), (0.9, 1.0), (0.601, 0.602)):  # without a cell inside: two, or they have no width
-        assert PictureLook(delta=beyond).cut_to_window(survey)["delta"].size == 2
+        assert MapPictureOptions(delta=beyond).cut_to_window(survey)["delta"].size == 2
 
 
 @pytest.mark.parametrize("log", [False, True])
@@ -93,9 +93,9 @@ def test_colours_span_what_is_chosen(survey: xr.Dataset, log: bool) -> None:
     known = plane.values[np.isfinite(plane.values)]
     least, most = float(known.min()), float(known.max())
     for look, ends in (
-        (PictureLook(span=(2.0, 3.0), log=log), (2.0, 3.0)),
-        (PictureLook(span="full", log=log), (least, most)),
-        (PictureLook(span="robust", log=log), tuple(np.percentile(known, (2.0, 98.0)))),
+        (MapPictureOptions(span=(2.0, 3.0), log=log), (2.0, 3.0)),
+        (MapPictureOptions(span="full", log=log), (least, most)),
+        (MapPictureOptions(span="robust", log=log), tuple(np.percentile(known, (2.0, 98.0)))),
     ):
         _, norm, _ = drawn(survey, plane, look)
         assert isinstance(norm, LogNorm) == log
@@ -105,7 +105,7 @@ def test_colours_span_what_is_chosen(survey: xr.Dataset, log: bool) -> None:
 def test_zeros_of_a_logarithmic_scale_are_told_apart(survey: xr.Dataset) -> None:
     plane = survey["orbit_velocity"].isel(orbit=0).copy()
     plane[0, :] = 0.0
-    values, norm, figure = drawn(survey, plane, PictureLook(log=True))
+    values, norm, figure = drawn(survey, plane, MapPictureOptions(log=True))
     assert np.isnan(values[0]).all()
     assert isinstance(norm, LogNorm)
     assert "zero or below" in figure.axes[0].get_legend_handles_labels()[1]
@@ -246,14 +246,16 @@ def test_cells_without_the_family_that_is_chosen_are_dimmed(
         return cells(axes, at, values, *rest)
 
     monkeypatch.setattr(maps, "_draw_cells", seen)
-    assert render_map_picture(shared, "region", look=PictureLook(family=family)) != render_map_picture(shared, "region")
+    assert render_map_picture(shared, "region", look=MapPictureOptions(family=family)) != render_map_picture(
+        shared, "region"
+    )
     np.testing.assert_array_equal(np.isnan(covered[0]), share[family] > 0)
     monkeypatch.setattr(maps, "MOST_DRAWN_CELLS", (5, 4))  # of cells that become one
-    render_map_picture(shared, "region", look=PictureLook(family=family))
+    render_map_picture(shared, "region", look=MapPictureOptions(family=family))
     assert covered[1].size < covered[0].size
     assert np.isnan(covered[1]).any()
     with pytest.raises(SurveyError, match="from 0 to 1"):
-        render_map_picture(shared, "region", look=PictureLook(family=2))
+        render_map_picture(shared, "region", look=MapPictureOptions(family=2))
 
 
 def test_a_crisis_curve_is_computed_again_after_an_unexpected_error_only(
@@ -345,11 +347,11 @@ def test_a_window_is_of_the_survey_s_cells_if_it_is_too_narrow_but_not_if_the_wo
 
     overlays = Overlays(front_of(client))
     monkeypatch.setattr(overlays.windows, "last_frame", fail)
-    look = PictureLook((0.6, 0.61), (0.1, 0.11), lines=())
+    look = MapPictureOptions((0.6, 0.61), (0.1, 0.11), lines=())
     options = PictureOptions("region", 0, None, look, 0.5, (300, 300), False)
     found = overlays.compute_overlays(SurveyRequest(**ASKED), options)
     if isinstance(error, ClusterLostError):
         with pytest.raises(UnavailableError, match="workers were lost"):
             asyncio.run(found)
     else:
-        assert asyncio.run(found).finer is None
+        assert asyncio.run(found).finer_cells is None

@@ -35,7 +35,7 @@ def database(stores: Path) -> Iterator[Database]:
 
 
 def accept(database: Database, request: dict[str, Any] = BODY, state: State = State.RUNNING) -> str:
-    survey_id = database.accept(NewJob("", request, "c", "b", 24, 4), 100).id
+    survey_id = database.add_or_find_job(NewJob("", request, "c", "b", 24, 4), 100).id
     database.set_state(survey_id, state)
     return survey_id
 

@@ -33,7 +33,7 @@ from gear_rattle.service.jobs import manager
 from gear_rattle.service.operations import estimate, windows
 from gear_rattle.service.operations.crises import CrisisCurves
 from gear_rattle.service.operations.design_limits import DesignLimits
-from gear_rattle.service.operations.points import curves_document, intensities, orbits_document
+from gear_rattle.service.operations.points import compute_intensities, curves_document, orbits_document
 from gear_rattle.service.routes import download, limits
 from gear_rattle.service.routes.model import basin_picture, intensity, plane_curves, points, reached, verdict
 from gear_rattle.service.settings import Settings
@@ -186,7 +186,7 @@ async def known(_: Any, compute: Any, *arguments: Any, what: str, **words: Any) 
     found = {
         "The orbits": lambda: orbits_document(Gear(0.6, 0.1)),
         "The attractors": lambda: Gear(0.6, 0.1).attractors(4),
-        "The intensities": lambda: intensities(Gear(0.6, 0.1), 4, None, 0, 1000),
+        "The intensities": lambda: compute_intensities(Gear(0.6, 0.1), 4, None, 0, 1000),
         "The curves": lambda: curves_document(Impacting(0.6), (0.7, 0.8), (0.0, 0.3)),
         "The basins": lambda: b"a picture",
         "The attractors of the states": lambda: Gear(0.6, 0.1).reached([0.2], [0.1]),

@@ -148,12 +148,12 @@ def test_a_survey_of_it_has_the_same_points() -> None:
     assert SurveyRequest.model_validate(request.model_dump(mode="json")) == request
     for delta in request.delta.values():
         for epsilon in request.epsilon.values():
-            eccentricity = float(request.machine.eccentricity(epsilon))
+            eccentricity = float(request.machine.eccentricity_in_metres(epsilon))
             machine = rattle.Machine(
                 **PAIR,
                 eccentricity=eccentricity,
                 mesh_error=ratio * eccentricity,
-                rpm=float(request.machine.rpm(delta)),
+                rpm=float(request.machine.speed_at_damping(delta)),
                 restitution=request.restitution,  # type: ignore[attr-defined]
             )
             assert (machine.delta, machine.epsilon) == pytest.approx((delta, epsilon), rel=1e-12)

@@ -86,10 +86,10 @@ def test_the_bound_holds_whatever_is_wrong() -> None:
         draw, filled = rng.random(kind.size), np.ones(kind.size, bool)
         rounds = (create_first_audit_round(0.01, 0.004, kind.size),)
         while True:
-            before = rounds[-2].drawn if len(rounds) > 1 else 0.0
-            limit = np.where(kind >= CHAOTIC, rounds[-1].chaotic, rounds[-1].regular)
+            before = rounds[-2].draw_limit if len(rounds) > 1 else 0.0
+            limit = np.where(kind >= CHAOTIC, rounds[-1].chaotic_leaf_size, rounds[-1].regular_leaf_size)
             filled &= limit < 1 << kind % CHAOTIC
-            audited = filled & (before <= draw) & (draw < rounds[-1].drawn)
+            audited = filled & (before <= draw) & (draw < rounds[-1].draw_limit)
             after = filled & ~audited
             counts = AuditCounts(
                 *(np.bincount(kind[of], minlength=KINDS) for of in (filled, audited, audited & wrong, after))

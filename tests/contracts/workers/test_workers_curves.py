@@ -163,7 +163,7 @@ MILDER = {"huge", "nearly undamped"}
 def test_degenerate_requests_cost_no_more_than_others_and_say_what_is_missing(
     tmp_path: Path, changes: dict[str, object], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    evaluations, derivatives = 0, arclength.derivatives
+    evaluations, derivatives = 0, arclength.value_and_jacobian
 
     def counted(equations: Function, x: Array) -> tuple[Array, Array]:
         nonlocal evaluations

@@ -7,7 +7,7 @@ import pytest
 
 import rattle
 from gear_rattle.workers.boundaries.edges import FamilyEdges, count_edges, find_edges_in_part
-from gear_rattle.workers.survey.crossings import CurveCrossings, crossings_of
+from gear_rattle.workers.survey.crossings import CurveCrossings, find_curve_crossings
 from rattle import curves
 from rattle.families.family_table import Families
 from rattle.families.spread import CellRectangle
@@ -24,7 +24,7 @@ def families() -> Families:
 @cache
 def crossings_on(name: str) -> CurveCrossings:
     curve = curves.trace(name, 0.6, *WINDOW)
-    return crossings_of((curve.delta, curve.epsilon, curve.piece), DELTA, EPSILON)
+    return find_curve_crossings((curve.delta, curve.epsilon, curve.piece), DELTA, EPSILON)
 
 
 def found_in(families: Families, names: tuple[str, ...], side: int) -> FamilyEdges:
@@ -57,23 +57,23 @@ def number_of(families: Families, label: tuple[int, int, int]) -> int:
 
 def test_c_is_born_on_sn1_as_the_closed_form_says(families: Families, edges: FamilyEdges) -> None:
     number, above = number_of(families, (1, 1, 0)), EPSILON[:, None] > rattle.sn1(DELTA)
-    assert edges.number[number] == pairs_of(above) > 20
-    assert dict(zip(edges.names, edges.on[number], strict=True)) == {
+    assert edges.n_edges[number] == pairs_of(above) > 20
+    assert dict(zip(edges.names, edges.n_edges_on_curve[number], strict=True)) == {
         name: pairs_of(above) if name == "SN1" else 0 for name in curves.NAMES
     }
 
 
 def test_d_is_born_on_sn2_and_lost_on_pd1(families: Families, edges: FamilyEdges) -> None:
     number, found = number_of(families, (1, 1, 1)), rattle.period_one(DELTA, EPSILON[:, None])
-    on = dict(zip(edges.names, edges.on[number], strict=True))
-    assert edges.number[number] == pairs_of(found.stable[3]) == on["SN2"] + on["PD1"]
+    on = dict(zip(edges.names, edges.n_edges_on_curve[number], strict=True))
+    assert edges.n_edges[number] == pairs_of(found.stable[3]) == on["SN2"] + on["PD1"]
     assert on["SN2"] == pairs_of(found.exists[3])
     doubled = number_of(families, (2, 2, 2))
-    assert 0 < edges.on[doubled][edges.names.index("PD1")] <= on["PD1"]
+    assert 0 < edges.n_edges_on_curve[doubled][edges.names.index("PD1")] <= on["PD1"]
 
 
 def test_chaos_is_on_no_curve_of_periodic_motions(families: Families, edges: FamilyEdges) -> None:
-    assert not edges.on[families.table.kind == rattle.KINDS.index("chaotic")].any()
+    assert not edges.n_edges_on_curve[families.table.kind == rattle.KINDS.index("chaotic")].any()
 
 
 def test_cells_that_are_not_known_have_no_edges(families: Families) -> None:
@@ -83,11 +83,11 @@ def test_cells_that_are_not_known_have_no_edges(families: Families) -> None:
     kept = rows.cell != middle
     attractors = rows.take(kept)
     without = Families(DELTA, EPSILON, 8, attractors, families.entered[kept], families.family[kept], families.table)
-    assert np.all(found_in(without, (), 64).number <= found_in(families, (), 64).number)
+    assert np.all(found_in(without, (), 64).n_edges <= found_in(families, (), 64).n_edges)
 
 
 @pytest.mark.parametrize("side", [3, 8])
 def test_parts_do_not_show(families: Families, edges: FamilyEdges, side: int) -> None:
     parts = found_in(families, tuple(curves.NAMES), side)
-    assert np.array_equal(parts.number, edges.number)
-    assert np.array_equal(parts.on, edges.on)
+    assert np.array_equal(parts.n_edges, edges.n_edges)
+    assert np.array_equal(parts.n_edges_on_curve, edges.n_edges_on_curve)

@@ -70,7 +70,7 @@ def test_every_boundary_of_regions_is_explained(
     found = explain(regions_only(beta, delta, epsilon))
     assert found.pairs.region.sum() > 50
     assert found.region_explained[found.pairs.region].all()
-    assert not found.rest
+    assert not found.unexplained_groups
 
 
 def test_a_boundary_that_no_curve_makes_is_left_over() -> None:
@@ -81,8 +81,8 @@ def test_a_boundary_that_no_curve_makes_is_left_over() -> None:
     dataset["region"][i, j] = 4
     found = explain(dataset)
     assert found.pairs.region.sum() - found.region_explained.sum() == 4
-    assert {rest.change for rest in found.rest} == {"region I | IV", "region IV | I"}
-    assert sum(rest.pairs for rest in found.rest) == 4
+    assert {rest.change for rest in found.unexplained_groups} == {"region I | IV", "region IV | I"}
+    assert sum(rest.n_pairs for rest in found.unexplained_groups) == 4
 
 
 def test_crossings_are_those_of_a_closed_form() -> None:
@@ -110,13 +110,13 @@ def test_what_changes_between_attractors(explained: BoundaryExplanation) -> None
     assert explained.sum() / differ.sum() > 0.5
     assert found.crossed[explained].all()
     left = (differ & ~explained).sum()
-    assert sum(rest.pairs for rest in found.rest) == left
-    for rest in found.rest:
+    assert sum(rest.n_pairs for rest in found.unexplained_groups) == left
+    for rest in found.unexplained_groups:
         assert rest.why
         (d0, e0), (d1, e1) = rest.example
         assert (d0 == d1) != (e0 == e1)
-    others = {item.curve.name for item in found.known} - set(curves.NAMES)
-    assert any(item.explains for item in found.known if item.curve.name in others)
+    others = {item.curve.name for item in found.explaining_curves} - set(curves.NAMES)
+    assert any(item.n_explained_pairs for item in found.explaining_curves if item.curve.name in others)
 
 
 @pytest.fixture(scope="module")
@@ -146,18 +146,18 @@ def test_what_samples_missed_is_told_by_families(joined: Path, sampled: Boundary
     """In each such pair the motion that one cell lacks exists there and is stable, if followed from the other cell."""
     with open_survey(joined) as dataset:
         found, grid = sampled, CellGrid(dataset)
-        assert found.sampling.sum() > 3
-        n = np.flatnonzero(found.sampling)[0]
+        assert found.differ_by_samples_only.sum() > 3
+        n = np.flatnonzero(found.differ_by_samples_only)[0]
         ends = zip(found.pairs.first[n], found.pairs.second[n], strict=True)
         i, j = (slice(max(min(two) - 1, 0), max(two) + 2) for two in ends)
         without = explain(dataset.isel(epsilon=i, delta=j), 0)  # the cells about one such pair
     assert without.pairs.attractors.any()
-    assert not without.sampling.any()
-    assert not (found.sampling & found.attractors_explained).any()
-    left = found.pairs.attractors & ~found.attractors_explained & ~found.sampling
-    assert sum(rest.pairs for rest in found.rest) == left.sum()
+    assert not without.differ_by_samples_only.any()
+    assert not (found.differ_by_samples_only & found.attractors_explained).any()
+    left = found.pairs.attractors & ~found.attractors_explained & ~found.differ_by_samples_only
+    assert sum(rest.n_pairs for rest in found.unexplained_groups) == left.sum()
     followed = 0
-    for n in np.flatnonzero(found.sampling):
+    for n in np.flatnonzero(found.differ_by_samples_only):
         ends = [grid.attractors(cell) for cell in (found.pairs.first[n], found.pairs.second[n])]
         points = [grid.point(cell) for cell in (found.pairs.first[n], found.pairs.second[n])]
         for here, there in ((0, 1), (1, 0)):

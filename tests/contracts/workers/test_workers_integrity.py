@@ -25,7 +25,7 @@ from gear_rattle.workers import (
     tiles_of,
 )
 from gear_rattle.workers.storage.location import StoreDirectory
-from gear_rattle.workers.storage.manifest import manifest_of, read_root_attributes, set_store_attributes
+from gear_rattle.workers.storage.manifest import read_manifest, read_root_attributes, set_store_attributes
 from gear_rattle.workers.survey.version import code_version
 
 REQUEST = SurveyRequest(
@@ -198,7 +198,7 @@ def test_a_chunk_that_is_not_there_is_lost_once_the_survey_was_completed(store: 
 
 def test_a_tile_that_the_manifest_lacks_is_lost_once_the_survey_was_completed(store: Path) -> None:
     place = StoreDirectory(store)
-    manifest = manifest_of(place)
+    manifest = read_manifest(place)
     assert manifest is not None
     others = {index: digests for index, digests in manifest.tiles.items() if index != 2}
     place.put(OWN, replace(manifest, tiles=others).to_bytes())
@@ -345,7 +345,7 @@ def test_a_file_of_a_tile_that_is_lost_is_damage(store: Path, lost: str) -> None
 
 
 def test_other_readers_do_not_see_the_manifest(store: Path) -> None:
-    manifest = manifest_of(StoreDirectory(store))
+    manifest = read_manifest(StoreDirectory(store))
     assert manifest is not None
     assert set(manifest.chunks) >= {"status", "region"}
     assert "checksums" not in xr.open_datatree(store, engine="zarr")

@@ -20,7 +20,7 @@ from gear_rattle.workers import (
 from gear_rattle.workers.kinds import tiles_of
 from gear_rattle.workers.pictures import largest
 from gear_rattle.workers.pictures.largest import OTHERS, family_colours, family_names, open_survey_for_map
-from gear_rattle.workers.pictures.look import LARGEST, SHARE, PictureLook
+from gear_rattle.workers.pictures.look import LARGEST, SHARE, MapPictureOptions
 from gear_rattle.workers.pictures.maps import render_map_picture
 from rattle.plot.colours import KIND_COLOURS, colour
 
@@ -151,7 +151,7 @@ def test_a_picture_has_the_map(stored: Path) -> None:
     survey = open_survey_for_map(partial(open_survey, stored), LARGEST)
     whole, window = (
         render_map_picture(survey, LARGEST, 1, look=look, form="svg")
-        for look in (PictureLook(), PictureLook(delta=(0.42, 0.45)))
+        for look in (MapPictureOptions(), MapPictureOptions(delta=(0.42, 0.45)))
     )
     assert b"rattling" in whole
     assert whole != window

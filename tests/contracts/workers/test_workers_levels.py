@@ -125,14 +125,14 @@ def cells_of_level(shape: Pair, steps: list[Pair]) -> Iterator[tuple[Pair, tuple
 def test_codes_are_counted(shape: Pair) -> None:
     random = np.random.default_rng(1)
     values, known = random.integers(0, 5, shape).astype(np.int8), random.random(shape) < 0.8
-    for level, found in enumerate(reduce.reduced_codes(values, known, STEPS, 5), start=1):
+    for level, found in enumerate(reduce.reduce_codes_by_level(values, known, STEPS, 5), start=1):
         for at, cells in cells_of_level(shape, STEPS[:level]):
             counts = Counter(values[cells][known[cells]].tolist())
             most = min(counts, key=lambda code: (-counts[code], code), default=0)
             share = counts[most] / counts.total() if counts else np.nan
-            assert found.most[at] == most
+            assert found.most_frequent[at] == most
             np.testing.assert_array_equal(found.share[at], np.float32(share))
-            assert found.occurs[at] == sum(1 << code for code in counts)
+            assert found.occurrence_mask[at] == sum(1 << code for code in counts)
 
 
 @pytest.mark.parametrize("shape", SHAPES)
@@ -141,7 +141,7 @@ def test_numbers_are_added_and_compared(shape: Pair) -> None:
     values, known = random.normal(size=shape), random.random(shape) < 0.8
     values[random.random(shape) < 0.3] = np.nan
     values[random.random(shape) < 0.1] = np.inf
-    for level, found in enumerate(reduce.reduced_numbers(values, known, STEPS), start=1):
+    for level, found in enumerate(reduce.reduce_numbers_by_level(values, known, STEPS), start=1):
         for at, cells in cells_of_level(shape, STEPS[:level]):
             some = values[cells][known[cells]]
             finite, numbers = some[np.isfinite(some)], some[~np.isnan(some)]
@@ -155,7 +155,7 @@ def test_phases_go_round() -> None:
     random = np.random.default_rng(3)
     shape = SHAPES[0]
     values, known = (0.9 + 0.2 * random.random(shape)) % 1, random.random(shape) < 0.8  # from 0.9 on to 0.1
-    for level, (mean, least, largest, share) in enumerate(reduce.reduced_phases(values, known, STEPS), start=1):
+    for level, (mean, least, largest, share) in enumerate(reduce.reduce_phases_by_level(values, known, STEPS), start=1):
         for at, cells in cells_of_level(shape, STEPS[:level]):
             some = values[cells][known[cells]]
             if not some.size:
@@ -204,7 +204,7 @@ def test_an_island_of_one_cell_is_in_every_level(tmp_path: Path) -> None:
     row, column = divmod(island, 11)
     for level in stored_levels_of_shape(request.shape):
         of = open_survey(tmp_path, level.path)
-        at = {"level_epsilon": row // level.cells[0], "level_delta": column // level.cells[1]}
+        at = {"level_epsilon": row // level.covered_cells[0], "level_delta": column // level.covered_cells[1]}
         assert int(of.region_occurs.isel(at)) >> 17 & 1
         assert ((of.region_occurs.values >> 17 & 1).sum(), (of.status_occurs.values >> 3 & 1).sum()) == (1, 1)
         assert (of.orbit_velocity.isel(at).sel(statistic="largest") == 99).all()
@@ -262,7 +262,7 @@ def test_any_reader_finds_them(joined: Path) -> None:
                 one = xr.open_zarr(joined, group=level.path)
                 assert tree[level.path].to_dataset()[list(one.variables)].identical(one)
                 assert (one.sizes["level_epsilon"], one.sizes["level_delta"]) == level.shape
-                first = slice(0, level.cells[1])
+                first = slice(0, level.covered_cells[1])
                 assert float(one.level_delta[0]) == pytest.approx(float(survey.delta[first].mean()), rel=1e-14)
                 assert one.region_occurs.attrs["flag_masks"] == [1 << code for code in range(len(REGIONS))]
     attributes = json.loads((joined / GROUP / "zarr.json").read_bytes())["attributes"]

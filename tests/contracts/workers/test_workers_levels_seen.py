@@ -9,7 +9,7 @@ import xarray as xr
 from depth import either
 from matplotlib.colors import to_rgb
 
-from gear_rattle.workers.pictures.levels import DisplayedCells, finest_level_part, reduce_cells
+from gear_rattle.workers.pictures.levels import DisplayedCells, choose_level_for_window, reduce_cells
 from gear_rattle.workers.pictures.maps import CODE_COLOURS, render_map_picture
 from gear_rattle.workers.survey.levels.grid import possible_levels
 from gear_rattle.workers.survey.values.evaluate import FAILED
@@ -56,7 +56,7 @@ def test_no_island_is_lost(name: str, attributes: dict[str, str], kind: type, se
         for level in possible_levels(shape)[:4]:
             seen = reduce_cells(plane, values, status, level)
             assert seen.values.shape == level.shape
-            place = at[0] // level.cells[0], at[1] // level.cells[1]
+            place = at[0] // level.covered_cells[0], at[1] // level.covered_cells[1]
             expected = np.full(level.shape, sea)
             expected[place] = island
             np.testing.assert_allclose(seen.values, expected, atol=1e-6)
@@ -78,10 +78,10 @@ def test_shares_are_those_of_the_cells() -> None:
     plane = plane_of("attractor_kind", CODED, np.int8, values)
     numbers = np.where(random.random(values.shape) < 0.3, np.nan, values)
     for level in possible_levels(values.shape)[:5]:
-        shares = reduce_cells(plane, values, status, level).shares
+        shares = reduce_cells(plane, values, status, level).code_shares
         assert shares == pytest.approx({code: (values == code).mean() for code in (1, 2)})
         seen = reduce_cells(plane_of("lyapunov_max", {}, np.float64, values), numbers, status, level)
-        assert seen.without == pytest.approx(np.isnan(numbers).mean())
+        assert seen.share_without_number == pytest.approx(np.isnan(numbers).mean())
 
 
 def test_what_is_not_computed_or_failed_is_told() -> None:
@@ -93,19 +93,19 @@ def test_what_is_not_computed_or_failed_is_told() -> None:
     )
     assert found.status.tolist() == [[FAILED, 1], [0, 1]]
     assert found.values.tolist() == [[1, 1], [0, 1]]
-    assert found.shares == {1: 1.0}
+    assert found.code_shares == {1: 1.0}
 
 
 def test_the_finest_level_that_there_is_room_for() -> None:
     levels = possible_levels((3000, 1000))
-    assert finest_level_part(levels, (0, 0), (3000, 1000), (3000, 1000)).level is None
-    whole = finest_level_part(levels, (0, 0), (3000, 1000), (512, 512))
+    assert choose_level_for_window(levels, (0, 0), (3000, 1000), (3000, 1000)).level is None
+    whole = choose_level_for_window(levels, (0, 0), (3000, 1000), (512, 512))
     assert whole.level is not None
     assert whole.level.shape == (375, 250)
-    some = finest_level_part(levels, (1001, 500), (2001, 1000), (512, 512))
+    some = choose_level_for_window(levels, (1001, 500), (2001, 1000), (512, 512))
     assert some.level == levels[0]
-    assert some.at == (slice(500, 1001), slice(250, 500))
-    assert finest_level_part(levels[:1], (0, 0), (3000, 1000), (9, 9)).level == levels[0]
+    assert some.spans == (slice(500, 1001), slice(250, 500))
+    assert choose_level_for_window(levels[:1], (0, 0), (3000, 1000), (9, 9)).level == levels[0]
 
 
 def test_an_island_is_in_the_picture() -> None:
@@ -137,7 +137,7 @@ def test_an_island_beside_what_is_rarer_is_shown_too() -> None:
     plane = plane_of("attractor_kind", CODED, np.int8, values)
     for level in possible_levels(SHAPE)[1:3]:  # in which the island and the line are in one cell
         seen = reduce_cells(plane, values, status, level).values
-        island = 25 // level.cells[0], 10 // level.cells[1]
+        island = 25 // level.covered_cells[0], 10 // level.covered_cells[1]
         assert seen[island] == 2
-        line = seen[16 // level.cells[0] : 40 // level.cells[0], island[1]]
+        line = seen[16 // level.covered_cells[0] : 40 // level.covered_cells[0], island[1]]
         assert (line == 3).sum() == line.size - 1

@@ -13,7 +13,7 @@ from written import compute_and_write_tile
 import rattle
 from gear_rattle.workers import Axis, SurveyRequest, Window, create_store, finish_store, request_for_window, tiles_of
 from gear_rattle.workers.pictures.figure import survey_figure
-from gear_rattle.workers.pictures.look import PictureLook
+from gear_rattle.workers.pictures.look import MapPictureOptions
 from gear_rattle.workers.pictures.machine_axes import tick_values
 from gear_rattle.workers.pictures.maps import draw_map_figure, render_map_picture
 from gear_rattle.workers.storage.export import csv_lines, write_netcdf
@@ -112,14 +112,14 @@ def test_a_picture_has_speed_and_eccentricity_as_axes_rising_to_the_right_and_up
             np.testing.assert_allclose(of_machine, shown, rtol=1e-6)
             assert len(shown) >= 3
         left, right = axes.get_xlim()
-        assert request.machine.rpm(left) < request.machine.rpm(right)
+        assert request.machine.speed_at_damping(left) < request.machine.speed_at_damping(right)
         assert axes.get_ylim()[0] < axes.get_ylim()[1]
         beside = {each.get_xlabel() + each.get_ylabel() for each in axes.child_axes}
         assert beside == {"damping δ", "eccentricity ε"}
     watched = draw_map_figure(survey, "watched_periods")
     assert "forcing period" not in watched.axes[0].get_title() + watched.axes[1].get_ylabel()
     assert "revolutions" in watched.axes[1].get_ylabel()
-    window = PictureLook(delta=(float(survey.delta[0]), float(survey.delta[1])), epsilon=(0.0, 5e-4))
+    window = MapPictureOptions(delta=(float(survey.delta[0]), float(survey.delta[1])), epsilon=(0.0, 5e-4))
     drawing = render_map_picture(survey, "region", look=window, form="svg").decode()
     for said in ("speed, rpm", "eccentricity, µm", "damping δ", "eccentricity ε"):
         assert f"<!-- {said} -->" in drawing
@@ -142,7 +142,7 @@ def test_axes_of_the_model_have_a_machines_numbers_too() -> None:
     axes = {"delta": Axis(start=0.3, stop=0.5, num=2), "epsilon": Axis(start=0.0, stop=3e-3, num=2)}
     request = request_of(**axes, machine=GEARS)
     assert request.beta == pytest.approx(0.001)
-    assert request.machine.rpm(request.delta.values()) == pytest.approx([3333.3333, 2000.0])
+    assert request.machine.speed_at_damping(request.delta.values()) == pytest.approx([3333.3333, 2000.0])
     assert SurveyRequest.model_validate(request.model_dump()) == request
     assert request.content_hash() != request_of(**axes, beta=request.beta, machine=None).content_hash()
 

@@ -126,7 +126,7 @@ def test_after_a_pause_a_tile_goes_on_where_it_was(tmp_path: Path, monkeypatch: 
 
     def advance(request: Any, _path: str, tile: Any, _apart: bool, before: Any, _: float, seconds: float) -> Any:
         part = compute_tile_partly(request, tile, before, seconds and 1e-9)
-        cells.extend((tile.index, int(cell)) for cell in np.flatnonzero(part.done))
+        cells.extend((tile.index, int(cell)) for cell in np.flatnonzero(part.is_computed))
         return part.record if part.is_whole else part
 
     def cost(_request: Any, tile: Any) -> Any:
@@ -152,7 +152,7 @@ def test_after_a_pause_a_tile_goes_on_where_it_was(tmp_path: Path, monkeypatch: 
     run(lambda: len(cells) > 8)
     assert run_state.seconds_per_cell.keys() == {0, 1, 2, 3}
     assert not ended
-    computed = {index: int(part.done.sum()) for index, part in run_state.partial.items()}
+    computed = {index: int(part.is_computed.sum()) for index, part in run_state.partial.items()}
     assert max(computed.values()) > 1
     assert min(computed.values()) == 1
     run(lambda: False)

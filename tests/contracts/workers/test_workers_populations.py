@@ -27,7 +27,7 @@ from gear_rattle.workers import (
 from gear_rattle.workers.answers import read_finished_population
 from gear_rattle.workers.kinds import compute_tile, evaluate_cells_one_by_one
 from gear_rattle.workers.populations.numbers import convert_to_request_field, to_library_form
-from gear_rattle.workers.storage.integrity import manifest_of
+from gear_rattle.workers.storage.integrity import read_manifest
 from gear_rattle.workers.storage.location import place_of
 from rattle.populations.gears import ComputedGears, compute_gears
 
@@ -86,7 +86,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_a_store_answers_what_the_library_does(whole: Path) -> None:
-    given = {name: to_library_form(value) for name, value in REQUEST.gear.library_distribution.items()}
+    given = {name: to_library_form(value) for name, value in REQUEST.gear.library_numbers.items()}
     exact = rattle.population(given, FIELDS["correlation"], gears=24, count=8, share=0.7, judged=6, pairs=6)
     found = read_finished_population(whole)
     for a, b in zip(found.rows, exact.rows, strict=True):
@@ -145,7 +145,7 @@ def test_a_lost_status_of_a_finished_population_is_damage(whole: Path, tmp_path:
 
 
 def test_every_chunk_is_known_to_be_of_its_tile(whole: Path) -> None:
-    manifest = manifest_of(place_of(whole))
+    manifest = read_manifest(place_of(whole))
     assert manifest is not None
     for key in files(whole):
         if "/c/" in key:
@@ -212,9 +212,7 @@ def test_a_machine_has_powers_and_its_own_units(tmp_path: Path) -> None:
     with xr.open_zarr(path) as found:
         assert found["eccentricity"].attrs["units"] == "m"
         assert found["power"].attrs["units"] == "W"
-        machine = rattle.Machine(
-            **{**request.gear.library_distribution, "eccentricity": float(found["eccentricity"][2])}
-        )
+        machine = rattle.Machine(**{**request.gear.library_numbers, "eccentricity": float(found["eccentricity"][2])})
         assert float(found["epsilon"][2]) == machine.epsilon
         assert float(found["power"][2]) == pytest.approx(float(found["energy"][2].mean()) * machine.units.power)
 
@@ -245,7 +243,7 @@ def test_distributions_survive_a_request(kind: Any) -> None:
     request = PopulationRequest.model_validate(
         FIELDS | {"gear": {"delta": convert_to_request_field(kind), "epsilon": 0.1}, "correlation": None}
     )
-    assert request.gear.library_distribution == {"delta": kind, "epsilon": 0.1}
+    assert request.gear.library_numbers == {"delta": kind, "epsilon": 0.1}
 
 
 @pytest.mark.parametrize(

@@ -192,7 +192,7 @@ def test_blocks_have_the_corners_of_the_plane() -> None:
     rows, columns = np.divmod(edges, blocks.shape[1])
     assert ((rows % BLOCK == 0) | (rows == 63) | (columns == 0) | (columns == 5)).all()
     assert edges.size == 3 * 6 + 61 * 2
-    quarters = blocks.quarters(blocks.undivided_leaves())
+    quarters = blocks.divide_leaves(blocks.undivided_leaves())
     assert set(zip(*(x.tolist() for x in quarters[:3]), strict=True)) == {(0, 0, 0), (0, 16, 0), (1, 0, 0), (1, 16, 0)}
 
 

@@ -25,7 +25,7 @@ from gear_rattle.workers import (
 from gear_rattle.workers.cluster.runner import run_tiles
 from gear_rattle.workers.storage.location import place_of
 from gear_rattle.workers.storage.manifest import set_store_attributes
-from gear_rattle.workers.storage.store import add_to_store, read_bands
+from gear_rattle.workers.storage.store import add_to_store, read_variable_in_bands
 from gear_rattle.workers.survey.tiles import compute_tile, tiles_of
 
 # No attractors: these tests are about files.
@@ -210,7 +210,7 @@ def test_a_deleted_survey_does_not_come_back(store: Path) -> None:
         finish_store,
         lambda store: add_to_store(store, {}, {}),
         lambda store: set_store_attributes(place_of(store), {"rounds": 1}),
-        lambda store: list(read_bands(place_of(store), "region")),
+        lambda store: list(read_variable_in_bands(place_of(store), "region")),
     ],
 )
 @pytest.mark.parametrize("is_known", [False, True])  # in this process

@@ -170,7 +170,7 @@ def test_attempts_that_lost_are_known(monkeypatch: pytest.MonkeyPatch) -> None:
     slow, quick, late = submission.in_flight.values()
     monkeypatch.setattr(submission, "next_result", lambda _: (quick, RECORD))
     assert submission.next_record(0.0) == RECORD
-    assert submission.superseded == [slow.future, late.future]
+    assert submission.superseded_futures == [slow.future, late.future]
     assert not submission.in_flight
 
 

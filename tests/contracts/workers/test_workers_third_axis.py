@@ -32,7 +32,7 @@ from gear_rattle.workers.kinds import position_of_failed_cell
 from gear_rattle.workers.pictures.figure import survey_figure
 from gear_rattle.workers.pictures.maps import render_map_picture
 from gear_rattle.workers.storage.export import csv_lines, require_readable_variables, table_bands, write_netcdf
-from gear_rattle.workers.storage.integrity import manifest_of
+from gear_rattle.workers.storage.integrity import read_manifest
 from gear_rattle.workers.storage.location import place_of
 from gear_rattle.workers.storage.store import open_groups
 from gear_rattle.workers.survey import tiles as computing
@@ -149,9 +149,9 @@ def test_what_is_damaged_is_found_in_its_slice_and_repaired(store: Path, tmp_pat
 
 
 def test_every_file_of_a_tile_is_known_by_its_key(store: Path) -> None:
-    manifest = manifest_of(place_of(store))
+    manifest = read_manifest(place_of(store))
     assert manifest is not None
-    assert (manifest.grid, manifest.slices, manifest.rows) == ((4, 2), 2, 2)
+    assert (manifest.grid, manifest.slices, manifest.tile_rows_per_slice) == ((4, 2), 2, 2)
     for index in range(8):
         keys = manifest.chunk_keys(index)
         assert all((store / key).exists() for key in keys.values())

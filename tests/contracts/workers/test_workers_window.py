@@ -94,11 +94,11 @@ def filled(grid: WindowGrid, cells: int) -> list[tuple[int, WindowFrame]]:
     number = np.arange(grid.values.size).reshape(grid.values.shape)
     frames = []
     for level in grid.levels:
-        for block in grid.blocks(level):
-            for part in grid.parts(block, cells):
+        for block in grid.parts_of_level(level):
+            for part in grid.divide_into_parts(block, cells):
                 assert not grid.known[part].any()
                 assert 0 < number[part].size <= cells
-                grid.put(part, WindowPartValues(number[part], 0, 0.0))
+                grid.store_part(part, WindowPartValues(number[part], 0, 0.0))
         frames.append((level, grid.frame_at_level(level)))
     return frames
 
@@ -121,8 +121,8 @@ def test_levels_cover_the_grid_and_each_cell_once(pixels: tuple[int, int], cells
 
 def test_meanwhile_a_cell_shows_its_neighbour_of_the_level_before() -> None:
     grid = WindowGrid(request_for_window(REQUEST, WINDOW, (33, 33)), quantity_of_map("quiet_fraction", 0, REQUEST))
-    for part in grid.parts(*grid.blocks(grid.levels[0]), 10**6):
-        grid.put(part, WindowPartValues(np.array([[0.0, 0.2], [0.4, 0.6]]), 0, 0.0))
+    for part in grid.divide_into_parts(*grid.parts_of_level(grid.levels[0]), 10**6):
+        grid.store_part(part, WindowPartValues(np.array([[0.0, 0.2], [0.4, 0.6]]), 0, 0.0))
     frame = grid.frame_at_level(grid.levels[1])
     np.testing.assert_allclose(frame.values, [[0, 0, 0.2], [0, 0, 0.2], [0.4, 0.4, 0.6]], rtol=1e-6)
     assert frame.done == 4 / 33**2
@@ -155,10 +155,10 @@ def test_the_values_of_its_survey(variable: str, index: int) -> None:
     plane = stored if stored.ndim == 2 else stored[(index, *(0,) * (stored.ndim - 3))]
     grid = WindowGrid(survey, quantity_of_map(variable, index, REQUEST))
     for level in grid.levels:
-        for block in grid.blocks(level):
-            for part in grid.parts(block, 4):
+        for block in grid.parts_of_level(level):
+            for part in grid.divide_into_parts(block, 4):
                 delta, epsilon = grid.delta[part.delta], grid.epsilon[part.epsilon]
-                grid.put(part, compute_window_part(survey, variable, index, delta, epsilon))
+                grid.store_part(part, compute_window_part(survey, variable, index, delta, epsilon))
     assert grid.values.dtype == plane.dtype
     np.testing.assert_array_equal(grid.values, plane)
     assert grid.failed == 0

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import rattle
-from rattle.attractors.ball import CaptureCentres, centres_of_new_regions, find_radii_one_by_one
+from rattle.attractors.ball import CaptureCentres, centres_of_new_regions, find_capture_radii_one_by_one
 from rattle.attractors.chaos import SAME_FOOTPRINT, write_attractor_numbers
 from rattle.attractors.rows import attractor_rows
 from rattle.attractors.samples import GRID, Outcome, SampleSets
@@ -40,7 +40,7 @@ def test_balls_grown_in_lanes_are_those_grown_one_flight_at_a_time(plane):
     found, centres = around_orbits(*PLANES[plane])
     assert centres.radius.size > 4
     alone = centres._replace(radius=centres.radius.copy())
-    find_radii_one_by_one(alone, found.cells)
+    find_capture_radii_one_by_one(alone, found.cells)
     find_capture_radii_in_lanes(lane_block_of_thread(), centres, found.cells)
     assert len(np.unique(alone.radius)) > 2
     np.testing.assert_array_equal(centres.radius, alone.radius)
@@ -60,9 +60,9 @@ def test_what_is_done_with_the_samples_of_many_cells_is_what_is_done_with_those_
     size = rng.integers(1, 20, 50)
     sets = SampleSets(rng.permutation(1000)[: size.sum()], size)
     values, holds = rng.integers(0, 100, 1000), rng.random(size.sum()) < 0.9
-    each = np.split(sets.which, np.cumsum(size)[:-1])
+    each = np.split(sets.sample_numbers, np.cumsum(size)[:-1])
     evenly = [here[np.arange(min(12, here.size)) * here.size // min(12, here.size)] for here in each]
-    np.testing.assert_array_equal(sets.select_evenly(12).which, np.concatenate(evenly))
+    np.testing.assert_array_equal(sets.select_evenly(12).sample_numbers, np.concatenate(evenly))
     np.testing.assert_array_equal(sets.select_evenly(12).size, [here.size for here in evenly])
     of_each = np.split(holds, np.cumsum(size)[:-1])
     np.testing.assert_array_equal(sets.cells_where_all(holds), [here.all() for here in of_each])
@@ -109,11 +109,11 @@ def test_rows_are_what_sorting_all_samples_gives(missed):
     rows = attractor_rows(kind, which, impacts, time, known, row)
     of = [(int(c), int(k), int(w)) for c, k, w in zip(cell, kind, which, strict=True)]
     expected = sorted({*of, *((c, Outcome.PERIODIC, j) for c in range(cells) for j in range(known[c]))})
-    assert list(zip(rows.cell.tolist(), rows.kind.tolist(), rows.which.tolist(), strict=True)) == expected
+    assert list(zip(rows.cell.tolist(), rows.kind.tolist(), rows.number_in_kind.tolist(), strict=True)) == expected
     np.testing.assert_array_equal(row, [expected.index(each) for each in of])
     for i, each in enumerate(expected):
         mine = np.array([k for k, other in enumerate(of) if other == each], np.int64)
-        assert rows.number[i] == mine.size
+        assert rows.sample_count[i] == mine.size
         assert rows.impacts[i] == impacts[mine].sum()
         assert rows.watched[i] == (time[mine].min() if mine.size else np.inf)
         assert rows.first_sample[i] == (mine[0] if mine.size else kind.size - 1)

@@ -112,8 +112,10 @@ def test_states_followed_in_several_calls_keep_their_attractors(point):
         GrowingClassification(rattle.Gear(*point).states),
         GrowingClassification(rattle.Gear(*point).states),
     )
-    rows = np.concatenate([parts.follow(t, w)[0] for t, w in zip(np.split(tau, 6), np.split(v, 6), strict=True)])
-    whole, _impacts = at_once.follow(tau, v)
+    rows = np.concatenate(
+        [parts.classify_more_states(t, w)[0] for t, w in zip(np.split(tau, 6), np.split(v, 6), strict=True)]
+    )
+    whole, _impacts = at_once.classify_more_states(tau, v)
     pairs = np.unique(np.stack([rows, whole]), axis=1)
     assert len(pairs.T) == rows.max() + 1 == whole.max() + 1 == parts.table.kind.size > 2, gear
 

@@ -16,7 +16,7 @@ from mpmath import mp, mpf
 import rattle
 from rattle import curves
 from rattle.continuation.arclength import solve_all_with_fixed_unknown, solve_with_fixed_unknown
-from rattle.continuation.conditions import condition
+from rattle.continuation.conditions import equations_of_bifurcation
 from rattle.impacting.bifurcations.registry import CURVES
 
 SEED = int(os.environ.get("CURVES_SEED", 2009))
@@ -315,8 +315,8 @@ def test_regions_beside_a_curve(name, rng):
 def test_solutions_near_several_guesses_are_those_near_each(name, rng):
     """One that leads nowhere has none, and changes none of the others."""
     definition = CURVES[name]
-    problem = condition(definition.itinerary(0.6), definition.kind, definition.impact)
-    guesses = np.array([x for d in np.linspace(0.42, 0.7, 8) for x in definition.starts(d, 0.6)])
+    problem = equations_of_bifurcation(definition.itinerary(0.6), definition.kind, definition.impact)
+    guesses = np.array([x for d in np.linspace(0.42, 0.7, 8) for x in definition.starting_points_at(d, 0.6)])
     guesses = np.concatenate([guesses + size * rng.standard_normal(guesses.shape) for size in (0.0, 1e-3, 0.1, 0.3)])
     found = solve_all_with_fixed_unknown(problem, guesses, -2)
     alone = [solve_with_fixed_unknown(problem, guess, -2, guess[-2]) for guess in guesses]

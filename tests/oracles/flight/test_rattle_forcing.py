@@ -155,7 +155,7 @@ def test_the_contact_force_and_what_is_known_of_it(rng):
         assert arc.exists == (exact.min() < 0.0)
         if arc.exists:
             entry = forcing.phase_of_arc_entry(delta, 1.0 / share)
-            assert abs((arc.leave - arc.length - entry + 0.5) % 1.0 - 0.5) < 1e-12
+            assert abs((arc.exit_phase - arc.length - entry + 0.5) % 1.0 - 0.5) < 1e-12
             assert abs(float(force(entry, delta, epsilon))) < 1e-12
 
 
@@ -164,7 +164,7 @@ def test_the_quiet_limit_is_where_the_force_just_reaches_zero():
         epsilon = float(forcing.quiet_eccentricity(np.float64(delta)))
         phase = forcing.phase_of_least_force(delta)
         assert abs(float(force(phase, delta, epsilon))) < 1e-14
-        assert forcing.least_damping(epsilon) == pytest.approx(delta, rel=1e-12)
+        assert forcing.damping_at_quiet_limit(epsilon) == pytest.approx(delta, rel=1e-12)
         assert np.abs(Forcing(epsilon).quiet_limit_residuals(np.float64(phase), np.float64(delta))).max() < 1e-14
 
 

@@ -21,9 +21,9 @@ from rattle.flight.guess import (
     convert_flight_to_single_precision,
     estimate_minimum,
     guess_time_of_turn_or_arrival,
-    refine_time,
+    refine_time_at_level,
     sum_of_height_term_sizes,
-    sum_of_slope_terms,
+    sum_of_slope_term_sizes,
     taylor_coefficients,
     time_step_to_level,
 )
@@ -168,7 +168,7 @@ def _single_precision(n, seed):
         found = evaluate32(s, short)
         true = evaluate(float(s), flight)
         worst0 = max(worst0, abs(found[0] - true[0]) / sum_of_height_term_sizes(s, short))
-        worst1 = max(worst1, abs(found[1] - true[1]) / sum_of_slope_terms(short))
+        worst1 = max(worst1, abs(found[1] - true[1]) / sum_of_slope_term_sizes(short))
     return worst0 / ERROR, worst1 / ERROR
 
 
@@ -216,7 +216,7 @@ def _depths(n, seed, regime):
         series = taylor_coefficients(s, short)
         _height, minimum = estimate_minimum(s, series, short)
         s += time_step_to_level(True, F32(0.0), series)
-        s, _u, _speed = refine_time(s, F32(0.0), short)
+        s, _u, _speed = refine_time_at_level(s, F32(0.0), short)
         arc = convert_arc_to_single_precision(find_negative_force_arc(delta, epsilon))
         certain = has_at_most_one_turn(up, True, F32(tau), s, minimum.time, short, arc)
         bound = height_lower_bound(s, minimum, short.delta)
@@ -242,7 +242,7 @@ def test_coefficients_are_those_of_their_generator():
     assert generate_coefficients.coefficients_module_text() == Path(coefficients.__file__).read_text()
 
 
-@pytest.mark.parametrize("name", [p.name for p in generate_coefficients.polynomials()])
+@pytest.mark.parametrize("name", [p.name for p in generate_coefficients.polynomial_specs()])
 def test_stated_bounds_of_the_polynomials_hold(name):
     """On a grid of its own, against the functions in closed form."""
     closed = {

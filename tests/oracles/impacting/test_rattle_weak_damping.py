@@ -11,7 +11,7 @@ from mpmath import mp, mpf
 import rattle
 from rattle.attractors.samples import Outcome
 from rattle.crisis import boundary_crisis
-from rattle.impacting.attractors.classifier import ImpactingClassifier, elastic_cells
+from rattle.impacting.attractors.classifier import ImpactingClassifier, make_elastic_cells
 from rattle.impacting.map.quiet import capture_invariant_limits
 from rattle.orbits.manifolds import manifold
 
@@ -107,7 +107,7 @@ def test_the_margin_is_that_of_a_grid_of_long_simulations(point, least):
     cells = [np.array([x]) for x in point]
     nothing = np.zeros((1, 0))
     follow = ImpactingClassifier(
-        elastic_cells(*cells, capture_invariant_limits(*cells)), nothing, nothing
+        make_elastic_cells(*cells, capture_invariant_limits(*cells)), nothing, nothing
     ).outcomes_of_states
     speeds = found.v * np.array([0.5, 0.8, 0.95, 0.999, 1.0001])
     tau, v = (x.ravel() for x in np.meshgrid(np.append((np.arange(60) + 0.5) / 60, found.tau), speeds))

@@ -30,7 +30,7 @@ def test_it_begins_at_the_point_of_the_elastic_gear(name: str) -> None:
         assert 0.03 < curve.restitution[-1] < 0.033
         for r, returns in ((0.032, 1.0), (0.0305, 0.0)):
             delta = curve.delta[-1] + (r - curve.restitution[-1]) * np.gradient(curve.delta, curve.restitution)[-1]
-            found = InelasticGear(delta, inelastic.saddle_node(delta, r, Q), 0.601, r).first_impact(
+            found = InelasticGear(delta, inelastic.epsilon_of_saddle_node(delta, r, Q), 0.601, r).first_impact(
                 1, 0.75, -r * delta * Q / (1 + r)
             )
             assert found.next_wall == 1
@@ -73,15 +73,17 @@ def test_curves_of_the_plane_meet_there(r: float) -> None:
         return graze.at(delta=delta)[0] - other
 
     delta20, epsilon20 = follow_codimension_two("COD20").at(r)
-    crossed = brentq(lambda d: above(d, inelastic.flip_of_c(d, r, Q)), delta20 - 0.05, delta20 + 0.05, xtol=1e-13)
+    crossed = brentq(
+        lambda d: above(d, inelastic.epsilon_of_flip_of_c(d, r, Q)), delta20 - 0.05, delta20 + 0.05, xtol=1e-13
+    )
     assert crossed == pytest.approx(delta20, abs=1e-9)
-    assert inelastic.flip_of_c(crossed, r, Q) == pytest.approx(epsilon20, abs=1e-9)
+    assert inelastic.epsilon_of_flip_of_c(crossed, r, Q) == pytest.approx(epsilon20, abs=1e-9)
 
     # SN1 touches the graze: its motion has τ = 3/4, to which the phase along G1 rises as a smooth function of ε
     delta22, epsilon22 = follow_codimension_two("COD22").at(r)
     last = order[-1]
     assert (graze.delta[last], graze.epsilon[last]) == pytest.approx((delta22, epsilon22), abs=1e-8)
-    assert inelastic.saddle_node(delta22, r, Q) == pytest.approx(epsilon22, abs=1e-12)
+    assert inelastic.epsilon_of_saddle_node(delta22, r, Q) == pytest.approx(epsilon22, abs=1e-12)
 
     delta21, epsilon21 = follow_codimension_two("COD21").at(r)
     apart = trace_at_graze(graze) - 2 * r * np.exp(-graze.delta / 2)

@@ -10,7 +10,7 @@ from inelastic_march import CONTACT, IMPACT, RELEASE, march
 import rattle
 from rattle.inelastic import InelasticGear
 from rattle.inelastic.map.contact import is_chatter_captured
-from rattle.inelastic.map.harmonics import force_at
+from rattle.inelastic.map.harmonics import contact_force_and_rate
 
 BUMPS = [(3, 0.12, 0.3), (8, 0.03, 0.6)]
 
@@ -54,7 +54,7 @@ def test_captured_means_that_the_chatter_completes() -> None:
     while seen < either(60, 600):
         gear = random_gear(rng)
         point, tau = gear._point, float(rng.random())
-        force, _rate = force_at(tau, gear.delta, point.drift, point.harmonics)
+        force, _rate = contact_force_and_rate(tau, gear.delta, point.drift, point.harmonics)
         if force <= 0.0:
             continue
         fastest = min(point.capture * force * force, math.sqrt(1.44 * gear.beta * force))
@@ -125,7 +125,9 @@ def test_impulses_balance_with_contact() -> None:
                 end = begin + np.min((zeros - begin) % 1.0)
                 t, weights = np.polynomial.legendre.leggauss(60)
                 grid = 0.5 * (begin + end) + 0.5 * (end - begin) * t
-                force = np.array([force_at(s % 1.0, gear.delta, point.drift, point.harmonics)[0] for s in grid])
+                force = np.array(
+                    [contact_force_and_rate(s % 1.0, gear.delta, point.drift, point.harmonics)[0] for s in grid]
+                )
                 pressed = 0.5 * (end - begin) * float(weights @ force)
                 # from there to the release Φ' goes from that of departure to 0
                 impulse += pressed - wall * gear.restitution * motion.impact_speed[before]
@@ -153,7 +155,7 @@ def test_contact_forgets() -> None:
     tau = float(zeros[0] - 0.02) % 1.0
     found = [gear.impact(tau - shift, speed) for shift in (0.0, 1e-3) for speed in (1e-4, 2e-4)]
     point = gear._point
-    force, _rate = force_at(tau, gear.delta, point.drift, point.harmonics)
+    force, _rate = contact_force_and_rate(tau, gear.delta, point.drift, point.harmonics)
     if force > 0:
         assert len({(each.tau, each.v) for each in found}) == 1
         assert not found[0].tangent.any()

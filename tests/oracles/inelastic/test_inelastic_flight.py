@@ -9,7 +9,7 @@ from mpmath import mp, mpf
 import rattle
 from rattle.inelastic.map.cells import make_inelastic_point
 from rattle.inelastic.map.flight import evaluate_forced_flight, prepare_forced_flight
-from rattle.inelastic.map.harmonics import force_at
+from rattle.inelastic.map.harmonics import contact_force_and_rate
 
 FIRST = (1, 1.0, 0.0)
 
@@ -34,7 +34,7 @@ def test_contact_force(count: int, highest: int) -> None:
     for _ in range(20):
         ours, exact = random_gear(rng, count, highest)
         point, tau = ours._point, float(rng.random())
-        value, rate = force_at(tau, ours.delta, point.drift, point.harmonics)
+        value, rate = contact_force_and_rate(tau, ours.delta, point.drift, point.harmonics)
         size = sum((2 * np.pi * k) ** 2 * ours.epsilon * a for k, a, _ in exact.harmonics) + exact.delta * exact.drift
         assert abs(value - force(exact, mpf(tau))) < 1e-13 * size * highest
         slope = mp.diff(lambda t, exact=exact: force(exact, t), mpf(tau))

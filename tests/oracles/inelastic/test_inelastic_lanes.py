@@ -9,7 +9,7 @@ from rattle.attractors.classify import allocate_probe_record, create_trajectorie
 from rattle.attractors.samples import Outcome, Trajectories
 from rattle.inelastic import iterate, iterate_tangent
 from rattle.inelastic.attractors.classifier import InelasticClassifier
-from rattle.inelastic.map.cells import InelasticCells, inelastic_cells
+from rattle.inelastic.map.cells import InelasticCells, make_inelastic_cells
 
 BETA = 0.6
 
@@ -17,7 +17,7 @@ BETA = 0.6
 def random_cells(rng: np.random.Generator, n: int, r: float | NDArray[np.float64]) -> InelasticCells:
     """Cells of the paper's plane with this restitution, on either side of the quiet limit."""
     delta, epsilon = rng.uniform(0.4, 0.7, n), rng.uniform(0.0, 0.35, n)
-    return inelastic_cells(delta, epsilon, np.full(n, BETA), np.broadcast_to(r, n).copy(), np.zeros(n))
+    return make_inelastic_cells(delta, epsilon, np.full(n, BETA), np.broadcast_to(r, n).copy(), np.zeros(n))
 
 
 def states(rng: np.random.Generator, shape: tuple[int, int]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -26,7 +26,7 @@ def states(rng: np.random.Generator, shape: tuple[int, int]) -> tuple[NDArray[np
 
 def settled(cells: InelasticCells, tau: NDArray[np.float64], v: NDArray[np.float64]) -> InelasticClassifier:
     found = InelasticClassifier(cells, tau.copy(), v.copy())
-    found.run()
+    found.run_all_stages()
     return found
 
 
@@ -59,8 +59,8 @@ def test_lanes_find_what_is_found_one_by_one() -> None:
     cells = random_cells(rng, n, rng.uniform(0.5, 0.8, n))
     tau, v = states(rng, (n, count))
     in_lanes, alone = settled(cells, tau, v), InelasticClassifier(cells, tau.copy(), v.copy())
-    alone.in_lanes[:] = False
-    alone.run()
+    alone.fits_lanes[:] = False
+    alone.run_all_stages()
     soon = (in_lanes.impacts < 40) & (alone.impacts < 40)  # before rounding parts two motions
     assert soon.mean() > 0.7
     same = (labels(in_lanes) == labels(alone)).all(axis=-1)
@@ -75,7 +75,7 @@ def test_exponents_in_lanes_are_those_of_the_map() -> None:
     """λ₁ and λ₁ + λ₂ = −δ + 2 ln r × impacts per forcing period, of chaos at (0.45, 0.3) and r = 0.8."""
     delta, epsilon, r, n = 0.45, 0.3, 0.8, 12
     given = (np.array([x]) for x in (delta, epsilon, BETA, r, 0.0))
-    found = InelasticClassifier(inelastic_cells(*given), *states(np.random.default_rng(4), (1, n)))
+    found = InelasticClassifier(make_inelastic_cells(*given), *states(np.random.default_rng(4), (1, n)))
     seen = allocate_probe_record(n)
     found.samples.limit[:] = 100_000
     found.follow_with_tangent(np.arange(n), np.full(n, 3000.0), np.full(n, 300.0), seen)
@@ -92,7 +92,7 @@ def test_exponents_in_lanes_are_those_of_the_map() -> None:
 def test_what_is_called_chaotic_hardly_settles_in_ten_times_the_observation(r: float) -> None:
     rng, n = np.random.default_rng(11), either(80, 300)
     found = settled(random_cells(rng, n, r), *states(rng, (n, 64)))
-    chaotic = np.concatenate([chaos.samples for each in found.chaos.values() for chaos in each])
+    chaotic = np.concatenate([chaos.samples for each in found.chaotic_sets.values() for chaos in each])
     undecided = (found.status == Outcome.UNRESOLVED).sum() - chaotic.size
     assert undecided <= 0.02 * found.status.size
     samples = found.samples

@@ -8,7 +8,7 @@ from depth import either
 from rattle import inelastic
 from rattle.flight.first_impact import OK
 from rattle.inelastic import InelasticGear
-from rattle.inelastic.map.cells import cells_of_forcing_shape, point_at
+from rattle.inelastic.map.cells import cells_of_forcing_shape, inelastic_point_of_cell
 from rattle.inelastic.map.impact_map import InelasticPoint, step
 
 MOTIONS = 300
@@ -82,7 +82,7 @@ def point_of(
     delta: float, epsilon: float, r: float, load: float, shape: np.ndarray, beta: float = 0.6
 ) -> InelasticPoint:
     numbers = (np.array([x]) for x in (delta, epsilon, beta, r, load))
-    return InelasticPoint(*point_at(0, cells_of_forcing_shape(*numbers, np.ascontiguousarray(shape))))
+    return InelasticPoint(*inelastic_point_of_cell(0, cells_of_forcing_shape(*numbers, np.ascontiguousarray(shape))))
 
 
 def test_a_shift_of_time_shifts_motions() -> None:

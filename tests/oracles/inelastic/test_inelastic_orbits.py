@@ -22,16 +22,18 @@ DRIFT = 4 * math.pi
     ],
 )
 def test_limits(r: float, born: float, flip: float) -> None:
-    assert inelastic.saddle_node(0.6, r, DRIFT) == pytest.approx(born, abs=1e-9)
-    assert inelastic.flip_of_c(0.6, r, DRIFT) == pytest.approx(flip, abs=1e-9)
+    assert inelastic.epsilon_of_saddle_node(0.6, r, DRIFT) == pytest.approx(born, abs=1e-9)
+    assert inelastic.epsilon_of_flip_of_c(0.6, r, DRIFT) == pytest.approx(flip, abs=1e-9)
 
 
 def test_limits_of_elastic_impacts_are_those_of_the_elastic_gear() -> None:
     for delta in (0.45, 0.6, 0.8):
-        assert inelastic.saddle_node(delta, 1.0, DRIFT) == pytest.approx(
+        assert inelastic.epsilon_of_saddle_node(delta, 1.0, DRIFT) == pytest.approx(
             float(rattle.sn1(delta, virtual=True)), rel=1e-13
         )
-    assert inelastic.flip_of_c(0.5, 1.0, DRIFT) == pytest.approx(float(rattle.flip(0.5, virtual=True)), rel=1e-13)
+    assert inelastic.epsilon_of_flip_of_c(0.5, 1.0, DRIFT) == pytest.approx(
+        float(rattle.flip(0.5, virtual=True)), rel=1e-13
+    )
     assert inelastic.quiet_limit(0.6, DRIFT) == pytest.approx(float(rattle.quiet_limit(0.6)), rel=1e-14)
 
 

@@ -136,8 +136,8 @@ def test_saddle_node_and_flip_of_the_bounce(r: float, born: float, flip: float) 
     assert inelastic.trace("SN1", 0.6, r, **WINDOW).at(delta=0.6) == pytest.approx((born,), abs=1e-9)
     for delta in (0.4, 0.5):
         found = inelastic.trace("PDC", 0.6, r, **WINDOW).at(delta=delta)
-        assert found == pytest.approx((inelastic.flip_of_c(delta, r, Q),), abs=1e-12)
-    assert inelastic.flip_of_c(0.6, r, Q) == pytest.approx(flip, abs=1e-9)
+        assert found == pytest.approx((inelastic.epsilon_of_flip_of_c(delta, r, Q),), abs=1e-12)
+    assert inelastic.epsilon_of_flip_of_c(0.6, r, Q) == pytest.approx(flip, abs=1e-9)
 
 
 @pytest.mark.parametrize("load", [0.0, 0.5])

@@ -10,7 +10,7 @@ import rattle
 from rattle.attractors.basins import flag_boundary_cells
 from rattle.errors import ParameterError, RattleError
 from rattle.impacting.orbits.periodic import period_one_orbit
-from rattle.orbits.images import images
+from rattle.orbits.images import apply_unfolded_map_power
 from rattle.orbits.manifolds import manifold
 from rattle.orbits.saddles import eigenvectors, local_manifold
 
@@ -38,7 +38,7 @@ def test_points_go_back_to_the_saddle(name, kind, side):
         if growth**j * 1e-15 > 1e-9:  # beyond, rounding alone takes the way back away from the manifold
             break
         at = (found.images == j) & (found.parameter != 0)
-        _, tau, v, _, _ = images(
+        _, tau, v, _, _ = apply_unfolded_map_power(
             found.tau[at], found.v[at], j * local.steps, j * local.turns, not local.backwards, orbit.point
         )
         off = np.hypot(*(np.stack([tau, v]) - local.states_at(found.parameter[at])))

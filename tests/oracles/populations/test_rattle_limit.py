@@ -9,7 +9,7 @@ from depth import deep
 
 import rattle
 from rattle.attractors.speeds import NATURAL
-from rattle.populations.limit import design_limit, design_limits, least_damping
+from rattle.populations.limit import damping_at_quiet_limit, design_limit, design_limits
 
 DRAWING = {"inertia": 0.003, "drag": 1.5e-3, "backlash": 300e-6, "radius": 0.05, "rpm": 3000.0}
 
@@ -76,8 +76,8 @@ def test_a_limit_that_is_not_between_the_ends_is_none() -> None:
 
 def test_below_the_least_damping_nothing_is_quiet() -> None:
     for epsilon in (1e-4, 0.1, 1.0):
-        assert rattle.Gear(least_damping(epsilon), epsilon).quiet_limit == pytest.approx(epsilon)
-    assert least_damping(2.0) == math.inf
+        assert rattle.Gear(damping_at_quiet_limit(epsilon), epsilon).quiet_limit == pytest.approx(epsilon)
+    assert damping_at_quiet_limit(2.0) == math.inf
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ from depth import deep
 
 import rattle
 from rattle.attractors.speeds import NATURAL
-from rattle.populations.gears import FAILS, NOT_ASKED, PASSES, compute_gears, initial_states, verdicts_of
+from rattle.populations.gears import FAILS, NOT_ASKED, PASSES, compute_gears, initial_states, judge_gears
 from rattle.populations.plan import PopulationPlan, Shock
 from rattle.populations.tolerances import Tolerances
 
@@ -132,7 +132,7 @@ def test_a_margin_of_a_machine_is_a_speed_in_metres_a_second() -> None:
     points = plan.tolerances.points(plan.values(np.arange(1)))
     assert points.units is not None
     plain = of(GIVEN, gears=2, count=1, pairs=0, margin=float(1e-3 / points.units.velocity), judged=2)
-    assert np.array_equal(verdicts_of(plan, points), verdicts_of(plain, points._replace(units=None)))
+    assert np.array_equal(judge_gears(plan, points), judge_gears(plain, points._replace(units=None)))
 
 
 def test_a_shock_is_where_gears_begin() -> None:

@@ -8,7 +8,7 @@ import pytest
 from scipy import stats
 
 import rattle
-from rattle.populations.copula import Copula, checked_correlation
+from rattle.populations.copula import Copula, check_correlation_matrix
 from rattle.populations.distributions import LEAST, Distribution, parse_distribution
 from rattle.populations.measured import read_gears
 from rattle.populations.tolerances import Tolerances
@@ -60,7 +60,7 @@ def test_distributions_are_read_from_text(text: str, meant: Distribution) -> Non
 
 
 def test_draws_have_the_correlations_that_were_asked_for() -> None:
-    copula = Copula(checked_correlation(MATRIX, ("a", "b", "c")))
+    copula = Copula(check_correlation_matrix(MATRIX, ("a", "b", "c")))
     z = copula.draw_rows(7, 0, ROWS)
     assert np.abs(np.cov(z.T) - MATRIX).max() < STATISTICAL
     assert np.abs(z.mean(axis=0)).max() < STATISTICAL
@@ -184,12 +184,12 @@ def test_a_distribution_without_spread_or_order_is_refused(kind: Any, numbers: t
 )
 def test_a_matrix_that_is_no_correlation_is_refused(matrix: list[list[float]], says: str) -> None:
     with pytest.raises(rattle.ParameterError, match=says):
-        checked_correlation(matrix, ("a", "b"))
+        check_correlation_matrix(matrix, ("a", "b"))
 
 
 def test_the_factor_that_is_named_makes_a_matrix_possible() -> None:
     matrix = np.array([[1.0, 0.9, -0.9], [0.9, 1.0, 0.9], [-0.9, 0.9, 1.0]])
     with pytest.raises(rattle.ParameterError, match=r"multiply the entries off the diagonal by (0\.\d+)") as refused:
-        checked_correlation(matrix, ("a", "b", "c"))
+        check_correlation_matrix(matrix, ("a", "b", "c"))
     factor = float(str(refused.value).split("diagonal by ")[1].split(",")[0])
-    checked_correlation(np.where(np.eye(3) > 0, 1.0, factor * matrix), ("a", "b", "c"))
+    check_correlation_matrix(np.where(np.eye(3) > 0, 1.0, factor * matrix), ("a", "b", "c"))

@@ -222,12 +222,12 @@ def test_a_flight_of_one_impact_is_that_of_a_motion(letter):
     x = 0.09 * np.cos(2 * np.pi * orbit.tau)
     with precision():
         piece = PlanePiece(arb(0.6), arb(0.09), arb(0.6))
-        y = one_impact.minus_y(arb_series([piece.delta]))[0]
+        y = one_impact.minus_epsilon_sine(arb_series([piece.delta]))[0]
         assert float(one_impact.epsilon_cosine_enclosure(piece, letter, y)) == pytest.approx(x, abs=1e-13)
         s = arb(0.37)
         found, slope = (
             one_impact.flight_height(s, arb_series([piece.delta]), arb(x))[0],
-            one_impact.slope_enclosure(s, piece.delta, arb(x)),
+            one_impact.velocity_enclosure(s, piece.delta, arb(x)),
         )
         c = (4 * np.pi - 2 * np.pi * 0.09 * np.sin(2 * np.pi * orbit.tau) + orbit.v) / 0.6
         t = orbit.tau + 0.37

@@ -16,7 +16,7 @@ from rattle.proof.balls import arb, ball, precision
 from rattle.proof.bifurcations import prove, systems
 from rattle.proof.bifurcations.check_points import check
 from rattle.proof.check import Refusal
-from rattle.proof.flights import ModelPoint, flight
+from rattle.proof.flights import ModelPoint, enclose_flight
 
 DOCUMENT = Path(__file__).parents[3] / "docs" / "paper.md"
 PLACES = {"SN1": "0.6", "SN2": "0.6", "PD1": "0.6", "G1": "0.6", "PDC": "0.5", "G2": "0.8"}
@@ -176,7 +176,7 @@ def test_a_flight_that_turns_before_the_wall_does_not_touch_it(points):
         def touches(gap, time):
             here = replace(point, beta=gap)
             return systems.require_only_graze(
-                flight(here, start, start + 1, turn, turn, arb(0)), 1, 1, -1, time, "the flight"
+                enclose_flight(here, start, start + 1, turn, turn, arb(0)), 1, 1, -1, time, "the flight"
             )
 
         touches(point.beta, touch)

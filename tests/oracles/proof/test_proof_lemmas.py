@@ -15,7 +15,7 @@ from scipy.optimize import brentq
 
 import rattle
 from rattle.proof import check, finder, flights, impacting, krawczyk, stiff
-from rattle.proof.balls import ball, ends, interval_ball, precision
+from rattle.proof.balls import ball, exact_ends, interval_ball, precision
 from rattle.proof.bifurcations.prove import certify_codimension_two
 from rattle.stiff.map.contact import ENDS, find_contact_end
 
@@ -43,7 +43,7 @@ def between(delta, epsilon, beta, wall, target, t0, t1):
     t0, t1 = arb(t0), arb(t1)
     turns = (2 * t0).sin_cos_pi(), (2 * t1).sin_cos_pi()
     here = model_point(delta, epsilon, beta)
-    return flights.flight(here, t0, t1, *turns, here.beta * (target - wall))
+    return flights.enclose_flight(here, t0, t1, *turns, here.beta * (target - wall))
 
 
 def happens(delta, epsilon, beta, wall, target, t0, t1, w0):
@@ -141,12 +141,12 @@ def test_bounds_of_an_extremum_hold_wherever_they_are_taken(monkeypatch):
     rng, told = np.random.default_rng(4), 0
     with precision():
         cases = ((case, between(*case)) for case in random_flights(10_000, 6))
-        case, flight = next(each for each in cases if len(list(flights.extrema(each[1], ""))) == 3)
-        truth = [height for _, height in flights.extrema(flight, "")]
+        case, flight = next(each for each in cases if len(list(flights.enclose_extrema(each[1], ""))) == 3)
+        truth = [height for _, height in flights.enclose_extrema(flight, "")]
         start = mpf(flight.w0.str(38, radius=False))
         monkeypatch.setattr(flights, "_guess_extremum_time", lambda _flight, start, end: float(rng.uniform(start, end)))
         for _ in range(either(200, 5000)):
-            for (_, bound), height in zip(flights.extrema(flight, ""), truth, strict=True):
+            for (_, bound), height in zip(flights.enclose_extrema(flight, ""), truth, strict=True):
                 assert bound.contains(height.mid())
                 told += float(bound.rad()) < 0.1
         delta, epsilon, beta, wall, _target, t0, t1 = case
@@ -155,7 +155,7 @@ def test_bounds_of_an_extremum_hold_wherever_they_are_taken(monkeypatch):
         turns = [mp.findroot(exact.velocity, (a, b), solver="anderson") for a, b in pairwise(times)
                  if exact.velocity(a) * exact.velocity(b) < 0]  # fmt: skip
         for turn, height in zip(turns, truth, strict=True):
-            low, high = (mpf(end.numerator) / end.denominator for end in ends(height))
+            low, high = (mpf(end.numerator) / end.denominator for end in exact_ends(height))
             assert low < exact.position(turn) - exact.start < high
     assert told > 10  # bounds that say something
 
@@ -170,7 +170,7 @@ def test_a_place_where_the_force_vanishes_within_rounding_of_an_end_is_no_hole()
                 for length in (0.05, 0.4, 0.9):
                     t1 = t0 + length
                     turns = (2 * t0).sin_cos_pi(), (2 * t1).sin_cos_pi()
-                    flight = flights.flight(here, t0, t1, *turns, arb(0))
+                    flight = flights.enclose_flight(here, t0, t1, *turns, arb(0))
                     truth = happens(0.5, 0.3, 0.6, 1, 1, float(t0), float(t1), float(flight.w0))
                     assert truth is None or proved(flight, 1, 1) == truth
 
@@ -185,7 +185,7 @@ def test_a_graze_is_refused():
         for t0, t1, wall, target in ((tau, tau + 1, 1, 1), (tau, tau + s, 1, -1), (tau + s, tau + 1, -1, 1)):
             t0, t1 = (t + ball(point.radius) * arb(0, 1) for t in (t0, t1))
             turns = (2 * t0).sin_cos_pi(), (2 * t1).sin_cos_pi()
-            flight = flights.flight(here, t0, t1, *turns, here.beta * (target - wall))
+            flight = flights.enclose_flight(here, t0, t1, *turns, here.beta * (target - wall))
             with pytest.raises(rattle.NotProvedError, match=r"touch|graze"):
                 flights.require_first_impact(flight, wall, target, "the flight")
 
@@ -248,7 +248,7 @@ def test_intervals_of_the_checker_hold_the_balls_of_the_finder():
                 (cosine, (2 * inside).cos_pi()),
                 (check.IV.exp(x) * (1 + check.SLACK), inside.exp()),
             ):
-                low, high = (mpf(end.numerator) / end.denominator for end in ends(value))
+                low, high = (mpf(end.numerator) / end.denominator for end in exact_ends(value))
                 assert bool(found.a < low)
                 assert bool(found.b > high)
 
@@ -257,7 +257,7 @@ def test_boxes_hold_the_numbers_that_they_are_of():
     with precision():
         for text in ("0.1", "-123.456", "0.333333333333333333333333333333333333333333333"):
             centre, radius = Fraction(text), Fraction(1, 10**11)
-            low, high = ends(interval_ball(centre, radius))
+            low, high = exact_ends(interval_ball(centre, radius))
             assert low <= centre - radius
             assert high >= centre + radius
             assert high - low < Fraction(2001, 10**14)
@@ -268,13 +268,13 @@ def test_a_bound_taken_far_behind_the_extremum_holds_where_the_speed_has_decayed
     delta, epsilon, t0, t1 = 20.0, 1.9, 0.75, 1.22
     with precision():
         here, turns = model_point(delta, epsilon, 50.0), [(2 * arb(t)).sin_cos_pi() for t in (t0, t1)]
-        still = flights.flight(here, arb(t0), arb(t1), *turns, arb(0))
+        still = flights.enclose_flight(here, arb(t0), arb(t1), *turns, arb(0))
         slope = here.delta / (1 - still.decay)  # of w0, by the distance
-        flight = flights.flight(here, arb(t0), arb(t1), *turns, (arb(-0.1) - still.w0) / slope)
+        flight = flights.enclose_flight(here, arb(t0), arb(t1), *turns, (arb(-0.1) - still.w0) / slope)
         assert here.phases_of_zero_force == () or not flights.force_zero_times(flight)
-        ((_, truth),) = flights.extrema(flight, "")
+        ((_, truth),) = flights.enclose_extrema(flight, "")
         monkeypatch.setattr(flights, "_guess_extremum_time", lambda *_: t1 - 1e-3)
-        ((_, bound),) = flights.extrema(flight, "")
+        ((_, bound),) = flights.enclose_extrema(flight, "")
         height, speed = flight.state_at(arb(t1 - 1e-3))
         assert height - truth > (t1 - t0) * speed
         assert bound.contains(truth)

@@ -8,7 +8,7 @@ from manifold_fates import fates_beside
 
 import rattle
 from rattle.errors import ParameterError
-from rattle.orbits.images import images
+from rattle.orbits.images import apply_unfolded_map_power
 from rattle.orbits.manifolds import manifold
 from rattle.orbits.saddles import eigenvectors, local_manifold
 from rattle.stiff import StiffGear, continue_from_limit
@@ -64,7 +64,7 @@ def test_points_go_back_to_the_saddle(name: str, kappa: float, kind: str) -> Non
             if growth**j * 1e-15 > 1e-9:  # beyond, rounding alone takes the way back away from the manifold
                 break
             at = (found.images == j) & (found.parameter != 0)
-            _, tau, v, _, _ = images(
+            _, tau, v, _, _ = apply_unfolded_map_power(
                 found.tau[at], found.v[at], j * local.steps, j * local.turns, not local.backwards, orbit.point
             )
             off = np.hypot(*(np.stack([tau, v]) - local.states_at(found.parameter[at])))

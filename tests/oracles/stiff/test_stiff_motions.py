@@ -9,7 +9,7 @@ from stiff_high_precision import integrated
 import rattle
 from rattle.continuation.conditions import EventKind
 from rattle.errors import ParameterError, RattleError
-from rattle.numerics.complex_step import derivatives
+from rattle.numerics.complex_step import value_and_jacobian
 from rattle.stiff import (
     StiffEvent,
     StiffGear,
@@ -68,7 +68,7 @@ def test_a_motion_closes_for_solve_ivp(name: str) -> None:
 def test_equations_have_their_jacobian_and_multipliers(name: str) -> None:
     orbit = continue_from_limit(impacting(name), 2e3)
     itinerary, x = orbit.itinerary, orbit.unknowns
-    value, jacobian = derivatives(itinerary.residual, x)
+    value, jacobian = value_and_jacobian(itinerary.residual, x)
     assert np.max(np.abs(value)) < 1e-11
     np.testing.assert_allclose(itinerary.jacobian(x), jacobian[:, :-2], atol=1e-11 * np.abs(jacobian).max())
     off = abs(np.linalg.det(itinerary.jacobian(x, 0.3)))

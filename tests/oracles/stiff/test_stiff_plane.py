@@ -6,12 +6,12 @@ from depth import deep, either
 
 import rattle
 from rattle.errors import ParameterError
-from rattle.numerics.complex_step import derivatives
+from rattle.numerics.complex_step import value_and_jacobian
 from rattle.stiff import StiffGear, attractors_of, period_one, regions, saddle_node_1
 from rattle.stiff.map.return_map import StiffPoint, step_with_tangent
 from rattle.stiff.orbits.closure import ContactCycle, departure_after_first_contact, write_residuals
 from rattle.stiff.orbits.equations import StiffItinerary
-from rattle.stiff.orbits.families import families, find_family_members
+from rattle.stiff.orbits.families import families_of_a_to_d, find_family_members
 
 
 def test_the_compiled_closure_is_that_of_the_equations() -> None:
@@ -25,7 +25,7 @@ def test_the_compiled_closure_is_that_of_the_equations() -> None:
         if np.min(np.diff(np.append(times, times[0] + m)) - p * durations) < 1e-3:
             continue
         x = np.concatenate([times, durations, [delta, epsilon]])
-        exact, by_all = derivatives(StiffItinerary(walls, m, beta, p).residual, x)
+        exact, by_all = value_and_jacobian(StiffItinerary(walls, m, beta, p).residual, x)
         value, jacobian = np.empty(2 * c), np.empty((2 * c, 2 * c + 1))
         assert write_residuals(
             np.delete(x, 2 * c), ContactCycle(np.array(walls), m, delta, beta, kappa), value, jacobian
@@ -125,7 +125,9 @@ def test_sn1_is_the_fold_of_the_shortest_contact() -> None:
 def test_letters_go_through_the_graze_to_the_fold() -> None:
     """C makes a slight contact with Σ⁻ before it meets B: at κ = 1e4 between 0.16315 (fold) and 0.1632 (graze)."""
     fold = next(
-        family for family in families(0.6, 0.6, 1e4, 1.0) if "C" in family.letters and family.points.shape[1] == 5
+        family
+        for family in families_of_a_to_d(0.6, 0.6, 1e4, 1.0)
+        if "C" in family.letters and family.points.shape[1] == 5
     )
     top = fold.points[fold.folds].max(axis=0)[-1]
     assert top == pytest.approx(0.1631523594, abs=1e-9)
@@ -142,11 +144,11 @@ def test_cells_do_not_depend_on_their_block() -> None:
     rng = np.random.default_rng(4)
     delta, epsilon = rng.choice([0.45, 0.6, 0.765, 0.9], 24), rng.uniform(0.0, 0.9, 24)
     kappa = rng.choice([1e3, 1e6], 24)
-    families.cache_clear()
+    families_of_a_to_d.cache_clear()
     whole = period_one(delta, epsilon, 0.6, kappa)
     order = rng.permutation(24)
     for part in (order[:7], order[7:8], order[8:]):
-        families.cache_clear()
+        families_of_a_to_d.cache_clear()
         here = period_one(delta[part], epsilon[part], 0.6, kappa[part])
         for all_of, some in zip(whole, here, strict=True):
             np.testing.assert_array_equal(all_of[..., part], some)

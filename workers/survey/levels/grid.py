@@ -26,12 +26,13 @@ Pair = tuple[int, int]  # one number for each axis: (epsilon, delta)
 class PyramidLevel:
     """A pyramid level: the whole survey at lower resolution. Pairs are along (epsilon, delta).
 
-    number: 1 for the finest level. cells: how many cells of the survey a cell of the level covers along each axis.
+    number: 1 for the finest level. covered_cells: how many cells of the survey a cell of the level covers along each
+    axis.
     shape: how many cells the level has along each axis.
     """
 
     number: int
-    cells: Pair
+    covered_cells: Pair
     shape: Pair
 
     @property
@@ -44,11 +45,11 @@ class PyramidLevel:
 class LevelBlock:
     """A rectangle of the survey's cells that becomes one chunk of each level.
 
-    place: the row and the column of the block among all blocks. epsilon, delta: the ranges of its cells in the grid.
+    position: the row and the column of the block among all blocks. epsilon, delta: the ranges of its cells in the grid.
     along: the index of its slice; () without a third axis.
     """
 
-    place: Pair
+    position: Pair
     epsilon: slice
     delta: slice
     along: Along = ()
@@ -60,7 +61,7 @@ class LevelBlock:
 
     def selection_at_level(self, level: PyramidLevel) -> tuple[int | EllipsisType | slice, ...]:
         """Return the index that selects the block's cells in the array of a variable of a level."""
-        spans = zip((self.epsilon, self.delta), level.cells, strict=True)
+        spans = zip((self.epsilon, self.delta), level.covered_cells, strict=True)
         return *self.along, ..., *(slice(span.start // cells, -(-span.stop // cells)) for span, cells in spans)
 
 
@@ -101,7 +102,7 @@ def stored_levels_of_shape(shape: Pair) -> tuple[PyramidLevel, ...]:
 
 def coarsening_factors_of_levels(levels: tuple[PyramidLevel, ...]) -> list[Pair]:
     """Return for each level how many cells of the next finer level a cell covers along each axis, 1 or 2."""
-    cells = [(1, 1), *(level.cells for level in levels)]
+    cells = [(1, 1), *(level.covered_cells for level in levels)]
     return [_as_pair(new // old for old, new in zip(*both, strict=True)) for both in pairwise(cells)]
 
 
@@ -112,7 +113,7 @@ def block_shape(request: SurveyRequest) -> Pair:
     side = LARGEST_SIDE
     while side * side * maps > BLOCK_NUMBERS:
         side //= 2
-    return _as_pair(max(side, cells) for cells in stored_levels_of_shape(request.shape)[-1].cells)
+    return _as_pair(max(side, cells) for cells in stored_levels_of_shape(request.shape)[-1].covered_cells)
 
 
 def level_blocks(request: SurveyRequest) -> list[LevelBlock]:

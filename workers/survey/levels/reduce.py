@@ -1,10 +1,11 @@
 """Reduce several cells to one: codes, numbers and phases of rectangles of cells.
 
-The functions `reduced_codes`, `reduced_numbers` and `reduced_phases` take values (m, n), flags `known` (m, n) of the
-cells that count, and `steps`: for each level how many cells of the next finer level a cell covers along each axis, 1 or
-2. A cell counts if it is computed, has not failed and has the variable. The functions yield the arrays of each level.
-Every level is computed from the survey's cells and not from the next finer level, because the most frequent of several
-most frequent codes need not be the most frequent code of all cells. The last cell of an axis may cover fewer cells.
+The functions `reduce_codes_by_level`, `reduce_numbers_by_level` and `reduce_phases_by_level` take values (m, n), flags
+`known` (m, n) of the cells that count, and `steps`: for each level how many cells of the next finer level a cell covers
+along each axis, 1 or 2. A cell counts if it is computed, has not failed and has the variable. The functions yield the
+arrays of each level. Every level is computed from the survey's cells and not from the next finer level, because the
+most frequent of several most frequent codes need not be the most frequent code of all cells. The last cell of an axis
+may cover fewer cells.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -23,14 +24,14 @@ STATISTICS = ("mean", "least", "largest", "share")
 class LevelCodes(NamedTuple):
     """The codes in the cells (m, n) of a level, each of which covers several cells of the survey.
 
-    most: the most frequent code in a cell, the lowest one of equally frequent codes. share: the number of covered cells
-    with this code, divided by the number of covered cells that count (see the top of this file); NaN if no covered cell
-    counts. occurs: a bit mask; bit i is set if code i occurs.
+    most_frequent: the most frequent code in a cell, the lowest one of equally frequent codes. share: the number of
+    covered cells with this code, divided by the number of covered cells that count (see the top of this file); NaN if
+    no covered cell counts. occurrence_mask: a bit mask; bit i is set if code i occurs.
     """
 
-    most: np.ndarray
+    most_frequent: np.ndarray
     share: np.ndarray
-    occurs: np.ndarray
+    occurrence_mask: np.ndarray
 
 
 def pool_cells(
@@ -43,7 +44,9 @@ def pool_cells(
     return reduce(pool, [values[i :: step[0], j :: step[1]] for i in range(step[0]) for j in range(step[1])])
 
 
-def reduced_codes(values: np.ndarray, known: np.ndarray, steps: Sequence[Pair], number: int) -> Iterator[LevelCodes]:
+def reduce_codes_by_level(
+    values: np.ndarray, known: np.ndarray, steps: Sequence[Pair], number: int
+) -> Iterator[LevelCodes]:
     """Yield the codes of each level, from the finest. Values are codes from 0 to number − 1; number is at most 32."""
     there = np.flatnonzero(np.bincount(values[known], minlength=number)).tolist()
     counts = {code: (values == code) & known for code in there}
@@ -65,7 +68,7 @@ def smallest_mask_dtype(number: int) -> np.dtype[np.unsignedinteger]:
     return np.dtype(np.uint8 if number <= 8 else np.uint16 if number <= 16 else np.uint32)
 
 
-def reduced_numbers(values: np.ndarray, known: np.ndarray, steps: Sequence[Pair]) -> Iterator[np.ndarray]:
+def reduce_numbers_by_level(values: np.ndarray, known: np.ndarray, steps: Sequence[Pair]) -> Iterator[np.ndarray]:
     """Yield for each level the mean, least, largest and share of the numbers in its cells, float32 (4, m, n).
 
     The mean is that of the finite numbers; least and largest include infinite numbers. The share is the number of
@@ -89,7 +92,7 @@ def reduced_numbers(values: np.ndarray, known: np.ndarray, steps: Sequence[Pair]
         yield _stack_as_float32(mean, least, largest, _divide_or_nan(count, of))
 
 
-def reduced_phases(values: np.ndarray, known: np.ndarray, steps: Sequence[Pair]) -> Iterator[np.ndarray]:
+def reduce_phases_by_level(values: np.ndarray, known: np.ndarray, steps: Sequence[Pair]) -> Iterator[np.ndarray]:
     """Yield for each level the mean, least, largest and share of the phases in its cells, float32 (4, m, n).
 
     A phase of 1 equals a phase of 0. The mean is the direction of the sum of unit vectors, in [0, 1). Least and largest

@@ -102,7 +102,7 @@ def create_level_array(
     beside = [len(_dimension_labels(request, dim)) for dim in array.dims]
     sides = [
         min(size // cells, most)
-        for size, cells, most in zip(block_shape(request), level.cells, level.shape, strict=True)
+        for size, cells, most in zip(block_shape(request), level.covered_cells, level.shape, strict=True)
     ]
     return root.create_array(
         f"{level.path}/{array.name}",
@@ -136,8 +136,8 @@ def files_of_levels(request: SurveyRequest) -> Template:
     }
     root.create_group(GROUP, attributes=attributes)
     for level in levels:
-        cells = dict(zip((f"cells_{name}" for name in CELL), level.cells, strict=True))
-        long_name = f"level {level.number}: {' x '.join(map(str, level.cells))} cells of the survey in each"
+        cells = dict(zip((f"cells_{name}" for name in CELL), level.covered_cells, strict=True))
+        long_name = f"level {level.number}: {' x '.join(map(str, level.covered_cells))} cells of the survey in each"
         group = root.create_group(level.path, attributes={"long_name": long_name, **cells})
         arrays = [array for quantity in level_variables(request) for array in describe_level_arrays(quantity)]
         _write_coordinates(group, request, level, {dim for array in arrays for dim in array.dims})
@@ -164,7 +164,7 @@ def _multiscales_layout_entries(levels: tuple[PyramidLevel, ...]) -> Iterator[di
 
 def _write_coordinates(group: zarr.Group, request: SurveyRequest, level: PyramidLevel, dims: set[str]) -> None:
     axes = (request.epsilon, request.delta)
-    for name, dim, axis, cells in zip(CELL, LEVEL_CELL, axes, level.cells, strict=True):
+    for name, dim, axis, cells in zip(CELL, LEVEL_CELL, axes, level.covered_cells, strict=True):
         long_name = f"{COORDINATES[name].long_name}, middle of the cells"
         write_array(
             group, dim, (dim,), centres_of_level_cells(axis.values(), cells), {"long_name": long_name, "units": "1"}

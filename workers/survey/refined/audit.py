@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from gear_rattle.workers.survey.refined.blocks import Blocks
-from gear_rattle.workers.survey.refined.evidence import random_bits
+from gear_rattle.workers.survey.refined.evidence import splitmix64
 
 SOURCE_LEVEL, AUDIT, LEAF = "source_level", "audit", "audit_leaf"  # names of stored variables about audits
 AUDITED, DISAGREED = 1, 2  # codes of an audited cell; 0 for other cells
@@ -35,7 +35,7 @@ def random_numbers_of_cells(blocks: Blocks, seed: int) -> np.ndarray:
     """
     rows, columns = (np.arange(span.start, span.stop, dtype=np.uint64) for span in blocks.frame)
     place = (rows[:, None] << np.uint64(32)) + columns
-    drawn = random_bits(place ^ random_bits(np.full(1, seed, np.uint64)))
+    drawn = splitmix64(place ^ splitmix64(np.full(1, seed, np.uint64)))
     found: np.ndarray = (drawn >> np.uint64(11)).astype(float) * 2.0**-53
     return found.ravel()
 

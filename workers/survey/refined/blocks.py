@@ -94,7 +94,7 @@ class Blocks:
         number = np.arange(self.block_origins[0].size)
         return Leaves(number, np.zeros_like(number), np.zeros_like(number), BLOCK)
 
-    def quarters(self, leaves: Leaves) -> Leaves:
+    def divide_leaves(self, leaves: Leaves) -> Leaves:
         """Return the quarters of each leaf; at the end of a grid, quarters without cells of their own are left out."""
         half = leaves.size // 2
         block, row, column = (np.repeat(x, 4) for x in leaves[:3])

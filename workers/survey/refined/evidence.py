@@ -34,11 +34,13 @@ class ComputedCells:
         self.blocks, self.cells = blocks, cells
         self.compares_attractors, self.compares_regions = compares_attractors, compares_regions
         n = blocks.n_cells
-        self.known = np.zeros(n, bool)
+        self.is_computed = np.zeros(n, bool)
         self.region = np.zeros(n, np.int8)
         self.samples = np.zeros((len(SAMPLED_KINDS), n))
         self.table = no_attractors()
-        self.existing: dict[int, GridPiece] = {}  # {number of a block: its periodic orbits, continued to all cells}
+        self.orbits_by_block: dict[
+            int, GridPiece
+        ] = {}  # {number of a block: its periodic orbits, continued to all cells}
         self._code = np.zeros((blocks.block_origins[0].size, BLOCK + 1, BLOCK + 1), np.uint64)
 
     def compute(self, cells: np.ndarray) -> None:
@@ -46,13 +48,13 @@ class ComputedCells:
 
         cells: the numbers of the cells.
         """
-        cells = cells[~self.known[cells]]
+        cells = cells[~self.is_computed[cells]]
         if not cells.size:
             return
         row, column = np.divmod(cells, self.blocks.shape[1])
         delta, epsilon = self.cells.delta[column], self.cells.epsilon[row]
         model, own = self.cells.model, self.cells
-        self.known[cells] = True
+        self.is_computed[cells] = True
         if self.compares_regions:
             for part in np.array_split(np.argsort(column, kind="stable"), 1 + cells.size // CELLS_AT_ONCE):
                 self.region[cells[part]] = rattle.classify_regions(model.period_one(delta[part], epsilon[part]))
@@ -77,9 +79,9 @@ class ComputedCells:
                 continue
             mine = periodic.take(here)
             mine = mine.replace(cell=(row[here] - top) * (width + 1) + column[here] - left)
-            piece = self.existing.get(block) or self._create_empty_grid_piece(top, left, height, width)
+            piece = self.orbits_by_block.get(block) or self._create_empty_grid_piece(top, left, height, width)
             piece.add_attractors(mine)
-            self.existing[block] = piece
+            self.orbits_by_block[block] = piece
             self._code[block, : height + 1, : width + 1] = hash_labels_of_cells(piece)
 
     def _create_empty_grid_piece(self, top: int, left: int, height: int, width: int) -> GridPiece:
@@ -89,7 +91,7 @@ class ComputedCells:
         )
         return GridPiece((height + 1, width + 1), cells)
 
-    def label_codes(self, square: LeafCells) -> np.ndarray:
+    def label_hashes(self, square: LeafCells) -> np.ndarray:
         """Return a number for each cell; cells of a block have the same number if their orbits have the same labels."""
         found: np.ndarray = self._code[square.block, square.row, square.column]
         return found
@@ -98,17 +100,17 @@ class ComputedCells:
         """Return for each leaf (k,) whether its computed cells have the same motions. Basin fractions may differ."""
         square = self.blocks.cells_of_leaves(leaves)
         cell = self.blocks.cell_numbers(square)
-        known = square.inside & self.known[cell]
+        known = square.inside & self.is_computed[cell]
         region = self.region[cell]
         inner = (1, 2)
         same = region.max(inner, where=known, initial=-1) == region.min(inner, where=known, initial=127)
         if self.compares_attractors:
-            code = self.label_codes(square)
+            code = self.label_hashes(square)
             same &= ((code == code[:, :1, :1]) | ~square.inside).all(inner)
-            same &= ~flag_leaves_with_differing_cells(self.samples[:, cell], known, self.cells.count).any(0)
+            same &= ~flag_leaves_with_differing_cells(self.samples[:, cell], known, self.cells.sample_count).any(0)
         return same
 
-    def find_leaves_with_chaos(self, leaves: Leaves) -> np.ndarray:
+    def flag_leaves_with_chaos(self, leaves: Leaves) -> np.ndarray:
         """Return for each leaf (k,) whether a computed cell has chaotic or undecided samples."""
         if not self.compares_attractors:
             return np.zeros(leaves.block.size, bool)
@@ -128,7 +130,7 @@ class ComputedCells:
         audited : np.ndarray
             Flags of the audited cells, in the shape of the square.
         before : np.ndarray
-            The codes that `label_codes` returned before the audit. They change if the audit finds further orbits.
+            The codes that `label_hashes` returned before the audit. They change if the audit finds further orbits.
 
         Returns
         -------
@@ -136,16 +138,16 @@ class ComputedCells:
             Flags in the shape of the square.
         """
         cell = self.blocks.cell_numbers(square)
-        edge = square.inside & self.known[cell] & ~audited
+        edge = square.inside & self.is_computed[cell] & ~audited
         inner = (1, 2)
         region = self.region[cell]
         odd = region != region.max(inner, where=edge, initial=-1)[:, None, None]
         if self.compares_attractors:
-            odd |= self.label_codes(square) != before
+            odd |= self.label_hashes(square) != before
             seen = self.samples[:, cell]
-            share = (seen * edge).sum((2, 3)) / (edge.sum(inner) * self.cells.count)
+            share = (seen * edge).sum((2, 3)) / (edge.sum(inner) * self.cells.sample_count)
             share = share[:, :, None, None]
-            missed = (1.0 - share) ** self.cells.count < CHANCE_LIMIT
+            missed = (1.0 - share) ** self.cells.sample_count < CHANCE_LIMIT
             odd |= ((seen > 0) & (share == 0.0) | (seen == 0) & missed).any(0)
         return odd & audited
 
@@ -179,12 +181,12 @@ def hash_labels_of_cells(piece: GridPiece) -> np.ndarray:
     found, orbits, n = np.zeros(piece.shape, np.uint64), piece.orbits, piece.n
     mixed = np.zeros(n, np.uint64)
     for part in (orbits.m, orbits.n_plus, orbits.n_minus):
-        mixed = random_bits(mixed + part[:n].astype(np.uint64))
+        mixed = splitmix64(mixed + part[:n].astype(np.uint64))
     np.add.at(found.reshape(-1), orbits.cell[:n], mixed)
     return found
 
 
-def random_bits(number: np.ndarray) -> np.ndarray:
+def splitmix64(number: np.ndarray) -> np.ndarray:
     """Return 64 pseudo-random bits for each number, by the function splitmix64."""
     x = number + np.uint64(0x9E3779B97F4A7C15)
     x = (x ^ (x >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)

@@ -84,14 +84,14 @@ class RefinedCells(Cells):
     @cached_property
     def _fraction_upper_bound(self) -> np.ndarray:
         """Upper end of the 95 % Wilson interval of each basin fraction, without the uncertainty that filling adds."""
-        return wilson_interval(self.table.samples, self.count)[1]
+        return wilson_interval(self.table.samples, self.sample_count)[1]
 
     @cached_property
     def _fraction_error(self) -> np.ndarray:
         """Half the width of the 95 % interval of each cell's quiet fraction, with the uncertainty that filling adds."""
-        won = kind_fraction_evaluator("quiet")(self) * self.count
+        won = kind_fraction_evaluator("quiet")(self) * self.sample_count
         low, high = wilson_interval(
-            np.where(self.filled_cell_flags, np.minimum(won, self.count), np.rint(won)), self.count
+            np.where(self.filled_cell_flags, np.minimum(won, self.sample_count), np.rint(won)), self.sample_count
         )
         quiet = self.table.kind == QUIET
         added = np.bincount(self.table.cell[quiet], self.added_width[quiet], self.source_level.size).reshape(self.shape)
@@ -149,10 +149,10 @@ def refine_cells(whole: Cells, rows: slice, columns: slice, plan: FillingPlan) -
     )
     tree.compute_cells()
     level, added_width, table = np.zeros(blocks.n_cells, np.int8), np.zeros(evidence.table.cell.size), evidence.table
-    for leaves in tree.filled:
+    for leaves in tree.leaves_to_fill:
         square = blocks.cells_of_leaves(leaves)
         cell = blocks.cell_numbers(square)
-        empty = square.inside & ~evidence.known[cell]
+        empty = square.inside & ~evidence.is_computed[cell]
         level[cell[empty]] = leaves.size.bit_length() - 1
         evidence.region[cell[empty]] = np.broadcast_to(evidence.region[cell[:, :1, :1]], cell.shape)[empty]
         if compares_attractors:
@@ -178,6 +178,6 @@ def refine_cells(whole: Cells, rows: slice, columns: slice, plan: FillingPlan) -
         added_width=added_width[order],
         regions=remove_added_edges(evidence.region),
         source_level=remove_added_edges(level),
-        audit=remove_added_edges(tree.audit),
-        audit_leaf=remove_added_edges(tree.leaf),
+        audit=remove_added_edges(tree.audit_findings),
+        audit_leaf=remove_added_edges(tree.leaf_codes),
     )

@@ -32,25 +32,26 @@ FIRST_AUDIT_FACTOR = 3.0
 class AuditRound(NamedTuple):
     """A round of audits.
 
-    drawn: the round audits the filled cells whose random number (see `random_numbers_of_cells`) is below this value,
-    but not below that of the round before. regular, chaotic: sizes of leaves (squares of cells). Before the audit the
-    round computes all cells of two kinds of leaves: leaves without chaos up to the size `regular`, leaves with chaos up
-    to `chaotic`.
+    draw_limit: the round audits the filled cells whose random number (see `random_numbers_of_cells`) is below this
+    value, but not below that of the round before. regular_leaf_size, chaotic_leaf_size: sizes of leaves (squares of
+    cells). Before the audit the round computes all cells of two kinds of leaves: leaves without chaos up to the size
+    `regular_leaf_size`, leaves with chaos up to `chaotic_leaf_size`.
     """
 
-    drawn: float
-    regular: int = 0
-    chaotic: int = 0
+    draw_limit: float
+    regular_leaf_size: int = 0
+    chaotic_leaf_size: int = 0
 
 
 class AuditCounts(NamedTuple):
     """The findings of a round of audits; each array (KINDS,) has a number for each kind of leaf.
 
-    before: how many cells were to be filled before the round. audited: how many of these cells the round audited.
+    filled_before: how many cells were to be filled before the round. audited: how many of these cells the round
+    audited.
     disagreed: how many audited cells were wrong. filled: how many cells are filled after the round.
     """
 
-    before: np.ndarray
+    filled_before: np.ndarray
     audited: np.ndarray
     disagreed: np.ndarray
     filled: np.ndarray
@@ -92,7 +93,7 @@ def upper_bound_of_wrong_share(counts: AuditCounts, number: int) -> float:
     filled, wrong, audited = (int(x.sum()) for x in (counts.filled, counts.disagreed, counts.audited))
     if not filled:
         return 0.0
-    left = share_upper_bound(wrong, audited, confidence_of_round(number)) * int(counts.before.sum()) - wrong
+    left = share_upper_bound(wrong, audited, confidence_of_round(number)) * int(counts.filled_before.sum()) - wrong
     return min(max(left, 0.0) / filled, 1.0)
 
 
@@ -101,7 +102,7 @@ def next_audit_round(bound: float, rounds: tuple[AuditRound, ...], counts: Audit
     number = len(rounds)
     if upper_bound_of_wrong_share(counts, number - 1) <= bound:
         return None
-    limits = [rounds[-1].regular, rounds[-1].chaotic]
+    limits = [rounds[-1].regular_leaf_size, rounds[-1].chaotic_leaf_size]
     left = counts.filled.astype(float)
     rate = counts.disagreed / np.maximum(counts.audited, 1)
     kind = np.arange(KINDS)
@@ -110,7 +111,7 @@ def next_audit_round(bound: float, rounds: tuple[AuditRound, ...], counts: Audit
         of, size = divmod(worst, CHAOTIC)
         limits[of] = max(limits[of], 1 << size)
         left[(kind // CHAOTIC == of) & (kind % CHAOTIC <= size)] = 0.0
-    drawn = rounds[-1].drawn
+    drawn = rounds[-1].draw_limit
     share = (
         1.0
         if number == LAST_ROUND

@@ -33,30 +33,30 @@ class FilledCellAttractors(NamedTuple):
 class OrbitsByBranch(NamedTuple):
     """The n periodic orbits in the cells of a block, grouped into branches.
 
-    existing: the orbits. row, column: the cell of each orbit in the block. label: a number for each orbit, equal for
-    orbits with the same label. group: a number for each orbit, equal for orbits on the same branch. Two orbits in
+    grid_piece: the orbits. row, column: the cell of each orbit in the block. label: a number for each orbit, equal for
+    orbits with the same label. branch: a number for each orbit, equal for orbits on the same branch. Two orbits in
     neighbouring cells are on the same branch if continuation of either orbit leads to the other orbit.
     """
 
-    existing: GridPiece
+    grid_piece: GridPiece
     row: np.ndarray
     column: np.ndarray
     label: np.ndarray
-    group: np.ndarray
+    branch: np.ndarray
 
 
 def fill_leaves(evidence: ComputedCells, leaves: Leaves) -> FilledCellAttractors:
     """Return the attractors for the cells of leaves that were not computed."""
     square = evidence.blocks.cells_of_leaves(leaves)
     cell = evidence.blocks.cell_numbers(square)
-    known = square.inside & evidence.known[cell]
+    known = square.inside & evidence.is_computed[cell]
     empty = square.inside & ~known
     blocks: dict[int, OrbitsByBranch] = {}
     parts = [FilledCellAttractors(no_attractors(), np.zeros(0))]
     for i in np.flatnonzero(empty.any((1, 2))):
         block, row, column = (int(x[i]) for x in leaves[:3])
-        if block in evidence.existing and block not in blocks:
-            blocks[block] = group_orbits_into_branches(evidence.existing[block])
+        if block in evidence.orbits_by_block and block not in blocks:
+            blocks[block] = group_orbits_into_branches(evidence.orbits_by_block[block])
         leaf = _LeafToFill(evidence, cell[i], known[i], empty[i])
         parts += leaf.fill_with_orbits(blocks[block], row, column) if block in blocks else leaf.fill_without_orbits()
     return FilledCellAttractors(
@@ -70,7 +70,7 @@ def group_orbits_into_branches(existing: GridPiece) -> OrbitsByBranch:
     from scipy.sparse.csgraph import connected_components
 
     orbits, n = existing.orbits, existing.n
-    to = orbits.to[:n].astype(np.int64)
+    to = orbits.continuations[:n].astype(np.int64)
     one, side = np.nonzero((to[:, :2] >= 0) & (to[:, :2] < n))
     other = to[one, side]
     back = to[other, side + 2] == one
@@ -114,24 +114,24 @@ class _LeafToFill:
         n = self.cell.shape[0]
         here = np.flatnonzero((row >= 0) & (row < n) & (column >= 0) & (column < n))
         at = row[here], column[here]
-        sampled = (branches.existing.samples[here] >= 0) & self.known[at]
+        sampled = (branches.grid_piece.samples[here] >= 0) & self.known[at]
         listed, thing = np.unique(branches.label[here[sampled]], return_inverse=True)
-        won = branches.existing.samples[here[sampled]]
+        won = branches.grid_piece.samples[here[sampled]]
         order = np.cumsum(self.known.ravel()).reshape(n, n) - 1
         by_label = np.zeros((int(self.known.sum()), listed.size))
         np.add.at(by_label, (order[at][sampled], thing), won)
         fractions, deviations = self._fit_fractions(by_label)
-        weight = np.full(int(branches.group.max(initial=0)) + 1, -1.0)
-        weight[branches.group[here[sampled]]] = 0.0
-        np.add.at(weight, branches.group[here[sampled]], won)
+        weight = np.full(int(branches.branch.max(initial=0)) + 1, -1.0)
+        weight[branches.branch[here[sampled]]] = 0.0
+        np.add.at(weight, branches.branch[here[sampled]], won)
         wanted = self.empty[at] & np.isin(branches.label[here], listed)
         mine = here[wanted]
         thing = np.searchsorted(listed, branches.label[mine])
         place = (np.cumsum(self.empty.ravel()).reshape(n, n) - 1)[row[mine], column[mine]]
-        part = _divide_fractions(place * max(listed.size, 1) + thing, weight[branches.group[mine]])
+        part = _divide_fractions(place * max(listed.size, 1) + thing, weight[branches.branch[mine]])
         there = part >= 0.0
         mine, thing, place, part = mine[there], thing[there], place[there], part[there]
-        orbits = branches.existing.orbits
+        orbits = branches.grid_piece.orbits
         share = fractions[place, len(SAMPLED_KINDS) + thing] * part
         zeros, real = np.zeros(mine.size, np.int64), np.full(mine.size, np.nan)
         table = Attractors(
@@ -140,7 +140,7 @@ class _LeafToFill:
             m=orbits.m[mine].astype(np.int64),
             n_plus=orbits.n_plus[mine].astype(np.int64),
             n_minus=orbits.n_minus[mine].astype(np.int64),
-            samples=share * self.evidence.cells.count,
+            samples=share * self.evidence.cells.sample_count,
             tau=orbits.tau[mine],
             v=orbits.v[mine],
             first=orbits.first[mine],
@@ -165,7 +165,7 @@ class _LeafToFill:
             The fractions in the empty cells (empty cells, functions), and a standard deviation for each function
             (functions,): how far the fractions of computed cells are from the function, without sampling noise.
         """
-        count = self.evidence.cells.count
+        count = self.evidence.cells.sample_count
         seen = self.evidence.samples[:, self.cell[self.known]].T
         shares = np.column_stack([seen, orbit_samples]) / count
         known, empty = (self._linear_fit_terms(which) for which in (self.known, self.empty))
@@ -204,7 +204,7 @@ class _LeafToFill:
                 m=zeros,
                 n_plus=zeros,
                 n_minus=zeros,
-                samples=share[rows] * self.evidence.cells.count,
+                samples=share[rows] * self.evidence.cells.sample_count,
                 tau=self.evidence.table.tau[state],
                 v=self.evidence.table.v[state],
                 first=unknown,

@@ -31,7 +31,7 @@ class Cells:
     slots: int  # the largest number of attractors that a cell lists
 
     @property
-    def count(self) -> int:
+    def sample_count(self) -> int:
         """Initial conditions per cell, 0 if no attractors are computed."""
         return self.sample_spec.count if self.is_sampled else 0
 
@@ -74,10 +74,10 @@ class Cells:
     @cached_property
     def region(self) -> np.ndarray:
         """The region of each cell, an index of `rattle.REGIONS`, int8 of shape (n_epsilon, n_delta)."""
-        return rattle.classify_regions(self.period_one)
+        return rattle.classify_regions(self.period_one_orbits)
 
     @cached_property
-    def period_one(self) -> rattle.PeriodOne:
+    def period_one_orbits(self) -> rattle.PeriodOne:
         """The orbits A to D of each cell; the shapes of the arrays end in (n_epsilon, n_delta)."""
         return self.model.period_one(self.delta, self.epsilon[:, None])
 
@@ -130,7 +130,7 @@ class Cells:
         return rattle.crisis_side(self.delta, self.epsilon[:, None], self.model.beta)
 
     @cached_property
-    def grazing(self) -> tuple[rattle.GrazingPoints, ...]:
+    def grazing_points(self) -> tuple[rattle.GrazingPoints, ...]:
         """The grazing curves G1 and G2 at each δ of the rectangle."""
         return tuple(rattle.grazing(curve, self.delta, self.model.beta) for curve in GRAZING_CURVES)
 

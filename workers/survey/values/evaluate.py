@@ -16,12 +16,12 @@ Evaluate = Callable[[Cells], np.ndarray]
 
 def orbit_evaluator(field: str) -> Evaluate:
     """Return the function that evaluates a field of the orbits A to D, shape (4, …, n_epsilon, n_delta)."""
-    return lambda cells: getattr(cells.period_one, field)
+    return lambda cells: getattr(cells.period_one_orbits, field)
 
 
 def grazing_evaluator(field: str) -> Evaluate:
     """Return the function that evaluates a field of the grazing curves G1 and G2, shape (2, …, n_delta)."""
-    return lambda cells: np.stack([getattr(curve, field) for curve in cells.grazing])
+    return lambda cells: np.stack([getattr(curve, field) for curve in cells.grazing_points])
 
 
 def slot_evaluator(field: str, dtype: str, fill: float = 0) -> Evaluate:
@@ -50,19 +50,21 @@ def _slot_of_each_attractor(cells: Cells) -> np.ndarray:
 
 def basin_fraction_of_slots(cells: Cells) -> np.ndarray:
     """Return the basin fraction of each slot, shape (slots, n_epsilon, n_delta)."""
-    return slot_evaluator("samples", "float64")(cells) / cells.count
+    return slot_evaluator("samples", "float64")(cells) / cells.sample_count
 
 
-def slot_fraction_upper(cells: Cells) -> np.ndarray:
+def upper_fraction_limits_of_slots(cells: Cells) -> np.ndarray:
     """Return the upper 95 % Wilson limits of `basin_fraction_of_slots`, shape (slots, n_epsilon, n_delta)."""
-    return arrange_in_slots(cells, rattle.wilson_interval(cells.attractors.samples, cells.count)[1], np.nan, "float64")
+    return arrange_in_slots(
+        cells, rattle.wilson_interval(cells.attractors.samples, cells.sample_count)[1], np.nan, "float64"
+    )
 
 
 def unlisted_fraction(cells: Cells) -> np.ndarray:
     """Return for each cell the basin fraction of all attractors that no slot lists, because the slots are full."""
     return (
         _sum_over_attractors(cells, cells.attractors.samples * (_slot_of_each_attractor(cells) >= cells.slots))
-        / cells.count
+        / cells.sample_count
     )
 
 
@@ -99,14 +101,16 @@ def kind_fraction_evaluator(kind: str) -> Evaluate:
 
     def evaluate(cells: Cells) -> np.ndarray:
         found = cells.attractors
-        return _sum_over_attractors(cells, found.samples * (found.kind == KINDS.index(kind))) / cells.count
+        return _sum_over_attractors(cells, found.samples * (found.kind == KINDS.index(kind))) / cells.sample_count
 
     return evaluate
 
 
 def fraction_error(cells: Cells) -> np.ndarray:
     """Return half the width of the 95 % Wilson interval of each cell's quiet fraction."""
-    low, high = rattle.wilson_interval(np.rint(kind_fraction_evaluator("quiet")(cells) * cells.count), cells.count)
+    low, high = rattle.wilson_interval(
+        np.rint(kind_fraction_evaluator("quiet")(cells) * cells.sample_count), cells.sample_count
+    )
     return (high - low) / 2
 
 
@@ -145,6 +149,6 @@ def _largest_over_attractors(cells: Cells, values: np.ndarray) -> np.ndarray:
 
 def status(cells: Cells) -> np.ndarray:
     """Return the status of cells that did not fail: SOME_UNDECIDED if a sample of the cell is undecided, else OK."""
-    if not cells.count:
+    if not cells.sample_count:
         return np.full(cells.shape, OK)
     return np.where(kind_fraction_evaluator("undecided")(cells) > 0, SOME_UNDECIDED, OK)

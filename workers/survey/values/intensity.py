@@ -26,7 +26,7 @@ _FIELDS = (
 _ERRORS = tuple(each for each in _FIELDS if each[0] not in ("largest_speed", "level"))
 
 
-def _attractor_values(cells: Cells, field: str) -> np.ndarray:
+def _intensity_of_attractors(cells: Cells, field: str) -> np.ndarray:
     """Return a field of every attractor of the cells, shape (attractors,)."""
     if field == "level":
         return _convert_energies_to_decibels(
@@ -42,7 +42,7 @@ def _convert_energies_to_decibels(energy: np.ndarray, delta: np.ndarray) -> np.n
 
 
 def _slot_intensity_evaluator(field: str) -> Evaluate:
-    return lambda cells: arrange_in_slots(cells, _attractor_values(cells, field), np.nan, "float64")
+    return lambda cells: arrange_in_slots(cells, _intensity_of_attractors(cells, field), np.nan, "float64")
 
 
 def _mean_over_samples(cells: Cells, values: np.ndarray) -> np.ndarray:
@@ -56,7 +56,7 @@ def _mean_over_samples(cells: Cells, values: np.ndarray) -> np.ndarray:
         Shape (cells,).
     """
     won = np.where(cells.attractors.samples > 0, cells.attractors.samples * values, 0.0)
-    return np.bincount(cells.attractors.cell, won, cells.delta.size * cells.epsilon.size) / cells.count
+    return np.bincount(cells.attractors.cell, won, cells.delta.size * cells.epsilon.size) / cells.sample_count
 
 
 def _sample_intensity_evaluator(field: str) -> Evaluate:
@@ -85,9 +85,9 @@ def _intensity_over_samples(cells: Cells, field: str) -> np.ndarray:
             _mean_over_samples(cells, found.energy), np.tile(cells.delta, cells.epsilon.size)
         )
     if field == "energy_error":
-        share = cells.attractors.samples / cells.count
+        share = cells.attractors.samples / cells.sample_count
         return np.sqrt(_mean_over_samples(cells, share * found.energy_error**2))
-    return _mean_over_samples(cells, _attractor_values(cells, field))
+    return _mean_over_samples(cells, _intensity_of_attractors(cells, field))
 
 
 def _worst_attractor_evaluator(field: str) -> Evaluate:
@@ -105,7 +105,7 @@ def _worst_attractor_evaluator(field: str) -> Evaluate:
         cell = cells.attractors.cell
         by_energy = np.lexsort((cells.intensities.energy, cell))  # an unknown energy (NaN) is last
         worst = by_energy[np.searchsorted(cell, np.arange(cells.delta.size * cells.epsilon.size), side="right") - 1]
-        values = _attractor_values(cells, field)[worst]
+        values = _intensity_of_attractors(cells, field)[worst]
         return np.where(np.isnan(cells.intensities.energy[worst]), np.nan, values).reshape(cells.shape)
 
     return evaluate

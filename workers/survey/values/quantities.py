@@ -160,7 +160,7 @@ QUANTITIES: tuple[Quantity, ...] = (
         "float32",
         "upper end of the 95 % Wilson interval of attractor_fraction",
         _WILSON,
-        evaluate.slot_fraction_upper,
+        evaluate.upper_fraction_limits_of_slots,
     ),
     Quantity(
         "attractor_phase",
@@ -438,7 +438,9 @@ def variable_groups_of_model(model: str, has_harmonics: bool = False) -> tuple[G
     """
     in_tiles = {each.group for each in QUANTITIES if each.is_in_model(model)}
     if has_harmonics:
-        in_tiles -= {group for group, needed in GROUP_NEEDS.items() if needed in MODELS[model].one_cosine}
+        in_tiles -= {
+            group for group, needed in GROUP_NEEDS.items() if needed in MODELS[model].capabilities_without_harmonics
+        }
     return tuple(group for group in Group if group in in_tiles or group is Group.FAMILIES)
 
 

@@ -66,9 +66,9 @@ def prove_on_whole_block(claim: str, beta: Fraction, delta: Ends, epsilon: Ends)
     squares = IV.mpf((e**2).a), IV.mpf((e**2).b)
     for letter, state in CLAIMS[claim].items():
         if letter in "AC":
-            found = proved_state_of_a_or_c(letter, state, d, interval_between(beta, beta), squares)
+            found = prove_state_of_a_or_c(letter, state, d, interval_between(beta, beta), squares)
         else:
-            found = proved_stability_of_two_impacts(1 if letter == "D" else -1, state, column(delta, beta), squares)
+            found = prove_state_of_b_or_d(1 if letter == "D" else -1, state, column(delta, beta), squares)
         require(found == state, f"the state of {letter} is proved to be {found!r}, but {state!r} is claimed")
     return None
 
@@ -97,7 +97,7 @@ def prove_captures(beta: Fraction, delta: Ends, epsilon: Ends, speed: Interval, 
             prove_captures(beta, *both, speed, depth + 1)
 
 
-def proved_state_of_a_or_c(
+def prove_state_of_a_or_c(
     letter: str, state: str, d: Interval, beta: Interval, squares: tuple[Interval, Interval]
 ) -> str:
     """Return the existence and stability of A or C that are proved for all points of a block.
@@ -121,9 +121,7 @@ def proved_state_of_a_or_c(
     return THERE if state in (THERE, NONE) else ATTRACTING if motion.attracts() else SADDLE
 
 
-def proved_stability_of_two_impacts(
-    slope: int, state: str, cells: TwoImpactColumn, squares: tuple[Interval, Interval]
-) -> str:
+def prove_state_of_b_or_d(slope: int, state: str, cells: TwoImpactColumn, squares: tuple[Interval, Interval]) -> str:
     """Return the existence and stability of B (slope −1) or D (slope 1) that are proved for all points of a block.
 
     The stability is proved only if the claimed `state` is ATTRACTING or SADDLE. squares: the least and the largest ε²

@@ -4,7 +4,7 @@ from fractions import Fraction
 from itertools import groupby
 
 from .half_way import stability_margins
-from .intervals import ZERO, Interval, interval_between, is_less, midpoint, require
+from .intervals import ZERO, Interval, interval_between, is_certainly_less, midpoint, require
 from .two_impacts import TwoImpactCell
 
 #: A cell is not halved if its width in s is at most this share of the width of the δ interval.
@@ -23,7 +23,7 @@ class TwoImpactColumn:
         self.narrowest = SHARE * (delta[1] - delta[0])
         self.cells: dict[Part, TwoImpactCell] = {}
 
-    def cell(self, low: Fraction, high: Fraction) -> TwoImpactCell:
+    def cell_between(self, low: Fraction, high: Fraction) -> TwoImpactCell:
         """Return the cell low ≤ s ≤ high, s being the time from Σ⁺ to Σ⁻."""
         if (low, high) not in self.cells:
             self.cells[low, high] = TwoImpactCell(interval_between(low, high), self.d, self.beta)
@@ -47,7 +47,7 @@ class TwoImpactColumn:
         decided, parts = [], [(Fraction(0), Fraction(1))]
         while parts:
             first, last = parts.pop()
-            answer = self.cell(first, last).are_all_solutions_of_type(slope, low, high)
+            answer = self.cell_between(first, last).are_all_solutions_of_type(slope, low, high)
             if answer is None:
                 wide = last - first > self.narrowest
                 require(
@@ -87,10 +87,10 @@ class TwoImpactColumn:
         for s in (run[0][0], run[-1][1]):
             square = TwoImpactCell(interval_between(s, s), midpoint(self.d), self.beta).square.x
             require(
-                is_less(square, low) or is_less(high, square),
+                is_certainly_less(square, low) or is_certainly_less(high, square),
                 "a curve of solutions is not proved to leave the block in ε",
             )
-            sides.append(1 if is_less(high, square) else -1)
+            sides.append(1 if is_certainly_less(high, square) else -1)
         return sides == [-slope, slope]
 
     def attracts(self, run: list[Part], low: Interval, high: Interval) -> bool:
@@ -112,12 +112,12 @@ class TwoImpactColumn:
         verdicts, parts = set(), list(run)
         while parts:
             first, last = parts.pop()
-            cell = self.cell(first, last)
+            cell = self.cell_between(first, last)
             if cell.has_no_motion(low, high):
                 continue
             above, below = (each.x for each in cell.enclose(stability_margins))
-            inside = is_less(ZERO, above) and is_less(ZERO, below)
-            if inside or is_less(above, ZERO) or is_less(below, ZERO):
+            inside = is_certainly_less(ZERO, above) and is_certainly_less(ZERO, below)
+            if inside or is_certainly_less(above, ZERO) or is_certainly_less(below, ZERO):
                 verdicts.add(inside)
                 require(len(verdicts) == 1, "B or D is not proved to have the same stability on the whole block")
             else:

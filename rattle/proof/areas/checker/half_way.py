@@ -3,10 +3,10 @@
 Z₁ = ε sin φ and Z₂ = ε cos φ, where φ is the phase of the forcing half-way between the impact on Σ⁺ and that on Σ⁻.
 """
 
-from .intervals import PI, Interval, Jet, force_of_phase
+from .intervals import PI, Interval, Jet, contact_force_enclosure
 
 
-class EquationTerms:
+class TwoImpactTerms:
     """Terms of (16.10) to (16.13), docs/proofs.md: s, δ, a = e^(−δs), b = e^(−δ(1−s)), E = e^(−δ), sin πs, cos πs."""
 
     def __init__(self, s: Jet, d: Jet) -> None:
@@ -15,7 +15,7 @@ class EquationTerms:
         self.sine, self.cosine = s.sine_and_cosine(1)
 
 
-def half_way_equations(t: EquationTerms, beta: Interval) -> list[Jet]:
+def two_impact_equations(t: TwoImpactTerms, beta: Interval) -> list[Jet]:
     """Return (16.10) and (16.11) of docs/proofs.md, each as the factor of Z₁, the factor of Z₂ and the right side."""
     late, lost = 1 - t.b, 1 - t.end
     both, k = (1 - t.a) * late, (1 - t.a) / (t.d * lost) * (4 * PI)
@@ -24,7 +24,7 @@ def half_way_equations(t: EquationTerms, beta: Interval) -> list[Jet]:
     return [*first, *second]
 
 
-def speeds_and_epsilon_squared(t: EquationTerms, z: list[Jet]) -> list[Jet]:
+def speeds_and_epsilon_squared(t: TwoImpactTerms, z: list[Jet]) -> list[Jet]:
     """Return the speeds v after Σ⁺ and u after Σ⁻, and ε², from z = (Z₁, Z₂): (16.12), (16.13) of docs/proofs.md."""
     mean, apart, lost = t.cosine * z[0], t.sine * z[1], 1 - t.end
     p = ((1 - t.b) * (2 - mean) + (1 + t.b) * apart) / lost
@@ -34,7 +34,7 @@ def speeds_and_epsilon_squared(t: EquationTerms, z: list[Jet]) -> list[Jet]:
     return [v, u, z[0] * z[0] + z[1] * z[1]]
 
 
-def stability_margins(t: EquationTerms, z: list[Jet]) -> list[Jet]:
+def stability_margins(t: TwoImpactTerms, z: list[Jet]) -> list[Jet]:
     """Return the stability margins (1 + E − T) uv and (1 + E + T) uv of a P(1,1,1).
 
     z: Z₁ and Z₂ of the motion, the solution of (16.10) and (16.11) of docs/proofs.md. E is e^(−δ), and v and u are the
@@ -49,7 +49,7 @@ def stability_margins(t: EquationTerms, z: list[Jet]) -> list[Jet]:
     """
     v, u, _ = speeds_and_epsilon_squared(t, z)
     c0, s0, c1, s1 = t.cosine * z[1], t.sine * z[0], t.cosine * z[0], t.sine * z[1]
-    top, bottom = force_of_phase(t.d, c0 + s0, c1 - s1) * 2, force_of_phase(t.d, c0 - s0, c1 + s1) * 2
+    top, bottom = contact_force_enclosure(t.d, c0 + s0, c1 - s1) * 2, contact_force_enclosure(t.d, c0 - s0, c1 + s1) * 2
     first, second = (1 - t.a) / t.d, (1 - t.b) / t.d
     # `down` is v times the tangent map of an impact on Σ⁺ followed by the flight to Σ⁻; `up` is u times the tangent map
     # of an impact on Σ⁻ followed by the flight to Σ⁺

@@ -40,7 +40,7 @@ def interval_between(low: Fraction, high: Fraction) -> Interval:
     return IV.mpf([first.a, last.b])
 
 
-def is_less(x: Any, y: Any) -> bool:
+def is_certainly_less(x: Any, y: Any) -> bool:
     """Return whether every number of x is below every number of y; False if an end is not a number."""
     try:
         return bool((x - y).b < 0)
@@ -132,7 +132,7 @@ def exp_of_negative(x: Interval) -> Interval:
     return IV.exp(-x) * (1 + SLACK)
 
 
-def force_of_phase(d: Any, cosine: Any, sine: Any) -> Any:
+def contact_force_enclosure(d: Any, cosine: Any, sine: Any) -> Any:
     """Return the contact force g at damping d and a time t, from cosine = ε cos 2πt and sine = ε sin 2πt."""
     return d * (4 * PI) - cosine * (4 * PI**2) - d * sine * (2 * PI)
 

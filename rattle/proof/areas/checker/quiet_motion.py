@@ -5,7 +5,17 @@ The equations and the lemma are in docs/proofs.md.
 
 from fractions import Fraction
 
-from .intervals import IV, PI, ZERO, Interval, exp_of_negative, interval_between, is_less, require, sine_and_cosine_of
+from .intervals import (
+    IV,
+    PI,
+    ZERO,
+    Interval,
+    exp_of_negative,
+    interval_between,
+    is_certainly_less,
+    require,
+    sine_and_cosine_of,
+)
 
 #: Number of parts of a forcing period; the bounds are computed over each part.
 PARTS = 192
@@ -23,7 +33,7 @@ def require_side_of_quiet_limit(d: Interval, e: Interval, below: bool) -> None:
     low, high = e.b * IV.sqrt(4 * PI**2 + d.a**2), 2 * d.a
     if not below:
         low, high = 2 * d.b, e.a * IV.sqrt(4 * PI**2 + d.b**2)
-    require(is_less(low, high), "the block is not proved to be on the claimed side of the quiet limit")
+    require(is_certainly_less(low, high), "the block is not proved to be on the claimed side of the quiet limit")
 
 
 class BounceBounds:
@@ -37,7 +47,7 @@ class BounceBounds:
         self.d, self.beta = d, beta
         self.r = e * IV.sqrt(4 * PI**2 + d**2) / (2 * d)
         self.force_lower_bound = 1 - self.r.b
-        require(is_less(ZERO, self.force_lower_bound), "the block is not proved to be below the quiet limit")
+        require(is_certainly_less(ZERO, self.force_lower_bound), "the block is not proved to be below the quiet limit")
 
     def require_captures_below(self, speed: Interval) -> None:
         """Raise BlockRefusal unless all motions that leave Σ⁺ slower than `speed` are proved to become quiet.
@@ -56,11 +66,11 @@ class BounceBounds:
                 * LOG_WIDENING
             )
             half = self.half_duration_bound(part, v.b)
-            longest = half if is_less(longest, half) else longest
+            longest = half if is_certainly_less(longest, half) else longest
         h = (longest / (1 - self.d * longest)).b
         for part in places:
             require(
-                is_less(h**2 * self.growth_coefficient(part, h), 2 * GROWTH_SHARE * self.d),
+                is_certainly_less(h**2 * self.growth_coefficient(part, h), 2 * GROWTH_SHARE * self.d),
                 "v³/g (v: speed, g: contact force) may grow from one impact to the next",
             )
 
@@ -94,11 +104,11 @@ class BounceBounds:
         """
         half = found = (v / self.force_lower_bound).b * 1.001
         for _ in range(4):
-            require(is_less(2 * half * self.d, 1), "the duration of a bounce is not bounded")
+            require(is_certainly_less(2 * half * self.d, 1), "the duration of a bounce is not bounded")
             time = (IV.ln(1 / (1 - 2 * half * self.d)) * LOG_WIDENING).b
             least = self.force_terms(IV.mpf([t.a, (t + time / self.d).b]))[0].a
-            require(is_less(v, half * least), "the duration of a bounce is not bounded")
-            require(is_less(v**2 * PI * self.d, self.beta * least), "a bounce may reach Σ⁻")
+            require(is_certainly_less(v, half * least), "the duration of a bounce is not bounded")
+            require(is_certainly_less(v**2 * PI * self.d, self.beta * least), "a bounce may reach Σ⁻")
             found, half = half, (v / least).b * 1.001
         return found
 

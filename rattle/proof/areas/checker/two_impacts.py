@@ -6,7 +6,7 @@ phase of the forcing half-way between these impacts.
 
 from collections.abc import Callable
 
-from .half_way import EquationTerms, half_way_equations, speeds_and_epsilon_squared
+from .half_way import TwoImpactTerms, speeds_and_epsilon_squared, two_impact_equations
 from .intervals import (
     IV,
     ONE,
@@ -15,9 +15,9 @@ from .intervals import (
     Interval,
     Jet,
     ParameterBox,
+    contact_force_enclosure,
     exp_of_negative,
-    force_of_phase,
-    is_less,
+    is_certainly_less,
     midpoint,
     sine_and_cosine_of,
 )
@@ -34,14 +34,14 @@ class TwoImpactCell(ParameterBox):
 
     def __init__(self, s: Interval, d: Interval, beta: Interval) -> None:
         super().__init__(s, d)
-        self.known: dict[Callable[..., list[Jet]], list[Jet]] = {}
-        self.over, self.mid = EquationTerms(*self.jets), EquationTerms(*self.centre)
-        over, centre = (half_way_equations(terms, beta) for terms in (self.over, self.mid))
+        self.known_enclosures: dict[Callable[..., list[Jet]], list[Jet]] = {}
+        self.over, self.mid = TwoImpactTerms(*self.jets), TwoImpactTerms(*self.centre)
+        over, centre = (two_impact_equations(terms, beta) for terms in (self.over, self.mid))
         # the equations are a Z₁ + c Z₂ = b and e Z₁ + g Z₂ = h
         a, c, b, e, g, h = (self.enclose_by_mean_value(m.x, o) for m, o in zip(centre, over, strict=True))
         # lower bounds of ε², (16.8) of docs/proofs.md
         self.square_bounds = [b**2 / (a**2 + c**2), h**2 / (e**2 + g**2)]
-        self.solvable = is_less(ZERO, a * g - c * e) or is_less(a * g - c * e, ZERO)
+        self.solvable = is_certainly_less(ZERO, a * g - c * e) or is_certainly_less(a * g - c * e, ZERO)
         if self.solvable:
 
             def solve_for_z(first: Interval, second: Interval) -> tuple[Interval, Interval]:
@@ -72,24 +72,26 @@ class TwoImpactCell(ParameterBox):
         list[Jet]
             One enclosure for each value.
         """
-        if functions not in self.known:
+        if functions not in self.known_enclosures:
             centre, over = functions(self.mid, self.z0), functions(self.over, self.z)
-            self.known[functions] = [
+            self.known_enclosures[functions] = [
                 Jet(self.enclose_by_mean_value(m.x, o), o.s, o.d) for m, o in zip(centre, over, strict=True)
             ]
-        return self.known[functions]
+        return self.known_enclosures[functions]
 
     def has_no_motion(self, low: Interval, high: Interval) -> bool:
         """Return whether it is proved that no solution of the cell has low ≤ ε² ≤ high and both speeds above 0."""
-        if any(is_less(high, bound) for bound in self.square_bounds):
+        if any(is_certainly_less(high, bound) for bound in self.square_bounds):
             return True
         if not self.solvable:
             return False
-        if is_less(self.v.x, ZERO) or is_less(self.u.x, ZERO):
+        if is_certainly_less(self.v.x, ZERO) or is_certainly_less(self.u.x, ZERO):
             return True
-        if is_less(self.square.x, low) or is_less(high, self.square.x):
+        if is_certainly_less(self.square.x, low) or is_certainly_less(high, self.square.x):
             return True
-        return is_less(self.bound_square_plus_speed(1), low) or is_less(self.bound_square_plus_speed(-1), -high)
+        return is_certainly_less(self.bound_square_plus_speed(1), low) or is_certainly_less(
+            self.bound_square_plus_speed(-1), -high
+        )
 
     def are_all_solutions_of_type(self, slope: int, low: Interval, high: Interval) -> bool | None:
         """Return whether all solutions with low ≤ ε² ≤ high are admissible motions B (slope −1) or D (slope 1).
@@ -101,14 +103,14 @@ class TwoImpactCell(ParameterBox):
         bool | None
             True if all are, False if none is, None if neither is proved.
         """
-        if self.has_no_motion(low, high) or (self.solvable and is_less(slope * self.square.s, ZERO)):
+        if self.has_no_motion(low, high) or (self.solvable and is_certainly_less(slope * self.square.s, ZERO)):
             return False
-        if not (self.solvable and is_less(ZERO, slope * self.square.s) and is_less(ZERO, self.v.x)):
+        if not (self.solvable and is_certainly_less(ZERO, slope * self.square.s) and is_certainly_less(ZERO, self.v.x)):
             return None
         # Only solutions with u > 0 are motions. So it must be proved that all solutions in the cell have u > 0, or that
         # those with u ≤ 0 have ε² < low or ε² > high.
-        reaches = is_less(ZERO, self.u.x) or is_less(high, self.bound_square_plus_speed(1))
-        if not (reaches or is_less(-low, self.bound_square_plus_speed(-1))):
+        reaches = is_certainly_less(ZERO, self.u.x) or is_certainly_less(high, self.bound_square_plus_speed(1))
+        if not (reaches or is_certainly_less(-low, self.bound_square_plus_speed(-1))):
             return None
         return (
             True
@@ -140,9 +142,15 @@ class TwoImpactCell(ParameterBox):
             t = IV.mpf([start.a if first else low, end.b if last else high])
             push = sign * self.force_at(t)
             # sign · e^(δt) Φ' grows if push > 0, and falls if push < 0: it suffices that sign · Φ' > 0 at one end
-            at, known = (low, first) if is_less(ZERO, push) else (high, last) if is_less(push, ZERO) else (t, False)
-            if not (known or is_less(ZERO, sign * self.velocity(sign, at))):
-                if is_less(high - low, SHORTEST_PART):
+            at, known = (
+                (low, first)
+                if is_certainly_less(ZERO, push)
+                else (high, last)
+                if is_certainly_less(push, ZERO)
+                else (t, False)
+            )
+            if not (known or is_certainly_less(ZERO, sign * self.velocity(sign, at))):
+                if is_certainly_less(high - low, SHORTEST_PART):
                     return False
                 parts += [(low, midpoint(t).a), (midpoint(t).a, high)]
         return True
@@ -151,7 +159,7 @@ class TwoImpactCell(ParameterBox):
         """Return the contact force g at the time t after the impact on Σ⁺."""
         sine, cosine = sine_and_cosine_of(2 * PI * t - PI * self.s)
         z1, z2 = (z.x for z in self.z)
-        return force_of_phase(self.d, z2 * cosine - z1 * sine, z1 * cosine + z2 * sine)
+        return contact_force_enclosure(self.d, z2 * cosine - z1 * sine, z1 * cosine + z2 * sine)
 
     def velocity(self, sign: int, t: Interval) -> Interval:
         """Return Φ' at a time t after the impact on Σ⁺, on the flight to Σ⁻ (sign −1) or on the flight back (1)."""
