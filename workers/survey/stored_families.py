@@ -86,13 +86,13 @@ FAMILY_VARIABLES: tuple[CurveVariable, ...] = (
 #: Variables about the edges of families; their values come from `gear_rattle.workers.boundaries.edges.FamilyEdges`.
 EDGE_VARIABLES: tuple[CurveVariable, ...] = (
     CurveVariable("curve", ("curve",), TEXT, "curve of the period-one motions, a group of /curves", lambda x: x.names),
-    CurveVariable("edges", ROW, np.int64, "pairs of neighbouring cells of which one has it", lambda x: x.number),
+    CurveVariable("edges", ROW, np.int64, "pairs of neighbouring cells of which one has it", lambda x: x.n_edges),
     CurveVariable(
         "edges_on",
         ("family", "curve"),
         np.int64,
         "pairs of these between which a curve passes that makes or ends motions of its label",
-        lambda x: x.on,
+        lambda x: x.n_edges_on_curve,
     ),
 )
 

@@ -26,7 +26,7 @@ RESTITUTION, LOAD = read_declared_parameters(__file__)
 def _relative_load_of_machine(load_torque: Any, pair: Any) -> Any:
     """Return the load: load torque on the second gear divided by drag torque, both referred to the first gear."""
     # at speed 0 the drag torque is 0, and np.divide returns infinity where `/` of floats raises ZeroDivisionError
-    return np.divide(load_torque * pair.ratio, pair.drag * pair.speed)
+    return np.divide(load_torque * pair.radius_ratio, pair.drag * pair.speed)
 
 
 @dataclass(frozen=True)

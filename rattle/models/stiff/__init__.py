@@ -17,7 +17,7 @@ from rattle.stiff.attractors.classifier import StiffClassifier
 def _kappa_of_machine(stiffness: Any, pair: Any) -> Any:
     """Return κ from a mesh stiffness in N/m and the machine's pair of gears (docs/decisions/0025-machine.md)."""
     turned = TWO_PI * pair.radius / pair.speed
-    return stiffness * turned * turned / (pair.scale * pair.inertia)
+    return stiffness * turned * turned / (pair.phi_per_angle * pair.inertia)
 
 
 (KAPPA,) = read_declared_parameters(__file__)
