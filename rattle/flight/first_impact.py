@@ -115,8 +115,8 @@ def guess_first_impact(wall, tau, flight, beta):
     Returns
     -------
     tuple
-        (proved, next wall, flight time s, F', 1 − e^(−δs), sin, cos), with sine and cosine of 2π times the phase of
-        arrival. Where `proved` is False, the impact may not be the first.
+        (proved, next wall, flight time s, Φ' before the impact, 1 − e^(−δs), sin, cos), with sine and cosine of 2π
+        times the phase of arrival. Where `proved` is False, the impact may not be the first.
     """
     wall_, gap, short = f32(wall), f32(2.0 * beta), convert_flight_to_single_precision(flight)
     s = guess_time_of_turn_or_arrival(wall_, gap, f32(1.0 / flight.delta), short)

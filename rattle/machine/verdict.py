@@ -93,13 +93,13 @@ def machine_verdict(machine: MachineLike, count: int, seed: int) -> MachineVerdi
         round(count * sum(each.fraction for each in found if of(each))) for of in (_is_rattling, _is_undecided)
     )
     low, high = wilson_interval(rattling, count)[0], wilson_interval(rattling + open_, count)[1]
-    knock = least_knock_speed(machine, hardest)
+    knock = least_rattling_knock_speed(machine, hardest)
     kind = SOMETIMES if rattling else QUIET if np.isinf(knock) else KNOCKED
     share, undecided = rattling / count, open_ / count
     return MachineVerdict(kind, share, float(low), float(high), unit * knock, unit * hardest, undecided)
 
 
-def least_knock_speed(machine: MachineLike, hardest: float) -> float:
+def least_rattling_knock_speed(machine: MachineLike, hardest: float) -> float:
     """Return the speed of the weakest knock that makes resting teeth rattle for ever, in the model's unit of speed.
 
     hardest: the speed of the hardest knock that is tried, in the same unit.

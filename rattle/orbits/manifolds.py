@@ -218,9 +218,9 @@ def _points_of_image(level: _DomainImage, end: int) -> Array:
 def _assemble_manifold(
     orbit: PeriodicMotion, kind: str, side: int, rows: Array, arclength: float, largest_gap: float, unit: float
 ) -> Manifold:
-    """Return the manifold from the rows of all its images, cut off at the arclength. Pieces that meet share a corner.
+    """Join the points of all images of the fundamental domain to a manifold, and cut it off at the arclength.
 
-    The point of a corner is taken from the piece with fewer impacts on Σ⁻, on which it is exact. largest_gap: two
+    rows: as `_points_of_image` returns them, one image after another. Pieces that meet share a corner. The point of a corner is taken from the piece with fewer impacts on Σ⁻, on which it is exact. largest_gap: two
     pieces share a corner if the distance between their ends is smaller.
 
     Returns

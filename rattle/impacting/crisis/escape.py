@@ -148,8 +148,8 @@ def _unstable_direction(
 class FollowedManifold:
     """Samples of W^u(A) at n parameter points, `count` for each, followed for at most `impacts` (n,) impacts.
 
-    `Saddles.is_decidable_at_points` must hold at each point. The samples lie in one fundamental domain. s (n, count)
-    holds the initial distances of the samples from A, which are their positions on W^u(A).
+    `Saddles.is_decidable_at_points` must hold at each point. The samples lie in one fundamental domain.
+    `positions` (n, count) holds the initial distances of the samples from A along W^u(A).
     """
 
     def __init__(self, a: Saddles, count: int, impacts: Array) -> None:

@@ -79,7 +79,7 @@ def epsilon_search_range(gear: AnyGear, map_range: Pair | None) -> Pair:
     return 0.0, max(map_range[1] if map_range else 0.0, 2.0 * gear.quiet_limit, 1.05 * gear.epsilon)
 
 
-def motion_extent(gear: AnyGear, attractor: rattle.Attractor, within: Pair) -> MotionExtent | None:
+def epsilon_extent_of_motion(gear: AnyGear, attractor: rattle.Attractor, within: Pair) -> MotionExtent | None:
     """Return the range of ε in which an attractor attracts; None for undecided samples.
 
     The range of quiet motion is from 0 to the quiet limit. All other ranges are cut off at the ends of `within`.

@@ -178,7 +178,7 @@ class PointAnswer:
         for each in attractors[: extents.MOST_FOLLOWED]:
             try:
                 found = await point.work.compute(
-                    extents.motion_extent, gear, each, within, what="The range of a motion", slow=True
+                    extents.epsilon_extent_of_motion, gear, each, within, what="The range of a motion", slow=True
                 )
             except UnavailableError:  # not computed in time: the other motions are followed nevertheless
                 found = None

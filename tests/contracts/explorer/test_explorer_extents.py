@@ -25,7 +25,7 @@ from gear_rattle.service.explorer.design.extents import (
     add_crisis_to_extents,
     epsilon_search_range,
     has_bracketed_chaos_end,
-    motion_extent,
+    epsilon_extent_of_motion,
 )
 from gear_rattle.service.explorer.point import parts, words
 from gear_rattle.service.explorer.point.point_diagram import diagram_table_html
@@ -42,7 +42,7 @@ MAP = (0.0, 0.3)
 def extent_of(gear: rattle.Gear, label: tuple[int, int, int]) -> MotionExtent:
     orbit = next(each for each in gear.orbits() if each.stable and (each.m, each.n_plus, each.n_minus) == label)
     found = gear.reached([orbit.tau], [orbit.v]).attractors[0]
-    extent = motion_extent(gear, found, epsilon_search_range(gear, MAP))
+    extent = epsilon_extent_of_motion(gear, found, epsilon_search_range(gear, MAP))
     assert extent is not None
     return extent
 
@@ -74,10 +74,10 @@ def test_d_begins_at_sn2_and_loses_stability_at_pd1(delta: float, epsilon: float
 def test_quiet_ends_at_the_quiet_limit() -> None:
     gear = rattle.Gear(0.6, 0.1)
     quiet = next(each for each in gear.attractors(64) if each.kind == "quiet")
-    low, high = motion_extent(gear, quiet, (0.0, 0.3))[:2]  # type: ignore[index]
+    low, high = epsilon_extent_of_motion(gear, quiet, (0.0, 0.3))[:2]  # type: ignore[index]
     assert (low.kind, low.epsilon) == (RANGE, 0.0)
     assert (high.kind, high.epsilon) == (QUIET_LIMIT, rattle.quiet_limit(0.6))
-    assert motion_extent(gear, replace(quiet, kind="undecided"), (0.0, 0.3)) is None
+    assert epsilon_extent_of_motion(gear, replace(quiet, kind="undecided"), (0.0, 0.3)) is None
 
 
 @pytest.mark.parametrize(("delta", "epsilon"), [(0.6, 0.1), (0.7, 0.095)])
@@ -85,7 +85,7 @@ def test_chaos_is_swept_to_a_bracket_and_ends_in_the_crisis(delta: float, epsilo
     gear = rattle.Gear(delta, epsilon)
     found = gear.attractors(256)
     chaotic = next(each for each in found if each.kind == "chaotic")
-    extent = motion_extent(gear, chaotic, (0.0, 0.3))
+    extent = epsilon_extent_of_motion(gear, chaotic, (0.0, 0.3))
     assert extent is not None
     crisis = boundary_crisis(delta).epsilon
     assert extent.high.kind == SWEPT
@@ -110,7 +110,7 @@ def test_a_motion_is_swept_where_no_branch_is_known() -> None:
     gear = rattle.Gear(0.6, 0.15, 0.6, restitution=0.9)
     orbit = next(each for each in gear.orbits() if each.stable)
     found = gear.reached([orbit.tau], [orbit.v]).attractors[0]
-    extent = motion_extent(gear, found, (0.0, 0.3))
+    extent = epsilon_extent_of_motion(gear, found, (0.0, 0.3))
     assert extent is not None
     assert extent.low.kind == SWEPT
     assert abs(extent.low.epsilon - gear.sn1) < 2 * extent.low.error
@@ -120,7 +120,7 @@ def test_a_stiff_motion_goes_on_beyond_its_graze() -> None:
     gear = Stiff(0.6, 1e4).gear(0.6, 0.08)
     orbit = next(each for each in gear.orbits() if each.stable and each.n_minus == 0)
     found = gear.reached([orbit.tau], [orbit.v]).attractors[0]
-    low, high = motion_extent(gear, found, (0.0, 0.3))[:2]  # type: ignore[index]
+    low, high = epsilon_extent_of_motion(gear, found, (0.0, 0.3))[:2]  # type: ignore[index]
     assert (low.kind, low.curve) == (SADDLE_NODE, "SN1")
     assert low.epsilon == pytest.approx(gear.sn1, abs=1e-9)
     assert (high.kind, high.motion_beyond) == (GRAZING, "P(1,1,1)")
