@@ -19,7 +19,7 @@ from rattle.flight.guess import EQUAL_WITHIN, ERROR, LONGEST_DECAY32, sum_of_hei
 from rattle.flight.law import decay_remainder32, evaluate32
 from rattle.numerics.compile import inline
 
-LATER_FACTOR = f32(1.0002)  # bound of the ratio of a flight's durations in double and in single precision, with a margin
+LATER_FACTOR = f32(1.0002)  # bound of a flight's duration in double precision over that in single precision
 # longest step of `refine_time_at_level` to the impact, as a share of the flight time: `final_step_to_impact` can remove
 # the error of such a step. After a longer step it is cheaper to locate the impact again.
 LARGEST_STEP = f32(0.05)

@@ -220,8 +220,9 @@ def _assemble_manifold(
 ) -> Manifold:
     """Join the points of all images of the fundamental domain to a manifold, and cut it off at the arclength.
 
-    rows: as `_points_of_image` returns them, one image after another. Pieces that meet share a corner. The point of a corner is taken from the piece with fewer impacts on Σ⁻, on which it is exact. largest_gap: two
-    pieces share a corner if the distance between their ends is smaller.
+    rows: as `_points_of_image` returns them, one image after another. largest_gap: two pieces share a corner if the
+    distance between their ends is smaller. The point of a corner is taken from the piece with fewer impacts on Σ⁻,
+    on which it is exact.
 
     Returns
     -------

@@ -2,22 +2,19 @@
 
 The type of a parameter point or of a record of cells selects the model: by this type kernels find the functions of this
 table (`rattle.numerics.compile.implement_for_type`). Each gear provides all these functions for its point and its
-cells, except that the inelastic gear has no inverse map:
+cells, in `rattle.impacting`, `rattle.stiff` and `rattle.inelastic`; the inelastic gear has no inverse map:
 
-===========================  =================  ===========================  =======================
-======================== function                     declared in        impacting                    stiff
-      inelastic ===========================  =================  ===========================  =======================
-      ========================
-step                         orbits.return_map  impacting.map.impact_map     stiff.map.return_map
-inelastic.map.impact_map step_with_tangent            orbits.return_map  impacting.map.impact_map
-stiff.map.return_map     inelastic.map.impact_map inverse_step                 orbits.return_map
-impacting.map.impact_map     stiff.map.return_map     none follow_to_next_departure     intensity.visit
-impacting.map.impact_map     stiff.map.return_map     inelastic.map.bounce mean_contact_force_at_point  intensity.visit
-  impacting.map.impact_map     stiff.map.return_map     inelastic.map.bounce point_of_cell
-  orbits.return_map  impacting.attractors.settle  stiff.attractors.settle  inelastic.map.cells
-point_between                orbits.return_map  impacting.attractors.settle  stiff.attractors.settle
-inelastic.map.cells ===========================  =================  ===========================  =======================
- ========================
+===========================  =================  ==================  =================  =========
+function                     declared in        impacting           stiff              inelastic
+===========================  =================  ==================  =================  =========
+step                         orbits.return_map  map.impact_map      map.return_map     map.impact_map
+step_with_tangent            orbits.return_map  map.impact_map      map.return_map     map.impact_map
+inverse_step                 orbits.return_map  map.impact_map      map.return_map     none
+follow_to_next_departure     intensity.visit    map.impact_map      map.return_map     map.bounce
+mean_contact_force_at_point  intensity.visit    map.impact_map      map.return_map     map.bounce
+point_of_cell                orbits.return_map  attractors.settle   attractors.settle  map.cells
+point_between                orbits.return_map  attractors.settle   attractors.settle  map.cells
+===========================  =================  ==================  =================  =========
 """
 
 import math

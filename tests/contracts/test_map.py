@@ -129,11 +129,11 @@ async def shown():
         view = PointView(PointPanel("light", store.dispatch), app.state.front, store, 0.4, 0.1, model)
 
         async def here(work, *arguments, **_):
-            few = {parts.basins: (40, "cells"), parts.sampled_attractors: (64,)}
+            few = {parts.compute_basins: (40, "cells"), parts.sampled_attractors: (64,)}
             return work(arguments[0], *few[work]) if work in few else work(*arguments)
 
         view.work.compute = here
-        assert "bearings of wear w = 0.5" in view.panel.where.html
+        assert "bearings of wear w = 0.5" in view.panel.parameters_text.html
         await eventually(lambda: "quiet" in view.panel.likelihood_text.html and "only" in view.panel.margin_text.html)
         assert "only for the impacting model, not of the worn one" in view.panel.margin_text.html
         view.stop()

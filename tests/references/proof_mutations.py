@@ -57,8 +57,8 @@ MUTATIONS = {
     "the gap is on the other side": ("flights", "-flight.point.beta * (1 + wall)", "-flight.point.beta * (3 + wall)"),
     "flights from behind a wall": (
         "flights",
-        "if sign(flight.w0) != -wall or sign(flight.w1) != target:",
-        "if sign(flight.w0) != -wall and sign(flight.w1) != target:",
+        "if proved_sign(flight.w0) != -wall or proved_sign(flight.w1) != target:",
+        "if proved_sign(flight.w0) != -wall and proved_sign(flight.w1) != target:",
     ),
     "an extremum without its bound": ("flights", "height + arb(0, 1) * length * ", "height + arb(0) * length * "),
     "a bound of an extremum without damping": ("flights", " * (flight.point.delta * length).exp() * slope", " * slope"),

@@ -58,7 +58,7 @@ def index_of_release_zero(tau, zeros):
 
 @kernel
 def follow_flight_and_impact(wall, tau, w, point):
-    """Follow a flight and the impact at its end, and return the same tuple as `rattle.intensity.visit.bounce`.
+    """Follow a flight and its impact; return the tuple of `rattle.intensity.visit.follow_to_next_departure`.
 
     The flight leaves `wall` at phase tau with velocity w; w = 0 means that a contact phase ends there. If the impact
     completes a chatter, it includes the remaining bounces and the contact phase, and the speed of departure is 0.

@@ -23,7 +23,8 @@ class Slow:
 
     def __init__(self) -> None:
         viewer: Any = SimpleNamespace(
-            start=lambda work: asyncio.get_running_loop().create_task(work), change=lambda what: what()
+            start=lambda work: asyncio.get_running_loop().create_task(work),
+            schedule_document_change=lambda what: what(),
         )
         self.refused: list[RattleError] = []
         self.drawings = DrawingRunner(viewer, self.refused.append)

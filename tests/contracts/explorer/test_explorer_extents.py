@@ -23,9 +23,9 @@ from gear_rattle.service.explorer.design.extents import (
     ExtentEnd,
     MotionExtent,
     add_crisis_to_extents,
+    epsilon_extent_of_motion,
     epsilon_search_range,
     has_bracketed_chaos_end,
-    epsilon_extent_of_motion,
 )
 from gear_rattle.service.explorer.point import parts, words
 from gear_rattle.service.explorer.point.point_diagram import diagram_table_html

@@ -136,13 +136,13 @@ def test_the_cost_follows_when_the_kernels_are_compiled(tmp_path: Path, monkeypa
             raise KernelsNotReadyError
         return estimated
 
-    monkeypatch.setattr(form_module, "estimate", estimate)
+    monkeypatch.setattr(form_module, "estimate_cost", estimate)
 
     async def main() -> None:
         app = create_app(Settings(data=tmp_path, preload=False, explorer=False), no_cluster)
         async with app.router.lifespan_context(app):
             viewer = PageSession(app.state.front, Caller(), Document())
-            monkeypatch.setattr(viewer, "change", lambda do: do())  # the document of no browser
+            monkeypatch.setattr(viewer, "schedule_document_change", lambda do: do())  # the document of no browser
             form = SurveyForm(viewer, lambda _: None, "")
             await eventually(lambda: "when the kernels are compiled" in form.cost.object)
             await eventually(lambda: "about 90 s on 2 workers (measured)" in form.cost.object)

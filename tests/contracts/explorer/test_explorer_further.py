@@ -274,7 +274,7 @@ def test_a_line_that_was_computed_for_the_map_before_is_not_drawn(monkeypatch: p
         async def run_in_thread(self, work: Callable[[], Any]) -> Any:
             return work()
 
-        def change(self, what: Callable[[], object]) -> None:
+        def schedule_document_change(self, what: Callable[[], object]) -> None:
             waiting.append(what)
 
     figure: Any = SimpleNamespace(

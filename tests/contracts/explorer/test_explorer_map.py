@@ -359,7 +359,7 @@ def test_a_map_that_stays_as_it_is_is_drawn_once_for_all_pages(
     plane: MapPlane, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     drawn, other = list[Any](), copy(plane)  # the same cells, of another survey or computed again
-    monkeypatch.setattr(shared, "colouring", lambda *of: drawn.append(of) or len(drawn))
+    monkeypatch.setattr(shared, "compute_colouring", lambda *of: drawn.append(of) or len(drawn))
     shared.cached_cells_and_colours.cache_clear()
 
     def draw(of: MapPlane, log: bool, side: int = 20) -> Any:

@@ -140,7 +140,7 @@ def test_pins_are_taken_and_given_up(tmp_path: Path, monkeypatch: pytest.MonkeyP
                 raise ZeroDivisionError
             raise UnavailableError(f"{pin.delta} is busy.")
 
-        async def change(self, what: Callable[[], None]) -> None:
+        async def apply_document_change(self, what: Callable[[], None]) -> None:
             what()
 
         def stop(self) -> None:

@@ -491,7 +491,9 @@ def test_all_parts_fill_in_and_follow_what_is_chosen(tmp_path: Path, monkeypatch
         view = new_view(front, 0.6, 0.1, Impacting(0.6))
         assert "region IV" in view.panel.parameters_text.html
         assert "2.602, 0.2109" in view.panel.orbits.html
-        await eventually(lambda: is_filled(view, "likely", "safe", "loud", "loudest"))
+        await eventually(
+            lambda: is_filled(view, "likelihood_text", "margin_text", "intensities_text", "loudest_motion_text")
+        )
         expected = {"The attractors", "The intensities", "The margin", "The range of a motion", "The boundary crisis"}
         assert set(computed) <= expected  # no picture
         await eventually(lambda: is_filled(view, "extents") and set(computed) == expected)
@@ -551,7 +553,7 @@ def test_a_part_that_fails_says_so_and_leaves_the_others(tmp_path: Path, monkeyp
 
         monkeypatch.setattr(view.work, "compute", compute)
         monkeypatch.setattr(diagrams, "STEPS", 4)
-        await eventually(lambda: is_filled(view, "likely", "safe", "loud"))
+        await eventually(lambda: is_filled(view, "likelihood_text", "margin_text", "intensities_text"))
         await opened(view, "basins", "under_basins")
         await opened(view, "diagram", "under_diagram")
         assert "too long" in view.panel.margin_text.html
@@ -687,7 +689,7 @@ def test_a_point_of_the_stiff_model(tmp_path: Path, monkeypatch: pytest.MonkeyPa
         monkeypatch.setattr(view.work, "compute", compute)
         monkeypatch.setattr(diagrams, "STEPS", 4)
         assert "stiffness κ = 10000" in view.panel.parameters_text.html
-        await eventually(lambda: is_filled(view, "likely", "safe", "orbits"))
+        await eventually(lambda: is_filled(view, "likelihood_text", "margin_text", "orbits"))
         await opened(view, "basins", "under_basins")
         await eventually(lambda: asked.count("The basins") == 3)
         await opened(view, "motion", "under_motion", "under_spectrum")

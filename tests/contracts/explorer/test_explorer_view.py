@@ -71,7 +71,7 @@ STIFF = SurveyRequest(
 class Here(PageSession):
     """A viewer whose document nobody sees: changes are made at once."""
 
-    def change(self, what: Callable[[], object]) -> None:
+    def schedule_document_change(self, what: Callable[[], object]) -> None:
         what()
 
 
@@ -200,7 +200,7 @@ def test_what_the_first_page_shows_is_found_before_anybody_looks(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, is_there: bool
 ) -> None:
     drawn, lines, looked = list[Any](), list[Any](), list[bool]()
-    monkeypatch.setattr(map_shared, "colouring", lambda *args: drawn.append(args) or compute_colouring(*args))
+    monkeypatch.setattr(map_shared, "compute_colouring", lambda *args: drawn.append(args) or compute_colouring(*args))
     monkeypatch.setattr(map_shared, "cache_default_lines", lambda *args: lines.append(args))
 
     async def ready(*_: Any, **__: Any) -> None:

@@ -162,7 +162,7 @@ from gear_rattle.service.explorer.point import parts as point_parts
 from gear_rattle.service.kernels import compile_kernels
 from gear_rattle.service.routes.model.basin_picture import _draw_basins
 from gear_rattle.service.operations import diagrams
-from gear_rattle.service.operations.points import curves_document, intensities, orbits_document
+from gear_rattle.service.operations.points import compute_intensities, curves_document, orbits_document
 from gear_rattle.workers import SurveyRequest, compute_tile, tiles_of
 from gear_rattle.workers.survey.template import template_of
 
@@ -184,16 +184,16 @@ for delta, epsilon, beta in ((0.5, 0.25, 0.6), (1.5, 0.4, 0.3))[: 1 if added els
     model = MODELS[name](beta, **added)
     gear = model.gear(delta, epsilon)
     orbits_document(gear)
-    intensities(gear, 16, None, 0, 100_000)
+    compute_intensities(gear, 16, None, 0, 100_000)
     point_parts.sampled_attractors(gear, 16)
     for method in ("cells", "refined", "direct"):
-        point_parts.basins(gear, 20, method)
+        point_parts.compute_basins(gear, 20, method)
     point_parts.motion_from_state(gear, 0.3, 4.0, 1.0, 2)
     point_parts.compute_plane_lines(gear)
     if Capability.MARGIN in model.has:
-        point_parts.margin(gear)
+        point_parts.compute_quiet_margin(gear)
     for direction in diagrams.SPANS:
-        point_parts.diagram(gear, direction, steps=4, count=4)
+        point_parts.compute_diagram_contents(gear, direction, steps=4, count=4)
     _draw_basins(gear, 10, (0.0, 1.0), (0.0, 7.0))
     curves_document(model, (0.98 * delta, delta), (0.0, 0.3))
 fields = {"model": name, **added}

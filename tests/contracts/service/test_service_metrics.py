@@ -196,7 +196,7 @@ def attack(client: TestClient, monkeypatch: pytest.MonkeyPatch) -> None:
             error.add_note(HOSTILE)
             raise OperationalError(HOSTILE, {"name": HOSTILE}, error) from error
 
-    monkeypatch.setattr(Database, "accept", fail)
+    monkeypatch.setattr(Database, "add_or_find_job", fail)
     assert client.post("/v1/surveys", json=BODY).status_code == 503
     with add_survey_id_to_logs(HOSTILE):
         logging.getLogger("uvicorn.error").info("%s said", HOSTILE, stack_info=True)

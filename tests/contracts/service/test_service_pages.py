@@ -83,9 +83,9 @@ def test_the_first_map_is_found_after_the_start_where_that_is_wanted(
     async def prepare(shared: SharedState) -> None:
         found.append(shared)
 
-    monkeypatch.setattr(SharedState, "prepare", prepare)
+    monkeypatch.setattr(SharedState, "compute_default_map", prepare)
     with front_end(tmp_path, preload=preload) as client:
-        client.portal.call(client.app.state.explorer.prepare)
+        client.portal.call(client.app.state.explorer.preload_page)
     assert len(found) == preload
 
 

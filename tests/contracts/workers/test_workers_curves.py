@@ -171,7 +171,7 @@ def test_degenerate_requests_cost_no_more_than_others_and_say_what_is_missing(
         assert evaluations <= MOST_EVALUATIONS
         return derivatives(equations, x)
 
-    monkeypatch.setattr(arclength, "derivatives", counted)
+    monkeypatch.setattr(arclength, "value_and_jacobian", counted)
     tree = template(tmp_path, **changes)
     for name in curves.NAMES:
         group = tree["curves"][name].load()

@@ -99,6 +99,6 @@ def test_what_is_called_chaotic_hardly_settles_in_ten_times_the_observation(r: f
     longer = create_trajectories(
         samples.cell[chaotic], samples.tau[chaotic], samples.v[chaotic], 10 * samples.impacts[chaotic]
     )
-    found.settle(np.arange(chaotic.size), longer)
+    found.follow_to_attractor_or_limit(np.arange(chaotic.size), longer)
     assert chaotic.size > 100
     assert (longer.status != Outcome.UNRESOLVED).sum() <= 0.01 * chaotic.size
