@@ -29,7 +29,7 @@ class PopulationDocument(JobDocument):
     @classmethod
     def from_job(cls, job: JobRow) -> PopulationDocument:
         """Return the document of a job."""
-        return cls(**job_document_fields(job), links=_links(job))
+        return cls(**job_document_fields(job), links=_population_links(job))
 
 
 class PopulationDetail(PopulationDocument):
@@ -41,7 +41,9 @@ class PopulationDetail(PopulationDocument):
     @classmethod
     def from_job_and_failures(cls, job: JobRow, failures: list[dict[str, Any]]) -> PopulationDetail:
         """Return the document of a job with its failed gears."""
-        return cls(**job_document_fields(job), links=_links(job), request=readable_request(job), failures=failures)
+        return cls(
+            **job_document_fields(job), links=_population_links(job), request=readable_request(job), failures=failures
+        )
 
 
 class PopulationList(BaseModel):
@@ -146,6 +148,6 @@ def _sobol_indices_of(found: Population, of: str) -> dict[str, IndexDocument] | 
     }
 
 
-def _links(job: JobRow) -> PopulationLinks:
+def _population_links(job: JobRow) -> PopulationLinks:
     here = path_of_job(job.id, JobKind.POPULATION)
     return PopulationLinks(self=here, events=f"{here}/events", store=f"{here}/store", answers=f"{here}/answers")

@@ -50,12 +50,12 @@ def survey_figure(dataset: xr.Dataset) -> Figure:
     figure.suptitle(f"Gear model, {model}", fontsize=13)
     if "region" in curves:
         axes, drawn = curves["region"]
-        _write_region_names(axes, dataset)
+        _write_names_of_survey_regions(axes, dataset)
         draw_codimension_two_points(axes, dataset, drawn)
     return figure
 
 
-def _write_region_names(axes: Axes, dataset: xr.Dataset) -> None:
+def _write_names_of_survey_regions(axes: Axes, dataset: xr.Dataset) -> None:
     """Write each region's name where the region is widest."""
     places = region_name_positions(*(np.asarray(dataset[name]) for name in ("region", "delta", "epsilon")))
     for name, where in places.items():

@@ -24,7 +24,7 @@ def template_of(request: PopulationRequest, created: str | None = None) -> Templ
     variables = variables_of_population(request)
     for variable in variables:
         _create_array(root, request, variable)
-    return complete_template(kept, request, created, _chunk_key_patterns(variables))
+    return complete_template(kept, request, created, _chunk_key_patterns_of_population(variables))
 
 
 def create_empty_arrays(request: PopulationRequest) -> tuple[dict[str, Buffer], dict[str, zarr.Array], dict[str, str]]:
@@ -39,10 +39,10 @@ def create_empty_arrays(request: PopulationRequest) -> tuple[dict[str, Buffer], 
     root = zarr.create_group(MemoryStore(kept), zarr_format=3)
     variables = variables_of_population(request)
     arrays = {each.name: _create_array(root, request, each) for each in variables}
-    return kept, arrays, _chunk_key_patterns(variables)
+    return kept, arrays, _chunk_key_patterns_of_population(variables)
 
 
-def _chunk_key_patterns(variables: tuple[PopulationVariable, ...]) -> dict[str, str]:
+def _chunk_key_patterns_of_population(variables: tuple[PopulationVariable, ...]) -> dict[str, str]:
     """Return {variable: pattern of its chunk keys}, with {column} for the number of the chunk."""
     return {each.name: "/".join([each.name, "c", "{column}", *"0" * (len(each.dims) - 1)]) for each in variables}
 

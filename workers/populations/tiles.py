@@ -77,14 +77,14 @@ def compute_tile(
     """
     began = time.perf_counter()
     if outcomes is not None:
-        arrays, failed = _gather_outcomes(request, tile, outcomes)
+        arrays, failed = _gather_gear_outcomes(request, tile, outcomes)
     else:
         try:
             arrays, failed = _evaluate_gears(request, tile.gear), list[FailedCell]()
         except MACHINE_FAILURES:
             raise
         except Exception:  # the model failed for some gear: compute the gears one by one to find out which
-            arrays, failed = _gather_outcomes(request, tile, evaluate_cells_one_by_one(request, tile))
+            arrays, failed = _gather_gear_outcomes(request, tile, evaluate_cells_one_by_one(request, tile))
     undecided = int(np.sum(arrays["status"] == SOME_UNDECIDED))
     record = TileRecord(tile.index, tile.n_cells, tuple(failed), undecided, time.perf_counter() - began)
     return arrays, record
@@ -127,7 +127,7 @@ def _evaluate_variable(variable: PopulationVariable, request: PopulationRequest,
     return np.asarray(variable.evaluate(request, found)).astype(variable.dtype)
 
 
-def _gather_outcomes(
+def _gather_gear_outcomes(
     request: PopulationRequest, tile: GearTile, outcomes: Iterable[CellOutcome]
 ) -> tuple[TileArrays, list[FailedCell]]:
     """Return the arrays of a tile, and the failed gears, from the outcome of each gear of the tile."""

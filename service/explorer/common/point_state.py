@@ -53,7 +53,7 @@ def _parse_span(text: str) -> float:
     return require_between(float(text), LEAST_SPAN, MOST_SPAN)
 
 
-def _parse_share(text: str) -> float:
+def _parse_fraction(text: str) -> float:
     return require_between(float(text), 0.0, 1.0)
 
 
@@ -95,7 +95,7 @@ class PointTabsState:
     tolerance: PointTolerances | None = address_field(
         None, _parse_tolerance, lambda widths: ",".join(map(repr, widths))
     )
-    at: float | None = address_field(None, _parse_share, repr)
+    at: float | None = address_field(None, _parse_fraction, repr)
     tab: str | None = address_field(None, partial(require_allowed_text, TABS))
 
     @property

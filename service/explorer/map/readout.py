@@ -208,7 +208,7 @@ def value_of_finer_cell(plane: MapPlane, finer: MapBlock | None, delta: float, e
     value = finer.value_at(delta, epsilon) if finer is not None else None
     if value is None:
         return None
-    here = words_for_missing_value(plane.plane) if np.isnan(value) else _value_text(value, plane.plane)
+    here = words_for_missing_value(plane.plane) if np.isnan(value) else _cell_value_text(value, plane.plane)
     return f"{map_title(plane.plane)}, computed here", here
 
 
@@ -233,11 +233,11 @@ def _value_in_words(plane: MapPlane, delta: float, epsilon: float) -> str:
     elif np.isnan(value):
         said = words_for_missing_value(plane.plane)
     else:
-        said = _value_text(value, plane.plane)
+        said = _cell_value_text(value, plane.plane)
     return f"{map_title(plane.plane)}, {said}"
 
 
-def _value_text(number: float, variable: xr.DataArray) -> str:
+def _cell_value_text(number: float, variable: xr.DataArray) -> str:
     if "flag_meanings" in variable.attrs:
         return meanings_of_codes(variable)[int(number)]
     return _scalar_text(bool(number) if variable.dtype == bool else number)
@@ -245,7 +245,7 @@ def _value_text(number: float, variable: xr.DataArray) -> str:
 
 def _scalar_rows(cell: xr.Dataset) -> Iterator[Row]:
     for name in (quantity.name for quantity in QUANTITIES if quantity.dims == CELL and quantity.name in cell):
-        yield name.replace("_", " "), _value_text(cell[name].item(), cell[name])
+        yield name.replace("_", " "), _cell_value_text(cell[name].item(), cell[name])
 
 
 def _attractors_table(cell: xr.Dataset) -> str:

@@ -69,10 +69,10 @@ def _size_and_requested_values(request: dict[str, Any]) -> tuple[str, list[list[
     delta, epsilon = request["delta"], request["epsilon"]
     facts = [
         *(machine_rows(SurveyRequest.model_validate(request)) if request.get("machine") else []),
-        ["δ", _value_text(delta)],
-        ["ε", _value_text(epsilon)],
-        ["β", _value_text(request["beta"])],
-        *([each.symbol, _value_text(request[name])] for name, each in ADDED.items() if request.get(name)),
+        ["δ", _parameter_text(delta)],
+        ["ε", _parameter_text(epsilon)],
+        ["β", _parameter_text(request["beta"])],
+        *([each.symbol, _parameter_text(request[name])] for name, each in ADDED.items() if request.get(name)),
         *([["harmonics", " ".join(harmonic_texts(request["harmonics"]))]] if request.get("harmonics") else []),
         ["computes", ", ".join(request["quantities"])],
         ["sample", f"{request['initial_conditions']['count']} initial conditions"],
@@ -81,7 +81,7 @@ def _size_and_requested_values(request: dict[str, Any]) -> tuple[str, list[list[
     return " × ".join(map(str, (delta["num"], epsilon["num"], *slices))), facts
 
 
-def _value_text(value: Any) -> str:
+def _parameter_text(value: Any) -> str:
     """Return the value of a parameter as text; for an axis (a dict), its range and its number of values."""
     return f"{value['start']:g} … {value['stop']:g}, {value['num']} values" if isinstance(value, dict) else f"{value:g}"
 

@@ -14,7 +14,7 @@ import rattle
 from gear_rattle.service.explorer.common.figures import line_colour, themed_figure
 from gear_rattle.service.explorer.common.glyphs import remove_rows
 from gear_rattle.service.explorer.design.rattling import HIGHEST_SPECTRUM_ORDER
-from gear_rattle.service.explorer.point.words import html_table, number_text, swatch_html
+from gear_rattle.service.explorer.point.words import folded_html_table, number_text, swatch_html
 from rattle import Machine, SpectralDensity, SpectralLines
 from rattle.intensity import natural_energy
 from rattle.plot import Palette, legend_name
@@ -43,7 +43,7 @@ def intensity_table(
     *heads, level = SI_COLUMNS if machine else DIMENSIONLESS_COLUMNS
     zero = ZERO_LEVEL_IN_SI if machine else ZERO_LEVEL
     explained = f'<abbr title="0 dB: {zero}">{level}</abbr>'
-    return html_table("How hard each rattles", ("Motion", *heads, explained), rows)
+    return folded_html_table("How hard each rattles", ("Motion", *heads, explained), rows)
 
 
 def describe_loudest_motion(

@@ -20,7 +20,7 @@ from gear_rattle.service.explorer.point.parts import DiagramContents, EventImpac
 from gear_rattle.service.explorer.point.words import (
     ChaosEvent,
     count_in_words,
-    html_table,
+    folded_html_table,
     multipliers_text,
     number_text,
 )
@@ -303,7 +303,7 @@ def diagram_table_html(found: DiagramContents, chaos: Sequence[ChaosEvent] = ())
         rows.append((f"{MEANINGS[each.kind]} {each.name}".rstrip(), each.motion, link, multipliers))
     if not rows:
         return f"<p>The diagram along the {diagram_axis_name(found)} has no events.</p>"
-    return html_table("Events of the diagram", ("Event", "Of which motion", "Where", "Multipliers"), rows)
+    return folded_html_table("Events of the diagram", ("Event", "Of which motion", "Where", "Multipliers"), rows)
 
 
 def _link_to_point(delta: float, epsilon: float, text: str) -> str:

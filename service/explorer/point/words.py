@@ -240,7 +240,7 @@ def basin_fractions_bar_html(found: SampledAttractors, palette: Palette) -> str:
     )
 
 
-def html_table(caption: str, heads: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
+def folded_html_table(caption: str, heads: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
     """Return a table in HTML, with rows after the sixth folded. The first cell of a row is its head. Cells are HTML."""
     head = "".join(f'<th scope="col">{each}</th>' for each in heads)
     lines = []
@@ -270,7 +270,7 @@ def orbits_table(found: PeriodOneOrbits) -> str:
         )
         for orbit in found.orbits
     )
-    return html_table(
+    return folded_html_table(
         f"Period-one orbits: {region_in_words(found.region)}",
         ("Orbit", "Type", "Stability", "Phase τ", "Speed v", "Multipliers"),
         rows,
@@ -312,7 +312,7 @@ def attractors_table(found: SampledAttractors, palette: Palette) -> str:
             )
         )
     heads = ("Motion", "Share of starts (95 %)", "Exponent λ₁", "λ₂", "Multipliers")
-    return html_table(f"Attractors from {count_in_words(found.starts, 'start')}", heads, rows)
+    return folded_html_table(f"Attractors from {count_in_words(found.starts, 'start')}", heads, rows)
 
 
 def value_with_error_text(value: float, error: float) -> str:
@@ -395,7 +395,7 @@ def extents_table(
         rows.append((f"{swatch}{escape(name_with_letter(each, letter))}", *map(escape, ends)))
     few = f" (the {MOST_FOLLOWED} with the largest basins)" if len(found.attractors) > MOST_FOLLOWED else ""
     caption = f"Where each motion begins and ends as the eccentricity grows{few}"
-    return html_table(caption, ("Motion", f"From {unit}", f"To {unit}"), rows)
+    return folded_html_table(caption, ("Motion", f"From {unit}", f"To {unit}"), rows)
 
 
 #: The beginning or the end of chaos: name of the event, name of the motion, point (δ, ε), and ε as text.

@@ -207,10 +207,10 @@ def test_numbers_of_things_and_periods() -> None:
 
 def test_a_table_folds_what_comes_after_six_rows() -> None:
     rows = [(str(i), "x") for i in range(7)]
-    said = words.html_table("Seven", ("Row", "Text"), rows)
+    said = words.folded_html_table("Seven", ("Row", "Text"), rows)
     assert "<summary>All 7 rows</summary>" in said
     assert said.count("<tr>") == 8  # with the head
-    assert "<details>" not in words.html_table("Six", ("Row", "Text"), rows[:6])
+    assert "<details>" not in words.folded_html_table("Six", ("Row", "Text"), rows[:6])
 
 
 def test_a_survey_s_cell_answers_where_it_lists_all_attractors() -> None:

@@ -140,7 +140,7 @@ def files_of_levels(request: SurveyRequest) -> Template:
         long_name = f"level {level.number}: {' x '.join(map(str, level.covered_cells))} cells of the survey in each"
         group = root.create_group(level.path, attributes={"long_name": long_name, **cells})
         arrays = [array for quantity in level_variables(request) for array in describe_level_arrays(quantity)]
-        _write_coordinates(group, request, level, {dim for array in arrays for dim in array.dims})
+        _write_level_coordinates(group, request, level, {dim for array in arrays for dim in array.dims})
         for array in arrays:
             create_level_array(root, request, level, array)
     return {key: content for key, content in file_contents(kept).items() if key != ROOT}
@@ -162,7 +162,7 @@ def _multiscales_layout_entries(levels: tuple[PyramidLevel, ...]) -> Iterator[di
         yield {"asset": str(level.number), **before, "transform": transform}
 
 
-def _write_coordinates(group: zarr.Group, request: SurveyRequest, level: PyramidLevel, dims: set[str]) -> None:
+def _write_level_coordinates(group: zarr.Group, request: SurveyRequest, level: PyramidLevel, dims: set[str]) -> None:
     axes = (request.epsilon, request.delta)
     for name, dim, axis, cells in zip(CELL, LEVEL_CELL, axes, level.covered_cells, strict=True):
         long_name = f"{COORDINATES[name].long_name}, middle of the cells"
