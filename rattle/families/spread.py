@@ -54,7 +54,7 @@ class LinkedOrbits(NamedTuple):
     previous_in_cell: the number of the orbit that was added before this orbit in the same cell.
     last_in_cell (n_cells,): for each cell the number of the orbit that was added last.
     continuations (room, 4): the number of the orbit's continuation in each neighbouring cell.
-    Entries of before, last and to are NOWHERE if there is no such orbit.
+    Entries of previous_in_cell, last_in_cell and continuations are NOWHERE if there is no such orbit.
     """
 
     cell: Any

@@ -159,7 +159,7 @@ def draw_map_figure(
         exponents or multipliers, the map shows the first.
     opened : OpenGroup | None
         Function that opens a pyramid level of the survey, which is faster than reading all cells; None: read all cells.
-    look : PictureLook
+    look : MapPictureOptions
         Window, colours and lines; by default the usual ones. If `look.family` is set, the dataset must have the maps of
         families (`add_family_maps`).
     over : OverlayData
@@ -272,7 +272,7 @@ def draw_map(
     ----------
     nothing : str
         Words in the legend for computed cells without a value; "": the words of `words_for_missing_value(plane)`.
-    look : PictureLook
+    look : MapPictureOptions
         Window, and range of the colours.
     finer : FinerCells | None
         Cells of finer resolution to draw over the survey's cells.

@@ -106,9 +106,9 @@ def test_a_picture_has_speed_and_eccentricity_as_axes_rising_to_the_right_and_up
     for figure in (draw_map_figure(survey, "quiet_fraction"), survey_figure(survey)):
         axes = figure.axes[0]
         assert (axes.get_xlabel(), axes.get_ylabel()) == ("speed, rpm", "eccentricity, µm")
-        for axis, number, per in ((axes.xaxis, "rpm", 1.0), (axes.yaxis, "eccentricity", 1e6)):
+        for axis, method, per in ((axes.xaxis, "speed_at_damping", 1.0), (axes.yaxis, "eccentricity_in_metres", 1e6)):
             shown = [float(label.get_text()) for label in axis.get_ticklabels()]
-            of_machine = getattr(request.machine, number)(np.array(axis.get_ticklocs())) * per
+            of_machine = getattr(request.machine, method)(np.array(axis.get_ticklocs())) * per
             np.testing.assert_allclose(of_machine, shown, rtol=1e-6)
             assert len(shown) >= 3
         left, right = axes.get_xlim()
