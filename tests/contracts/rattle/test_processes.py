@@ -49,7 +49,7 @@ def test_every_process_that_is_started_has_this_environment() -> None:
             for call in ast.walk(tree):
                 if isinstance(call, ast.Call) and ast.unparse(call.func) in ("subprocess.Popen", "subprocess.run"):
                     given = {each.arg: ast.unparse(each.value) for each in call.keywords}
-                    assert given.get("env") in ("environment()", "_environment()"), (name, call.lineno)
+                    assert given.get("env") in ("child_process_environment()", "_environment()"), (name, call.lineno)
     own = {"rattle/numerics/compile.py", "workers/apart.py", "workers/cluster/cluster.py"}
     assert found == BY_A_LIBRARY | own | {"workers/cluster/isolation.py"}
 

@@ -66,7 +66,9 @@ def test_functions_found_by_a_type_are_those_that_the_table_lists() -> None:
     for line in (return_map.__doc__ or "").splitlines():
         match line.split():
             case [function, declared, *gears] if "." in declared and len(gears) == 3:
-                documented[f"rattle.{declared}.{function}"] = {f"rattle.{each}" for each in gears if each != "none"}
+                rooms = zip(("impacting", "stiff", "inelastic"), gears, strict=True)
+                modules = {f"rattle.{room}.{module}" for room, module in rooms if module != "none"}
+                documented[f"rattle.{declared}.{function}"] = modules
     found = {
         f"{function.__module__}.{function.__name__}": {each.__module__ for each in implementations.values()}
         for function, implementations in compiling.FOR_TYPES.items()
