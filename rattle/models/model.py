@@ -230,6 +230,8 @@ class Model(ABC):
         other models.
     design_gears : int
         The number of random gears from which the explorer estimates the yield at a point.
+    diagram_steps : int
+        The number of intervals of the parameter in the explorer's diagram through a point.
     takes_harmonics : bool
         True if the forcing may have harmonics besides the first.
     capabilities_without_harmonics : frozenset of Capability
@@ -250,6 +252,7 @@ class Model(ABC):
     tile_samples: ClassVar[int] = 65_536
     cell_milliseconds: ClassVar[float | None] = None
     design_gears: ClassVar[int] = 1024
+    diagram_steps: ClassVar[int] = 160
     takes_harmonics: ClassVar[bool] = False
     capabilities_without_harmonics: ClassVar[frozenset[Capability]] = frozenset()
     precompilation_epsilons: ClassVar[tuple[float, ...]] = (0.1,)

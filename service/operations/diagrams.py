@@ -3,23 +3,20 @@
 from __future__ import annotations
 
 from rattle.continuation import plane_scale
-from rattle.models import AnyGear
-from rattle.stiff import StiffGear
+from rattle.models import AnyGear, model_of_gear
 
 Pair = tuple[float, float]
 
 #: Default extent of a diagram on either side of the point, by direction, as a multiple of `plane_scale`.
 SPANS = {"epsilon": 0.02, "delta": 0.05}
 LEAST_SPAN, MOST_SPAN = 1e-7, 0.5  # least and largest extent of a diagram, in δ or ε, on either side of the point
-#: Default number of intervals of the parameter in a diagram. A step of the stiff gear in chaos takes about a second.
-STEPS, STEPS_OF_STIFF_GEAR = 160, 24
 #: Default number of initial conditions at each value. With fewer than 64 the test for chaos has to follow more states.
 COUNT = 64
 
 
 def default_steps(gear: AnyGear) -> int:
     """Return the default number of intervals of the parameter in a diagram of this gear."""
-    return STEPS_OF_STIFF_GEAR if isinstance(gear, StiffGear) else STEPS
+    return model_of_gear(gear).diagram_steps
 
 
 def diagram_span(gear: AnyGear, direction: str, extent: float | None = None) -> Pair:

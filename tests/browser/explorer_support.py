@@ -24,7 +24,7 @@ COARSE = f"""
 
     @patch("gear_rattle.service.operations.diagrams")
     def few(diagrams):
-        diagrams.STEPS = 20
+        diagrams.default_steps = lambda _: 20
 
     @patch("gear_rattle.service.operations.windows")
     def small(windows):

@@ -50,6 +50,7 @@ class Stiff(Model):
     tile_samples = 4096  # computing a return takes a hundred times as long as for the impacting gear
     cell_milliseconds = 100.0
     design_gears = 256
+    diagram_steps = 24  # in chaos each takes a second
     # precompilation computes one cell only: a second cell would take longer than the compilation that it saves
     precompilation_epsilons = (0.1,)
 

@@ -344,7 +344,7 @@ def test_impacts_of_a_periodic_motion_are_those_of_its_period() -> None:
 
 @pytest.mark.parametrize("direction", ["epsilon", "delta"])
 def test_a_diagram_through_the_point(direction: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(diagrams, "STEPS", either(20, diagrams.STEPS))
+    monkeypatch.setattr(diagrams, "default_steps", lambda _: either(20, 160))
     found = parts.compute_diagram_contents(rattle.Gear(0.6, 0.1), direction)
     assert 0 < found.x.size <= 2 * parts.DRAWN_POINTS
     assert {each.stable for each in found.branch_parts} == {True, False}
@@ -467,7 +467,7 @@ async def opened(view: PointView, tab: str, *texts: str) -> None:
 
 def with_process(compute: Callable[..., Any], *arguments: Any) -> tuple[int, Any]:
     """What a function returns, and the process that computed it."""
-    diagrams.STEPS = either(10, diagrams.STEPS)  # in that process
+    diagrams.default_steps = lambda _: either(10, 160)  # in that process
     return os.getpid(), compute(*arguments)
 
 
