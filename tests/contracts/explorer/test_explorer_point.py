@@ -373,7 +373,7 @@ def test_the_link_to_the_notebook_has_the_point_and_the_diagram_to_the_last_bit(
 
 
 def test_a_diagram_has_as_many_steps_as_are_set_when_it_is_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(diagrams, "STEPS", 4)
+    monkeypatch.setattr(diagrams, "default_steps", lambda _: 4)
     monkeypatch.setattr(diagrams, "COUNT", 2)
     assert np.unique(parts.compute_diagram_contents(rattle.Gear(0.6, 0.03), "epsilon").x).size <= 5
 
@@ -552,7 +552,7 @@ def test_a_part_that_fails_says_so_and_leaves_the_others(tmp_path: Path, monkeyp
             return refusing(arguments[0]) if slow and what == "The margin" else coarse(work, arguments)
 
         monkeypatch.setattr(view.work, "compute", compute)
-        monkeypatch.setattr(diagrams, "STEPS", 4)
+        monkeypatch.setattr(diagrams, "default_steps", lambda _: 4)
         await eventually(lambda: is_filled(view, "likelihood_text", "margin_text", "intensities_text"))
         await opened(view, "basins", "under_basins")
         await opened(view, "diagram", "under_diagram")
@@ -687,7 +687,7 @@ def test_a_point_of_the_stiff_model(tmp_path: Path, monkeypatch: pytest.MonkeyPa
             return coarse(work, arguments)
 
         monkeypatch.setattr(view.work, "compute", compute)
-        monkeypatch.setattr(diagrams, "STEPS", 4)
+        monkeypatch.setattr(diagrams, "default_steps", lambda _: 4)
         assert "stiffness κ = 10000" in view.panel.parameters_text.html
         await eventually(lambda: is_filled(view, "likelihood_text", "margin_text", "orbits"))
         await opened(view, "basins", "under_basins")
