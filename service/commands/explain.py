@@ -85,6 +85,5 @@ def _print_explanation(found: BoundaryExplanation, rows: int) -> None:
         example = " | ".join(f"({delta:.6g}, {epsilon:.6g})" for delta, epsilon in rest.example)
         table.add_row(rest.change, str(rest.n_pairs), rest.why, example)
     console.print(table)
-    if len(found.unexplained_groups) > rows:
-        others = found.unexplained_groups[rows:]
+    if others := found.unexplained_groups[rows:]:
         console.print(f"  and {len(others)} kinds more, {sum(x.n_pairs for x in others)} pairs")

@@ -10,15 +10,7 @@ from pydantic import BaseModel, Field, ValidationError, ValidatorFunctionWrapHan
 from gear_rattle.service.operations.points import finite_or_none
 from gear_rattle.service.operations.processes import compute_in_process
 from gear_rattle.service.routes.model.added import with_query_parameters
-from gear_rattle.service.routes.model.machine import (
-    ADDED_QUERIES,
-    ALONG_LINE_OF_ACTION,
-    DRAG,
-    DRIVE,
-    ECCENTRICITY,
-    INERTIA,
-    declare_positive_query,
-)
+from gear_rattle.service.routes.model.machine import ADDED_AND_MACHINE_QUERIES, declare_positive_query
 from gear_rattle.service.routes.model.points import MostImpacts, SampleSeed, require_few_samples
 from gear_rattle.service.state import FrontState
 from gear_rattle.service.web.conditional import NOT_MODIFIED, set_query_etag
@@ -85,23 +77,15 @@ class LimitsDocument(BaseModel):
     limits: list[LimitDocument]
 
 
-@with_query_parameters(ADDED_QUERIES)
+@with_query_parameters({"beta": ADDED_AND_MACHINE_QUERIES})
 async def numbers_of_query(
     delta: Annotated[float | None, declare_positive_query("damping", 0.6)] = None,
     epsilon: Annotated[float | None, declare_positive_query("eccentricity", zero=True)] = None,
     beta: Annotated[float | None, declare_positive_query("half-backlash, by default 0.6")] = None,
-    inertia: Annotated[float | None, declare_positive_query(f"a machine instead: {INERTIA}")] = None,
-    drag: Annotated[float | None, declare_positive_query(DRAG)] = None,
-    backlash: Annotated[float | None, declare_positive_query(ALONG_LINE_OF_ACTION)] = None,
-    eccentricity: Annotated[float | None, declare_positive_query(ECCENTRICITY, zero=True)] = None,
-    radius: Annotated[float | None, declare_positive_query("m, of the base circle")] = None,
-    rpm: Annotated[float | None, declare_positive_query("revolutions per minute")] = None,
-    drive: Annotated[Literal["torque", "speed"] | None, Query(description=DRIVE)] = None,
-    **more: float | None,
+    **more: Any,
 ) -> dict[str, Any]:
     """Return the numbers of a gear or a machine that the query gives, by name."""
-    numbers = {**locals(), **more}
-    del numbers["more"]
+    numbers = {"delta": delta, "epsilon": epsilon, "beta": beta, **more}
     return {name: value for name, value in numbers.items() if value is not None}
 
 

@@ -57,19 +57,34 @@ SECOND_GEAR = {
 #: Optional numbers of a machine that must be positive.
 POSITIVE_NUMBERS = ("stiffness", "driven_inertia", "driven_drag", "driven_radius", "teeth", "driven_teeth")
 Harmonics = Annotated[Sequence[str], Query(description=HARMONIC_HELP, max_length=MOST_HARMONICS)]
-#: Query parameters to insert: after `beta` the parameters that models add, after `drive` further machine numbers.
-ADDED_QUERIES: dict[str, dict[str, Any]] = {
-    "beta": {name: annotate_added_parameter_query(name) for name in ADDED},
-    "drive": {
-        name: Annotated[float | None, declare_positive_query(text, zero=name not in POSITIVE_NUMBERS)]
-        for name, text in (machine_number_descriptions() | SECOND_GEAR).items()
-    },
+#: Query parameters of the further numbers of a machine, by name.
+FURTHER_NUMBER_QUERIES = {
+    name: Annotated[float | None, declare_positive_query(text, zero=name not in POSITIVE_NUMBERS)]
+    for name, text in (machine_number_descriptions() | SECOND_GEAR).items()
+}
+FURTHER_MACHINE_QUERIES = {
+    "restitution": annotate_added_parameter_query("restitution", example=0.7),
+    **FURTHER_NUMBER_QUERIES,
+}
+#: Query parameters of the numbers that a machine needs, for routes that take dimensionless numbers instead.
+NEEDED_NUMBER_QUERIES = {
+    "inertia": Annotated[float | None, declare_positive_query(f"a machine instead: {INERTIA}")],
+    "drag": Annotated[float | None, declare_positive_query(DRAG)],
+    "backlash": Annotated[float | None, declare_positive_query(ALONG_LINE_OF_ACTION)],
+    "eccentricity": Annotated[float | None, declare_positive_query(ECCENTRICITY, zero=True)],
+    "radius": Annotated[float | None, declare_positive_query("m, of the base circle")],
+    "rpm": Annotated[float | None, declare_positive_query("revolutions per minute")],
+}
+#: Query parameters after β for such routes: the parameters that models add, then all numbers of a machine.
+ADDED_AND_MACHINE_QUERIES: dict[str, Any] = {
+    **{name: annotate_added_parameter_query(name) for name in ADDED},
+    **NEEDED_NUMBER_QUERIES,
+    "drive": Annotated[Literal["torque", "speed"] | None, Query(description=DRIVE)],
+    **FURTHER_NUMBER_QUERIES,
 }
 
 
-@with_query_parameters(
-    {"drive": {"restitution": annotate_added_parameter_query("restitution", example=0.7), **ADDED_QUERIES["drive"]}}
-)
+@with_query_parameters({"drive": FURTHER_MACHINE_QUERIES})
 async def machine_of_query(
     inertia: Annotated[float, declare_positive_query(INERTIA, 0.003)],
     drag: Annotated[float, declare_positive_query(DRAG, 0.0005)],
@@ -84,9 +99,7 @@ async def machine_of_query(
     return Machine(inertia, drag, backlash, eccentricity, radius, drive=drive, rpm=rpm, **further_numbers)
 
 
-@with_query_parameters(
-    {"drive": {"restitution": annotate_added_parameter_query("restitution", example=0.7), **ADDED_QUERIES["drive"]}}
-)
+@with_query_parameters({"drive": FURTHER_MACHINE_QUERIES})
 async def measured_machine_of_query(
     inertia: Annotated[float, declare_positive_query(INERTIA, 0.003)],
     drag: Annotated[float, declare_positive_query(DRAG, 0.0005)],
@@ -108,22 +121,15 @@ class RequestedPoint:
     machine: Machine | None
 
 
-@with_query_parameters(ADDED_QUERIES)
+@with_query_parameters({"beta": ADDED_AND_MACHINE_QUERIES})
 async def point_of_query(
     delta: Annotated[float | None, declare_positive_query("damping; needed without a machine", 0.6)] = None,
     epsilon: Annotated[
         float | None, declare_positive_query("eccentricity; needed without a machine", 0.1, zero=True)
     ] = None,
     beta: Annotated[float | None, declare_positive_query("half-backlash, by default 0.6", 0.6)] = None,
-    inertia: Annotated[float | None, declare_positive_query(f"a machine instead: {INERTIA}")] = None,
-    drag: Annotated[float | None, declare_positive_query(DRAG)] = None,
-    backlash: Annotated[float | None, declare_positive_query(ALONG_LINE_OF_ACTION)] = None,
-    eccentricity: Annotated[float | None, declare_positive_query(ECCENTRICITY, zero=True)] = None,
-    radius: Annotated[float | None, declare_positive_query("m, of the base circle")] = None,
-    rpm: Annotated[float | None, declare_positive_query("revolutions per minute")] = None,
-    drive: Annotated[Literal["torque", "speed"] | None, Query(description=DRIVE)] = None,
     harmonic: Harmonics = (),
-    **more: float | None,
+    **more: Any,
 ) -> RequestedPoint:
     """Return the point that the query describes, by dimensionless numbers or by the numbers of a machine.
 
@@ -139,16 +145,14 @@ async def point_of_query(
     RequestValidationError
         A number is missing.
     """
-    needed = {"inertia": inertia, "drag": drag, "backlash": backlash, "eccentricity": eccentricity, "radius": radius}
-    needed["rpm"] = rpm
     plain: dict[str, Any] = {"delta": delta, "epsilon": epsilon}
-    added = {name: value for name, value in more.items() if name in ADDED}
-    further_numbers = {name: value for name, value in more.items() if name not in ADDED}
-    given = [name for name, value in {**needed, "drive": drive, **further_numbers}.items() if value is not None]
+    added = {name: more.pop(name) for name in ADDED}
+    needed = {name: more.pop(name) for name in NEEDED_NUMBER_QUERIES}
+    given = [name for name, value in {**needed, **more}.items() if value is not None]
     if not given:
         model = with_harmonics(model_of(0.6 if beta is None else beta, **added), read_harmonics(harmonic))
         return RequestedPoint(model.gear(**_require_all_numbers(plain)), None)
-    further_numbers["restitution"] = added.pop("restitution", None)
+    restitution, drive = added.pop("restitution"), more.pop("drive") or "torque"
     plain |= {"beta": beta, **added, "harmonic": harmonic or None}
     both = [name for name, value in plain.items() if value is not None]
     if both:
@@ -156,8 +160,8 @@ async def point_of_query(
             f"{' and '.join(both)} and a machine's {' and '.join(given)} exclude each other: give only dimensionless "
             "numbers, or only a machine's numbers"
         )
-    numbers: dict[str, Any] = {**_require_all_numbers(needed), **further_numbers}
-    machine = Machine(**numbers, drive=drive or "torque")
+    numbers: dict[str, Any] = {**_require_all_numbers(needed), **more}
+    machine = Machine(**numbers, restitution=restitution, drive=drive)
     return RequestedPoint(machine.gear, machine)
 
 
