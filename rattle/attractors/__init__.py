@@ -1,7 +1,7 @@
 """Decide which attractor a state of any gear goes to; compute basins and measure how they intermingle."""
 
 from rattle.attractors.basins import classify_plane_states
-from rattle.attractors.classify import BUDGET, PERIODS, WATCH
+from rattle.attractors.classify import BUDGET, ENOUGH_SAMPLES, PERIODS, WATCH
 from rattle.attractors.samples import Outcome
 from rattle.attractors.speeds import (
     LARGEST_BUDGET,
@@ -21,6 +21,7 @@ CHAOTIC, PERIODIC, QUIET, UNDECIDED = Outcome.CHAOTIC, Outcome.PERIODIC, Outcome
 __all__ = [
     "BUDGET",
     "CHAOTIC",
+    "ENOUGH_SAMPLES",
     "LARGEST_BUDGET",
     "NATURAL",
     "PAPER_SPEED",

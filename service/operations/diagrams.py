@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from rattle.attractors import ENOUGH_SAMPLES
 from rattle.continuation import plane_scale
 from rattle.models import AnyGear, model_of_gear
 
@@ -10,8 +11,7 @@ Pair = tuple[float, float]
 #: Default extent of a diagram on either side of the point, by direction, as a multiple of `plane_scale`.
 SPANS = {"epsilon": 0.02, "delta": 0.05}
 LEAST_SPAN, MOST_SPAN = 1e-7, 0.5  # least and largest extent of a diagram, in δ or ε, on either side of the point
-#: Default number of initial conditions at each value. With fewer than 64 the test for chaos has to follow more states.
-COUNT = 64
+COUNT = ENOUGH_SAMPLES  # default number of initial conditions at each value; with fewer, chaos takes longer to test
 
 
 def default_steps(gear: AnyGear) -> int:
